@@ -17,25 +17,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
-from fieldcalib.io.wc14 import format_homography
+from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
 from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
 
 
-def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> tuple[Array, BoolArray]:
+def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> list[Array | None]:
     """Homographies of the ground from the labelled lines of T frames.
 
     Parameters
@@ -49,10 +50,9 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
 
     Returns
     -------
-    H : (T, 3, 3) array
-        Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
-    found : (T,) bool array
-        Frames that have one: four or more lines on the ground determine it.
+    list of T (3, 3) arrays or None
+        Each maps field points (x, y, 1) in metres to pixels, up to scale and sign. Four or more lines on the ground
+        determine it; None where there are fewer.
 
     Examples
     --------
@@ -60,18 +60,16 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
     >>> camera = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), (960, 540))
     >>> labels = ("Side line top", "Side line left", "Big rect. left main", "Big rect. left top")
     >>> frame = {label: camera.project(soccer()[label].sample(9.0)) for label in labels}
-    >>> H, found = homographies(soccer(), [frame, {}], (960, 540))
-    >>> found
-    array([ True, False])
-    >>> bool(np.allclose(H[0] / H[0, 2, 2], camera.homography / camera.homography[2, 2]))
-    True
+    >>> H, none = homographies(soccer(), [frame, {}], (960, 540))
+    >>> bool(np.allclose(H / H[2, 2], camera.homography / camera.homography[2, 2])), none
+    (True, None)
     """
     if not len(frames):
-        return np.empty((0, 3, 3)), np.empty(0, dtype=bool)
+        return []
     H, found = ground_homographies(pack(field, frames, image_size), np.array(image_size) / 2.0)
     # if all lines but one meet in a point, H is not determined and the DLT gives a singular matrix
     found[found] = np.linalg.cond(H[found]) < SINGULAR
-    return np.where(found[:, None, None], H, np.nan), found
+    return [H[t] if found[t] else None for t in range(len(H))]
 
 
 def calibrate(
@@ -107,12 +105,21 @@ def calibrate(
     return calibrations
 
 
+def homography_file(
+    id: str, H: Array | None, image_size: tuple[int, int], alignment: AlignmentName = "wc14"
+) -> dict[str, bytes]:
+    """Content of a frame's ``<id>.homographyMatrix`` by its name; empty if it has no homography."""
+    if H is None:
+        return {}
+    return {HOMOGRAPHIES.file_name(id): HOMOGRAPHIES.write(H, alignment, image_size=image_size).encode()}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
     add_sized_field(parser)
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.dlt_lines")
     return run_command(parser.parse_args(arguments))
 
@@ -132,17 +139,11 @@ class _Method:
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         members = list(frames.values())
-        H, found = homographies(self.field, members, size)
-        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        by_lines = homographies(self.field, members, size)
         calibrations = calibrate(by_lines, self.field, members, size)
         return [
-            CalibratedFrame(
-                calibration,
-                files={}
-                if matrix is None
-                else {HOMOGRAPHIES.file_name(id): format_homography(matrix, image_size=size).encode()},
-            )
-            for id, calibration, matrix in zip(frames, calibrations, by_lines, strict=True)
+            CalibratedFrame(calibration, files=homography_file(id, H, size))
+            for id, calibration, H in zip(frames, calibrations, by_lines, strict=True)
         ]
 
 

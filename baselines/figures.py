@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from baselines.methods import Dataset, Runs
@@ -28,9 +29,8 @@ def draw(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, R
 
 def _losses(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, Runs]) -> Path:
     """Loss of every frame, sorted, with tau (paper, figure "Segment reprojection loss per sample")."""
-    figure = Figure(figsize=(5.5 * len(datasets), 4), layout="constrained")
-    axes = figure.subplots(1, len(datasets), squeeze=False)
-    for axis, dataset in zip(axes[0], datasets, strict=True):
+    figure, axes = _panels(len(datasets))
+    for axis, dataset in zip(axes, datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
             if run.losses is not None and method in COLORS:
                 share = np.linspace(0.0, 100.0, len(run.losses))
@@ -46,9 +46,8 @@ def _losses(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName
 
 def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, Runs]) -> Path:
     """AC at each threshold against CR, tau running over the losses (paper, figure "Aggregated results")."""
-    figure = Figure(figsize=(5.5 * len(datasets), 4), layout="constrained")
-    axes = figure.subplots(1, len(datasets), squeeze=False)
-    for axis, dataset in zip(axes[0], datasets, strict=True):
+    figure, axes = _panels(len(datasets))
+    for axis, dataset in zip(axes, datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
             if run.losses is None or method not in COLORS or segments != "GT":
                 continue
@@ -64,9 +63,14 @@ def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], ru
                 if at_tau >= 0 and shown[at_tau]:
                     axis.plot(cr[at_tau], curve[at_tau], "o", color=COLORS[method], markersize=4)
         axis.set(title=f"{dataset.name} (dots: tau = {TAU})", xlabel="completeness [%]", ylabel="accuracy [%]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
+    handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, frameon=False, loc="outside right center")
     return _save(figure, folder / "accuracy_against_completeness.png")
+
+
+def _panels(count: int) -> tuple[Figure, Sequence[Axes]]:
+    figure = Figure(figsize=(5.5 * count, 4), layout="constrained")
+    return figure, figure.subplots(1, count, squeeze=False)[0]
 
 
 def _save(figure: Figure, path: Path) -> Path:

@@ -10,9 +10,9 @@ INPUT's files ``<id>.homographyMatrix``. Both write what `fieldcalib calibrate` 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import get_args
 
 from baselines import dlt_lines
@@ -20,6 +20,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
@@ -29,13 +30,13 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
     AnnotationReader,
     CalibratedFrame,
+    FromFiles,
     calibrate_files,
     calibrate_folder,
     name_skipped,
-    unit_result,
 )
-from fieldcalib.run_folder.options import RunOptions, add_jobs
-from fieldcalib.run_folder.units import UnitResult, unit_size
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.units import unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
 
@@ -99,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="SHARE",
         help="how far outside the image field points count, in widths and heights (0.1)",
     )
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.hdecomp")
     return run_command(parser.parse_args(arguments))
 
@@ -111,8 +112,9 @@ def _run(options: argparse.Namespace) -> int:
             raise ValueError("--homographies needs --size: those files do not say how large the images are")
         files = HOMOGRAPHIES.find(options.input)
         name_skipped(options.input, files)
-        method = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
-        return calibrate_files(run, files, method, unit_size(len(files)))
+        read = partial(_of_file, size=options.size, alignment=options.alignment, most_bytes=options.most_bytes)
+        method = partial(_of_homographies, zeta=options.zeta, tolerance=options.tolerance)
+        return calibrate_files(run, files, FromFiles(read, method), unit_size(len(files)))
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = field_of(options)
@@ -129,8 +131,7 @@ class _Method:
     tolerance: float
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        H, found = dlt_lines.homographies(self.field, list(frames.values()), size)
-        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        by_lines = dlt_lines.homographies(self.field, list(frames.values()), size)
         calibrations = calibrate(by_lines, size, zeta=self.zeta, tolerance=self.tolerance)
         return [  # judged by the annotated pixels, which do not come from the homography
             CalibratedFrame(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)
@@ -138,40 +139,16 @@ class _Method:
         ]
 
 
-@dataclass(frozen=True)
-class _FromHomographies:
-    """Decomposes homographies in files."""
+def _of_file(
+    file: FrameFile, size: tuple[int, int], alignment: AlignmentName, most_bytes: float
+) -> tuple[Array, tuple[int, int]]:
+    return HOMOGRAPHIES.read(file.read(most_bytes), alignment, image_size=size), size
 
-    image_size: tuple[int, int]
-    alignment: AlignmentName
-    most_bytes: float
-    zeta: float
-    tolerance: float
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
-        """Read the homographies and decompose them."""
-        homographies, broken = self._read(files)
-        start = time.perf_counter()
-        members = list(homographies.values())
-        calibrations = calibrate(members, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
-        seconds = time.perf_counter() - start
-        found = dict(zip(homographies, map(CalibratedFrame, calibrations), strict=True))
-        return unit_result(files, found, broken, seconds)
-
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: errors of broken ones, by id."""
-        return self._read(files)[1]
-
-    def _read(self, files: tuple[FrameFile, ...]) -> tuple[dict[str, Array], dict[str, str]]:
-        homographies: dict[str, Array] = {}
-        broken: dict[str, str] = {}
-        for file in files:
-            try:
-                content = file.read(self.most_bytes)
-                homographies[file.id] = HOMOGRAPHIES.read(content, self.alignment, image_size=self.image_size)
-            except ValueError as error:
-                broken[file.id] = str(error)
-        return homographies, broken
+def _of_homographies(
+    homographies: dict[str, Array], size: tuple[int, int], zeta: float, tolerance: float
+) -> list[CalibratedFrame]:
+    return list(map(CalibratedFrame, calibrate(list(homographies.values()), size, zeta=zeta, tolerance=tolerance)))
 
 
 if __name__ == "__main__":

@@ -13,22 +13,11 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from baselines import dlt_lines, hdecomp, tvcalib
+from baselines import published as paper
 from baselines.chen import cameras as chen_cameras
 from baselines.chen.database import Database
 from baselines.chen.edges import edges_of_pixels, edges_of_probabilities
 from baselines.chen.search import homography
-from baselines.published import (
-    ANNOTATED,
-    CHEN,
-    CHEN_WIDER,
-    DLT,
-    FAR,
-    OURS,
-    OURS_PINHOLE,
-    TVCALIB,
-    DatasetName,
-    Segments,
-)
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
@@ -60,7 +49,7 @@ ZETA, FAR_ZETA = 100.0, 1000.0  # px
 class Dataset:
     """Frames of a data set, in the order of their ids."""
 
-    name: DatasetName
+    name: paper.DatasetName
     size: tuple[int, int]
     annotations: Mapping[str, Pixels]
     """Annotated pixels, including those of segments that annotators could not identify."""
@@ -82,7 +71,7 @@ class Dataset:
 
 
 def read_dataset(
-    name: DatasetName,
+    name: paper.DatasetName,
     path: Path,
     size: tuple[int, int],
     *,
@@ -129,9 +118,9 @@ def read_dataset(
     ids = list(annotations)
     homographies: dict[str, Homographies] = {}
     if truth.homographies:
-        homographies[ANNOTATED] = [truth.homographies.get(id) for id in ids]
+        homographies[paper.ANNOTATED] = [truth.homographies.get(id) for id in ids]
     for method, folder in (others or {}).items():
-        alignment: AlignmentName = "chen" if method == CHEN else "jiang"
+        alignment: AlignmentName = "chen" if method == paper.CHEN else "jiang"
         parse = partial(HOMOGRAPHIES.read, alignment=alignment, image_size=size)
         found = reader.read(HOMOGRAPHIES.find([folder]), parse)
         homographies[method] = [found.get(id) for id in ids]
@@ -178,7 +167,7 @@ class Run:
         return [p if loss <= tau else None for p, loss in zip(self.predictions, self.losses, strict=True)]
 
 
-Runs: TypeAlias = Mapping[tuple[str, Segments], Run]
+Runs: TypeAlias = Mapping[tuple[str, paper.Segments], Run]
 """Results by method and source of the segments."""
 
 
@@ -196,17 +185,15 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
     """
     if dataset.pictures is not None:
         return _from_pictures(dataset, dataset.pictures, field, databases)
-    runs: dict[tuple[str, Segments], Run] = {}
+    runs: dict[tuple[str, paper.Segments], Run] = {}
     if dataset.detections is not None:
         detected = partial(_from_detections, keypoint_field(field), dataset.detections, dataset.size)
-        what = f"{dataset.name}: {OURS}, PnLCalib's detections"
+        what = f"{dataset.name}: {paper.OURS}, PnLCalib's detections"
         calibrations, milliseconds = _timed(what, len(dataset.detections), detected)
-        runs[OURS, "PnLCalib"] = Run([c.camera for c in calibrations], milliseconds=milliseconds)
+        runs[paper.OURS, "PnLCalib"] = Run([c.camera for c in calibrations], milliseconds=milliseconds)
     for method, homographies in dataset.homographies.items():
-        runs[method, "-"] = Run(list(homographies))
-        runs[decomposed(method), "-"] = _decompose(homographies, dataset, ZETA)
-        runs[decomposed(method) + FAR, "-"] = _decompose(homographies, dataset, FAR_ZETA)
-    inputs: dict[Segments, list[Pixels]] = {"GT": dataset.frames}
+        runs |= _with_decomposed(method, "-", homographies, dataset)
+    inputs: dict[paper.Segments, list[Pixels]] = {"GT": dataset.frames}
     if dataset.predicted is not None:
         inputs["pred"] = list(dataset.predicted.values())
     for segments, raw in inputs.items():
@@ -215,36 +202,33 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
         calibrate_batch(field, frames[:1], dataset.size)  # compiles: not to be measured
         pinhole = partial(ours, flags=PINHOLE_FLAGS)
         theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
-        for method, calibrate in ((OURS, ours), (OURS_PINHOLE, pinhole), (TVCALIB, theirs)):
+        for method, calibrate in ((paper.OURS, ours), (paper.OURS_PINHOLE, pinhole), (paper.TVCALIB, theirs)):
             calibrations, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), calibrate)
             losses = np.array([c.loss_ndc for c in calibrations])
             runs[method, segments] = Run([c.camera for c in calibrations], losses, milliseconds)
-        H, found = dlt_lines.homographies(field, frames, dataset.size)
-        by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        runs[DLT, segments] = Run(list(by_lines))
-        runs[decomposed(DLT), segments] = _decompose(by_lines, dataset, ZETA)
-        runs[decomposed(DLT) + FAR, segments] = _decompose(by_lines, dataset, FAR_ZETA)
+        by_lines = dlt_lines.homographies(field, frames, dataset.size)
+        runs |= _with_decomposed(paper.DLT, segments, by_lines, dataset)
         for database in databases:
             method = _method_of(database)
             retrieve = partial(_retrieved, database, field, frames, dataset.size)
             retrieved, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), retrieve)
-            runs[method, segments] = Run(list(retrieved), milliseconds=milliseconds)
-            runs[decomposed(method), segments] = _decompose(retrieved, dataset, ZETA)
-            runs[decomposed(method) + FAR, segments] = _decompose(retrieved, dataset, FAR_ZETA)
+            runs |= _with_decomposed(method, segments, retrieved, dataset, milliseconds)
     return runs
 
 
 def _from_pictures(
     dataset: Dataset, pictures: Sequence[Image], field: Field, databases: Sequence[Database]
-) -> dict[tuple[str, Segments], Run]:
+) -> dict[tuple[str, paper.Segments], Run]:
     """Run the methods that take images: fieldcalib, and Chen and Little's on markings that our network finds."""
     network = SegmentationNetwork.load()
     # scores are about the field of the given size
     ours = partial(calibrate_from_images, field, pictures, network, estimate_size=False)
     calibrate_from_images(field, pictures[:1], network)  # compiles: not to be measured
-    calibrations, milliseconds = _timed(f"{dataset.name}: {OURS}", len(pictures), ours)
+    calibrations, milliseconds = _timed(f"{dataset.name}: {paper.OURS}", len(pictures), ours)
     cameras = [c.camera if c.accepted else None for c in calibrations]
-    runs: dict[tuple[str, Segments], Run] = {(OURS, "images"): Run(list(cameras), milliseconds=milliseconds)}
+    runs: dict[tuple[str, paper.Segments], Run] = {
+        (paper.OURS, "images"): Run(list(cameras), milliseconds=milliseconds)
+    }
     for database in databases:
         method = _method_of(database)
         retrieve = partial(_retrieved_from_pictures, database, field, pictures, network)
@@ -271,11 +255,26 @@ def _from_detections(field: Field, detections: Sequence[Detections], size: tuple
 
 
 def _method_of(database: Database) -> str:
-    return CHEN if database.distribution == chen_cameras.CHEN else CHEN_WIDER
+    return paper.CHEN if database.distribution == chen_cameras.CHEN else paper.CHEN_WIDER
 
 
 def _retrieved(database: Database, field: Field, frames: Sequence[Pixels], size: tuple[int, int]) -> list[Array | None]:
     return [homography(database, edges_of_pixels(field, frame, size), size) for frame in frames]
+
+
+def _with_decomposed(
+    method: str,
+    segments: paper.Segments,
+    homographies: Homographies,
+    dataset: Dataset,
+    milliseconds: float | None = None,
+) -> dict[tuple[str, paper.Segments], Run]:
+    """The homographies of a method, and the cameras that they are decomposed into, with both limits of distances."""
+    return {
+        (method, segments): Run(list(homographies), milliseconds=milliseconds),
+        (decomposed(method), segments): _decompose(homographies, dataset, ZETA),
+        (decomposed(method) + paper.FAR, segments): _decompose(homographies, dataset, FAR_ZETA),
+    }
 
 
 def _decompose(homographies: Homographies, dataset: Dataset, zeta: float) -> Run:

@@ -16,6 +16,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args
@@ -23,45 +24,27 @@ from typing import Any, get_args
 import numpy as np
 
 import fieldcalib
+from baselines import published as paper
 from baselines import tvcalib
 from baselines.chen.database import Database
 from baselines.methods import Dataset, Runs, read_dataset, run_methods
-from baselines.published import (
-    ANNOTATED,
-    CHEN,
-    CHEN_WIDER,
-    DATASETS,
-    DLT,
-    JIANG,
-    LENS,
-    OURS,
-    OURS_PINHOLE,
-    PNLCALIB,
-    RELEASED,
-    ROWS,
-    SN_TEST,
-    SN_TEST_CENTER,
-    TAU,
-    DatasetName,
-    Evaluated,
-    Published,
-    Segments,
-)
-from fieldcalib.console.program import run_command, say
+from fieldcalib.console.options import add_options, given, option, switch
+from fieldcalib.console.program import exit_code, say
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
-SN, WC, SN_PICTURES, WC_PICTURES = get_args(DatasetName)
-SIZES: dict[DatasetName, tuple[int, int]] = {
+SN, WC, SN_PICTURES, WC_PICTURES = get_args(paper.DatasetName)
+SIZES: dict[paper.DatasetName, tuple[int, int]] = {
     SN: (960, 540),
     WC: (1280, 720),
     SN_PICTURES: (960, 540),
     WC_PICTURES: (1280, 720),
 }
-SHARES: dict[DatasetName, float] = {SN: SN_TEST_CENTER / SN_TEST, WC: 1.0, SN_PICTURES: 1.0, WC_PICTURES: 1.0}
-TITLES: dict[Evaluated, str] = {"camera": "cameras", "homography": "homographies, segments on the ground only"}
-ONLY_HOMOGRAPHIES = (DLT, ANNOTATED, CHEN, CHEN_WIDER, JIANG)
+SHARES: dict[paper.DatasetName, float] = dict.fromkeys(SIZES, 1.0) | {SN: paper.SN_TEST_CENTER / paper.SN_TEST}
+TITLES: dict[paper.Evaluated, str] = {"camera": "cameras", "homography": "homographies, segments on the ground only"}
+ONLY_HOMOGRAPHIES = (paper.DLT, paper.ANNOTATED, paper.CHEN, paper.CHEN_WIDER, paper.JIANG)
+FOLDER: dict[str, Any] = {"type": Path, "metavar": "DIR"}  # of options
 COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
 
 
@@ -69,10 +52,10 @@ COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
 class Measured:
     """A row of a table: measured values in percent, or the reason why they are missing."""
 
-    dataset: DatasetName
-    evaluated: Evaluated
+    dataset: paper.DatasetName
+    evaluated: paper.Evaluated
     method: str
-    segments: Segments
+    segments: paper.Segments
     tau: float | None
     values: tuple[float, ...] | None
     """Values in the order of COLUMNS; IoU only for homographies, if there are annotated ones."""
@@ -82,46 +65,38 @@ class Measured:
     reason: str | None
 
 
+@dataclass(frozen=True)
+class Options:
+    """What is measured, and how the tables are printed."""
+
+    sncalib: Path | None = option("SoccerNet-Calibration test annotations", **FOLDER)
+    wc14: Path | None = option("WC14 test annotations and homographies", **FOLDER)
+    sncalib_pred: Path | None = option("segments that a network found in SN-Calib", **FOLDER)
+    wc14_pred: Path | None = option("segments that a network found in WC14", **FOLDER)
+    sncalib_images: Path | None = option("pictures of some of these frames: a table of methods from images", **FOLDER)
+    wc14_images: Path | None = option("the same of WC14, squashed or not", **FOLDER)
+    wc14_pnlcalib: Path | None = option("points and lines that PnLCalib's networks found in WC14", **FOLDER)
+    chen: Path | None = option("Chen's homographies of WC14, <id>.homographyMatrix", **FOLDER)
+    chen_database: Sequence[Path] | None = option(
+        "run Chen's method with this database of python -m baselines.chen; again for one of other cameras",
+        type=Path,
+        action="append",
+        metavar="FILE",
+    )
+    jiang: Path | None = option("Jiang's homographies, as baselines.jiang writes them", **FOLDER)
+    steps: int = option(f"of TVCalib's optimiser ({tvcalib.STEPS}, the paper's)", default=tvcalib.STEPS, type=int)
+    markdown: bool = switch("print Markdown", exclusive="form")
+    json: bool = switch("print JSON", exclusive="form")
+    figures: Path | None = option("draw the paper's two figures there (matplotlib)", **FOLDER)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m baselines.tables", description="Measure the paper's tables on given data."
     )
-    parser.add_argument("--sncalib", type=Path, metavar="DIR", help="SoccerNet-Calibration test annotations")
-    parser.add_argument("--wc14", type=Path, metavar="DIR", help="WC14 test annotations and homographies")
-    parser.add_argument("--sncalib-pred", type=Path, metavar="DIR", help="segments that a network found in SN-Calib")
-    parser.add_argument("--wc14-pred", type=Path, metavar="DIR", help="segments that a network found in WC14")
-    parser.add_argument(
-        "--sncalib-images",
-        type=Path,
-        metavar="DIR",
-        help="pictures of some of these frames: a table of methods from images",
-    )
-    parser.add_argument("--wc14-images", type=Path, metavar="DIR", help="the same of WC14, squashed or not")
-    parser.add_argument(
-        "--wc14-pnlcalib", type=Path, metavar="DIR", help="points and lines that PnLCalib's networks found in WC14"
-    )
-    parser.add_argument("--chen", type=Path, metavar="DIR", help="Chen's homographies of WC14, <id>.homographyMatrix")
-    parser.add_argument(
-        "--chen-database",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="run Chen's method with this database of python -m baselines.chen; again for one of other cameras",
-    )
-    parser.add_argument(
-        "--jiang", type=Path, metavar="DIR", help="Jiang's homographies, as baselines.jiang writes them"
-    )
-    parser.add_argument(
-        "--steps", type=int, default=tvcalib.STEPS, help=f"of TVCalib's optimiser ({tvcalib.STEPS}, the paper's)"
-    )
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--markdown", action="store_true", help="print Markdown")
-    form.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw the paper's two figures there (matplotlib)")
-    parser.set_defaults(run=_run)
-    options = parser.parse_args(arguments)
+    add_options(parser, Options)
+    options = given(Options, parser.parse_args(arguments))
     if options.sncalib is None and options.wc14 is None:
         parser.error("nothing to measure: give --sncalib, --wc14 or both")
     for name in ("sncalib", "wc14"):
@@ -129,26 +104,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"--{name}-images needs --{name}: pictures are scored with the annotations of their frames")
     if options.figures is not None and find_spec("matplotlib") is None:
         parser.error("drawing figures needs matplotlib: pip install 'fieldcalib[figures]'")
-    return run_command(options)
+    return exit_code(partial(_run, options))
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: Options) -> int:
     field = soccer()
-    databases = [Database.read(path) for path in options.chen_database]
+    databases = [Database.read(path) for path in options.chen_database or ()]
     for database in databases:
         database.check_field(field)
     datasets: list[Dataset] = []
     if options.sncalib is not None:
         datasets.append(_read(SN, options.sncalib, predicted=options.sncalib_pred))
-    if options.sncalib_images is not None:
-        datasets.append(_read(SN_PICTURES, options.sncalib, pictures=options.sncalib_images))
+        if options.sncalib_images is not None:
+            datasets.append(_read(SN_PICTURES, options.sncalib, pictures=options.sncalib_images))
     if options.wc14 is not None:
-        others = {m: path for m, path in ((CHEN, options.chen), (JIANG, options.jiang)) if path is not None}
+        others = {m: path for m, path in ((paper.CHEN, options.chen), (paper.JIANG, options.jiang)) if path is not None}
         datasets.append(
             _read(WC, options.wc14, predicted=options.wc14_pred, others=others, detections=options.wc14_pnlcalib)
         )
-    if options.wc14_images is not None:
-        datasets.append(_read(WC_PICTURES, options.wc14, pictures=options.wc14_images))
+        if options.wc14_images is not None:
+            datasets.append(_read(WC_PICTURES, options.wc14, pictures=options.wc14_images))
     runs = {dataset.name: run_methods(dataset, field, options.steps, databases) for dataset in datasets}
     rows = [row for dataset in datasets for row in measure(dataset, runs[dataset.name], field)]
     statistics = [dataset_statistics(dataset) for dataset in datasets]
@@ -171,33 +146,33 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _read(name: DatasetName, path: Path, **more: Any) -> Dataset:
+def _read(name: paper.DatasetName, path: Path, **more: Any) -> Dataset:
     return read_dataset(name, path, SIZES[name], **more)
 
 
 def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
     """Measure all rows of a data set: fieldcalib, the published methods, and methods that the paper does not have."""
     rows: list[Measured] = []
-    published = [row for row in (*ROWS, *RELEASED) if row.dataset == dataset.name]
+    published = [row for row in (*paper.ROWS, *paper.RELEASED) if row.dataset == dataset.name]
     for evaluated in TITLES:
-        wanted: dict[tuple[str, Segments, float | None], Published | None] = {
+        wanted: dict[tuple[str, paper.Segments, float | None], paper.Published | None] = {
             (method, segments, tau): None
             for (method, segments) in runs
-            if method in (OURS, OURS_PINHOLE) and segments in ("GT", "pred")
-            for tau in (TAU, None)
+            if method in (paper.OURS, paper.OURS_PINHOLE) and segments in ("GT", "pred")
+            for tau in (paper.TAU, None)
         }
         wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
         extra = [key for key in runs if evaluated == "homography" or key[0] not in ONLY_HOMOGRAPHIES]
-        taus = {key: (TAU, None) if runs[key].losses is not None else (None,) for key in extra}
+        taus = {key: (paper.TAU, None) if runs[key].losses is not None else (None,) for key in extra}
         wanted |= {(*key, tau): None for key in extra for tau in taus[key] if (*key, tau) not in wanted}
         rows += [_measure(key, row, evaluated, dataset, runs, field) for key, row in wanted.items()]
     return rows
 
 
 def _measure(
-    key: tuple[str, Segments, float | None],
-    published: Published | None,
-    evaluated: Evaluated,
+    key: tuple[str, paper.Segments, float | None],
+    published: paper.Published | None,
+    evaluated: paper.Evaluated,
     dataset: Dataset,
     runs: Runs,
     field: Field,
@@ -221,28 +196,28 @@ def _measure(
     )
     cr, ac = evaluation.completeness, evaluation.accuracy
     values = [*ac, cr, compound_score(ac, cr, "tables", share=SHARES[dataset.name])]
-    if evaluated == "homography" and ANNOTATED in dataset.homographies:
-        pairs = zip(predictions, dataset.homographies[ANNOTATED], strict=True)
+    if evaluated == "homography" and paper.ANNOTATED in dataset.homographies:
+        pairs = zip(predictions, dataset.homographies[paper.ANNOTATED], strict=True)
         ious = [iou_part(p, H, dataset.size, field=field) for p, H in pairs if p is not None and H is not None]
         values += [float(np.mean(ious)), float(np.median(ious))] if ious else []
     percent = tuple(100.0 * float(value) for value in values)
     return Measured(dataset.name, evaluated, method, segments, tau, percent, theirs, run.milliseconds, None)
 
 
-def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
+def _reason(method: str, segments: paper.Segments, dataset: Dataset) -> str:
     """Reason why a row cannot be measured."""
-    if method == PNLCALIB:
+    if method == paper.PNLCALIB:
         return "their solver is not part of this project; fieldcalib's row has the same input"
-    if method.endswith(LENS):
+    if method.endswith(paper.LENS):
         return "the lens of TVCalib's own optimiser is not part of this project; fieldcalib's row has one"
     name = "--sncalib-pred" if dataset.name == "SN-Calib-test-center" else "--wc14-pred"
-    for network, option in ((CHEN_WIDER, None), (CHEN, "--chen"), (JIANG, "--jiang")):
+    for network, flag in ((paper.CHEN_WIDER, None), (paper.CHEN, "--chen"), (paper.JIANG, "--jiang")):
         if network in method:
-            if segments == "-" and option:
-                return f"needs their homographies: {option} DIR"
-            if network in (CHEN, CHEN_WIDER) and segments == "GT":
+            if segments == "-" and flag:
+                return f"needs their homographies: {flag} DIR"
+            if network in (paper.CHEN, paper.CHEN_WIDER) and segments == "GT":
                 return "needs their database: --chen-database FILE"
-            if network in (CHEN, CHEN_WIDER):
+            if network in (paper.CHEN, paper.CHEN_WIDER):
                 return f"needs segments that a network found, and their database: {name} DIR --chen-database FILE"
             return "needs their network, run on these segments"
     if segments == "pred":
@@ -316,7 +291,7 @@ def _statistics_table(statistics: Sequence[Mapping[str, Any]]) -> tuple[list[str
         named = "no match_info_cam_gt.json" if types is None else ", ".join(f"{k} {v:.1f} %" for k, v in types.items())
         means = [f"{s['segments_per_image']:.1f}", f"{s['pixels_per_segment']:.1f}"]
         rows.append([s["dataset"], str(s["images"]), s["size"], *means, named])
-    for name, (images, resolution, shares) in DATASETS.items():
+    for name, (images, resolution, shares) in paper.DATASETS.items():
         center, left, right, other = shares
         types = f"main center {center} %, left {left} %, right {right} %, other {other} %"
         rows.append([f"{name} (published)", str(images), resolution, "", "", types])

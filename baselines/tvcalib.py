@@ -25,7 +25,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Segment
@@ -44,8 +44,9 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
-from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
 
@@ -392,7 +393,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=int, default=STEPS, metavar="N", help=f"of the optimiser ({STEPS})")
     parser.add_argument("--tau", type=positive, metavar="T", help="reject frames whose loss is above, e.g. 0.019 (off)")
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.tvcalib")
     return run_command(parser.parse_args(arguments))
 
@@ -417,19 +418,17 @@ class _Method:
     """Types of the frames' cameras."""
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        of_size = partial(self._calibrate, size=size)
-        return [CalibratedFrame(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
+        def of_distributions(names: tuple[str, ...], ids: Sequence[str]) -> list[Calibration]:
+            members = [frames[id] for id in ids]
+            return calibrate(self.field, members, size, steps=self.steps, tau=self.tau, distributions=names)
+
+        return list(map(CalibratedFrame, in_groups(list(frames), self._distributions_of, of_distributions)))
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
         if self.tries_all:
             return tuple(DISTRIBUTIONS)
         known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
-
-    def _calibrate(
-        self, frames: list[Pixels], distributions: tuple[str, ...], size: tuple[int, int]
-    ) -> list[Calibration]:
-        return calibrate(self.field, frames, size, steps=self.steps, tau=self.tau, distributions=distributions)
 
 
 if __name__ == "__main__":

@@ -248,7 +248,7 @@ def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
 
 
 def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, float, float]]:
-    """For each label, the median distances of its lines when they are used and when they are left out."""
+    """Median distances of the lines of each label when they are used and when they are left out."""
     lines = clip.lines
     for label in sorted({label for table in lines.values() for label in table.by_label(0)}):
         without = clip.calibrated(_of_label(label))

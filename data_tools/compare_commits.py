@@ -35,7 +35,7 @@ Found: TypeAlias = list[Any]  # results of one part, one for each frame, as JSON
 
 MOST_PIXELS_OFF, MOST_COVARIANCE_OFF, MOST_PROBABILITY_OFF = 1e-3, 1e-5, 1e-6
 DEPTHS = (10.0, 300.0)  # m: of the points at which two cameras are compared
-EVERY, FRAMES = 4, 60  # one of so many annotated frames is calibrated by itself; frames of a clip
+EVERY, FRAMES = 4, 60  # every fourth annotated frame is calibrated by itself; frames of a clip
 
 
 def annotated(folder: Path) -> dict[str, Any]:

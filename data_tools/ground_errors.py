@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field = soccer()
-    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    frames = list(read_frames([options.annotations], field, options.size).values())
     found = list(left_out_on_ground(field, frames, options.size, least=options.least))
     for low, high in pairwise((*RANGES, np.inf)):
         print(json.dumps({"metres": [low, high if np.isfinite(high) else None], **summary(found, low, high)}))

@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field = soccer()
-    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    frames = list(read_frames([options.annotations], field, options.size).values())
     for lens in LENSES:
         errors = left_out_errors(
             field, frames, options.size, lens=lens, least=options.least, free_field_size=options.free_field_size

@@ -132,7 +132,7 @@ def fitted(features: Array, errors: Array, tolerance: float) -> Array:
 
 
 def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> dict[str, object]:
-    """For each bin of probabilities: the number of frames, their mean probability, and the share of right ones."""
+    """Number of frames, mean probability and share of right cameras in each bin of probabilities."""
     p, right = np.array([c.probability(metres) for c in found]), errors < metres
     rows = []
     for low, high in pairwise(BINS):
@@ -227,7 +227,7 @@ def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
     # all labels and few are calibrated on a pitch of the same size
     field, rng, size = soccer(size_known=True), np.random.default_rng(options.seed), options.size
-    frames = list(read_frames([options.annotations], field, size).pixels.values())
+    frames = list(read_frames([options.annotations], field, size).values())
     found = calibrate_batch(field, frames, size)
     parts, truths = [], []
     for _ in range(options.repeats):

@@ -49,7 +49,8 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER, add_named_field, field_of
-from fieldcalib.console.network import NetworkOptions, add_network, add_refinement, load_network
+from fieldcalib.console.network import NetworkOptions, load_network
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
@@ -200,8 +201,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     }.items():
         command = commands.add_parser(name, help=run.__doc__)
         command.set_defaults(run=run, field=SOCCER)
-        add_network(command)
-        add_refinement(command)
+        add_options(command, NetworkOptions)
+        command.add_argument("--no-refinement", dest="refine", action="store_false", help="do not look for white lines")
         if name == "keypoints":
             command.add_argument("folder", type=Path, help="<name>.jpg and <name>.txt")
             command.add_argument("--unlike", type=Path, metavar="TRAIN", help="leave out the clips of this folder")

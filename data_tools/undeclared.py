@@ -144,7 +144,7 @@ def calibrated(pictures: Sequence[Picture], field: Field) -> list[Calibration]:
 def of_annotations(options: argparse.Namespace) -> int:
     """Judge annotated frames, each changed in every way."""
     rng, field = np.random.default_rng(options.seed), soccer()
-    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    frames = list(read_frames([options.annotations], field, options.size).values())
     by_kind: dict[str, list[Picture]] = {}
     truths = calibrate_batch(field, frames, options.size)
     compute_errors([one for one in truths if one.accepted])

@@ -137,7 +137,7 @@ def row(kind: str, found: Sequence[Calibration], truths: Sequence[Sequence[Camer
 def run(options: argparse.Namespace) -> int:
     """Calibrate and print; returns the exit code."""
     rng, field = np.random.default_rng(options.seed), soccer()
-    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    frames = list(read_frames([options.annotations], field, options.size).values())
     real = calibrate_batch(field, frames, options.size)
     cameras = [calibration.uncertainty.camera for calibration in real]
 

@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field, rng = soccer(), np.random.default_rng(options.seed)
-    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    frames = list(read_frames([options.annotations], field, options.size).values())
     print(json.dumps({"wrong": options.wrong, **measure(field, frames, options.size, options.wrong, rng)}))
     return 0
 

@@ -12,7 +12,7 @@ from synthetic import random_frames
 
 from baselines import dlt_lines, hdecomp, tvcalib
 from fieldcalib.cli.main import main as fieldcalib_main
-from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
 from fieldcalib.io.wc14 import format_homography, parse_homography
 from fieldcalib.run_folder import units
@@ -106,6 +106,13 @@ def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, t
     for id, (_, camera) in truth.items():
         found = camera_from_record(json.loads((cameras / f"camera_{id}.json").read_text()))
         np.testing.assert_allclose(found.C, camera.C, atol=1e-2)
+
+
+def test_homographies_are_decomposed_by_other_processes(truth, folder, tmp_path):
+    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
+    cameras, options = tmp_path / "cameras", ("--homographies", "--size", "960x540", "--jobs", "2")
+    assert run(hdecomp.main, tmp_path, *options, "--out", cameras) == 0
+    assert {file.id for file in CAMERAS.find([cameras])} == set(truth)
 
 
 def test_homographies_of_an_earlier_run_are_removed(folder, tmp_path):

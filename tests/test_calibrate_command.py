@@ -12,6 +12,7 @@ from commands import SIZE, WITH_CAMERA, calibrate, cameras_in, lines_of, summary
 import fieldcalib
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.run_folder import annotated as commands_on_folders
+from fieldcalib.run_folder import outcome as outcomes_of_commands
 
 
 def test_files(calibrated_folder):
@@ -107,8 +108,9 @@ def test_the_total_time_is_that_of_everything(annotated_folder, tmp_path, monkey
 
         return slept
 
-    for name in ("calibration_line", "ndc_loss", "compute_errors"):
-        monkeypatch.setattr(f"fieldcalib.run_folder.annotated.{name}", slow(getattr(commands_on_folders, name)))
+    monkeypatch.setattr(outcomes_of_commands, "calibration_line", slow(outcomes_of_commands.calibration_line))
+    for name in ("ndc_loss", "compute_errors"):
+        monkeypatch.setattr(commands_on_folders, name, slow(getattr(commands_on_folders, name)))
     assert calibrate(tmp_path, annotated_folder / "a.json") == 0
     seconds = summary_of(tmp_path)["seconds"]
     assert seconds["total"] - seconds["calibration"] > 0.9

@@ -19,6 +19,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.problem.simulated import camera_difference
+from fieldcalib.solve.aspect import WAS_SQUASHED
 from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.options import CalibrationFlags as F
 
@@ -83,6 +84,15 @@ def test_labels_that_a_known_camera_cannot_explain_are_rejected():
     )
     np.testing.assert_array_equal(found.camera.C, WIDE.C + (0.0, 0.0, 12.0))
     assert not found.accepted
+
+
+def test_a_known_place_of_a_squashed_picture():
+    squashed = cv2.resize(picture(WIDE), (720, 540), interpolation=cv2.INTER_AREA)
+    network = KnownCameras(4 * [WIDE])  # asked for the picture as it is, and as it would be shown
+    (found,) = calibrate_from_images(FIELD, [squashed], network, flags=DEFAULT_FLAGS | PLACE, **position(WIDE))
+    assert WAS_SQUASHED in found.message
+    np.testing.assert_array_equal(found.camera.C, WIDE.C)
+    assert camera_difference(found.camera.scaled(SIZE), WIDE, FIELD).reprojection < 1.5
 
 
 def test_a_start_is_not_kept():

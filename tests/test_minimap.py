@@ -81,6 +81,13 @@ def test_maps_have_players_in_the_colours_of_their_teams(folder, capsys):
     assert np.any(np.all(fourth == (150, 150, 150), axis=-1))  # of no team
 
 
+def test_a_frame_without_players_is_a_map_of_the_field(folder):
+    rows = [row for row in ROWS if row[0] != 1]
+    assert command("minimap", folder, table(folder, rows), "--out", folder / "maps") == 0
+    empty = cv2.imread(str(folder / "maps" / "minimap_000001.png"))
+    np.testing.assert_array_equal(empty, draw_minimap(CAMERA, soccer(), size=(672, 456)))
+
+
 def test_tables_may_say_that_the_coordinates_are_ours(folder):
     rows = [(*row, system) for row, system in zip(ROWS, ("fieldcalib", "soccernet", "", "", "", ""), strict=True)]
     assert command("minimap", folder, table(folder, rows, (*HEADER, "field_system")), "--out", folder / "maps") == 0

@@ -37,7 +37,7 @@ from fieldcalib.images.pictures import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.problem.simulated import observe as demo_labels
 from fieldcalib.problem.simulated import pan_over_field
-from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, told
+from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, likelier
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.label_ends import ENDS
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
@@ -342,12 +342,12 @@ def test_a_frame_of_16_to_9_is_calibrated_as_it_is():
 
 def test_of_two_ways_the_likelier_one_counts_and_doubt_is_said():
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
-    squashed = told(found, found, 5.0, (640, 640))
+    squashed = likelier(found, found, 5.0, (640, 640))
     assert WAS_SQUASHED in squashed.message
     assert squashed.camera.image_size == (640, 640)
-    assert told(found, found, -5.0, (640, 640)) is found
-    assert told(found, found, 1.0, (640, 640)).verdict is Verdict.CHECK
-    assert told(found, found, -1.0, (640, 640)).verdict is Verdict.CHECK
+    assert likelier(found, found, -5.0, (640, 640)) is found
+    assert likelier(found, found, 1.0, (640, 640)).verdict is Verdict.CHECK
+    assert likelier(found, found, -1.0, (640, 640)).verdict is Verdict.CHECK
 
 
 def bordered(image, border, noise=0):

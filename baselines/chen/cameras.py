@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import partial
 from types import MappingProxyType
 from typing import TypeAlias
@@ -45,6 +45,11 @@ class Cameras:
 
     def __getitem__(self, index: IntArray | BoolArray | slice) -> Cameras:
         return Cameras(self.angles[index], self.focal_length[index], self.C[index])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
+        """The cameras of all parts, one after the other."""
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
 
     @property
     def homographies(self) -> Array:

@@ -13,10 +13,9 @@ from __future__ import annotations
 import argparse
 import hashlib
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import get_args
 
@@ -29,29 +28,29 @@ from baselines.chen.database import CAMERAS, Database
 from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
+from baselines.dlt_lines import homography_file
 from fieldcalib.console.arguments import add_input_and_output, count
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.field import Field
-from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
-from fieldcalib.io.wc14 import AlignmentName, format_homography
+from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
     AnnotationReader,
     CalibratedFrame,
+    FromFiles,
     calibrate_files,
     calibrate_folder,
-    unit_result,
 )
-from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
-from fieldcalib.run_folder.options import RunOptions, add_jobs
-from fieldcalib.run_folder.units import UnitResult
+from fieldcalib.run_folder.images import ReadImage, image_files
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"
@@ -100,7 +99,7 @@ def _parser() -> argparse.ArgumentParser:
         help="whose axes the homography files have (wc14: pixels to yards)",
     )
     add_sized_field(parser)
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.chen")
     return parser
 
@@ -200,9 +199,9 @@ def _run(options: argparse.Namespace) -> int:
     if options.size is None:
         raise ValueError(f"--from {options.source} needs --size: homographies are for images of that size")
     network = SegmentationNetwork.load(threads=1) if options.source == IMAGES else None
-    method_of_images = _FromImages(field, found, options.size, options.most_bytes, network)
-    files = image_files(options.input)
-    return calibrate_files(run, files, method_of_images, IMAGES_AT_ONCE, writes, more)
+    read = partial(ReadImage(options.most_bytes).sized, size=options.size)
+    method_of_images = FromFiles(read, _FromImages(field, found, network))
+    return calibrate_files(run, image_files(options.input), method_of_images, IMAGES_AT_ONCE, writes, more)
 
 
 @lru_cache(maxsize=1)
@@ -222,10 +221,7 @@ class _FromEdges:
     def __call__(self, id: str, edges: Edges, size: tuple[int, int]) -> CalibratedFrame:
         H = homography(_database(self.database), edges, size, self.recipe)
         (calibration,) = hdecomp.calibrate([H], size)
-        if H is None:
-            return CalibratedFrame(calibration)
-        text = format_homography(H, self.alignment, image_size=size)
-        return CalibratedFrame(calibration, files={HOMOGRAPHIES.file_name(id): text.encode()})
+        return CalibratedFrame(calibration, files=homography_file(id, H, size, self.alignment))
 
 
 @dataclass(frozen=True)
@@ -252,28 +248,13 @@ class _FromImages:
 
     field: Field
     from_edges: _FromEdges
-    size: tuple[int, int]
-    most_bytes: float
     network: SegmentationNetwork | None
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
-        """Read the images and calibrate."""
-        frames = [self._read(file) for file in files]
-        start = time.perf_counter()
-        found = {frame.id: self._calibrated(frame.id, frame.image) for frame in frames if frame.image is not None}
-        return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
+    def __call__(self, images: dict[str, Image], size: tuple[int, int]) -> list[CalibratedFrame]:
+        return [self.from_edges(id, self._edges(image), size) for id, image in images.items()]
 
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: errors of broken ones, by id."""
-        return broken_frames(map(self._read, files))
-
-    def _read(self, file: FrameFile) -> Frame:
-        return ReadImage(self.most_bytes)(file)
-
-    def _calibrated(self, id: str, image: Image) -> CalibratedFrame:
+    def _edges(self, image: Image) -> Edges:
         if self.network is None:
-            edges = edges_of_mask(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
-        else:
-            (probability,) = self.network([image])
-            edges = edges_of_probabilities(probability, self.network.classes, self.field)
-        return self.from_edges(id, edges, self.size)
+            return edges_of_mask(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
+        (probability,) = self.network([image])
+        return edges_of_probabilities(probability, self.network.classes, self.field)

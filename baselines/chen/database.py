@@ -80,8 +80,7 @@ class Database:
             parts.append(cameras)
             features.append(extract(views))
             progress(len(cameras))
-        arrays = [[getattr(part, name) for part in parts] for name in ("angles", "focal_length", "C")]
-        return cls(distribution, Cameras(*map(np.concatenate, arrays)), np.concatenate(features), extract, pieces)
+        return cls(distribution, Cameras.joined(parts), np.concatenate(features), extract, pieces)
 
     def write(self, path: Path) -> None:
         """Write an .npz file, whole or not at all."""
@@ -152,5 +151,4 @@ def _views(draw: Draw, count: int, pieces: Array, rng: np.random.Generator) -> t
         sees = np.mean(views > 0, axis=(1, 2)) > LEAST_LINES
         found.append((cameras[sees], views[sees]))
         missing -= int(np.count_nonzero(sees))
-    arrays = [[getattr(cameras, name) for cameras, _ in found] for name in ("angles", "focal_length", "C")]
-    return Cameras(*map(np.concatenate, arrays)), np.concatenate([views for _, views in found])
+    return Cameras.joined([cameras for cameras, _ in found]), np.concatenate([views for _, views in found])

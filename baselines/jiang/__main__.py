@@ -6,10 +6,9 @@ import argparse
 import json
 import math
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import get_args
 
@@ -17,20 +16,21 @@ import cv2
 import torch
 
 from baselines import hdecomp
+from baselines.dlt_lines import homography_file
 from baselines.jiang import optimiser, training
 from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
 from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
-from fieldcalib.console.arguments import add_format, add_limits, count, folder_name, image_size, positive
+from fieldcalib.console.arguments import add_format, count, folder_name, image_size, positive
 from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import run_command
-from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
-from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_files, unit_result
-from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
-from fieldcalib.run_folder.options import RunOptions, add_jobs
-from fieldcalib.run_folder.units import UnitResult
+from fieldcalib.io.image import Image
+from fieldcalib.run_folder.annotated import CalibratedFrame, FromFiles, calibrate_files
+from fieldcalib.run_folder.images import ReadImage, image_files
+from fieldcalib.run_folder.options import RunOptions
 
 AT_ONCE = 16  # images that are optimised together
 COMMANDS = ("run", "train", "score", "figure")
@@ -62,8 +62,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_method(parser)
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
-    add_limits(parser)
-    add_jobs(parser)
+    add_options(parser, ReadImage)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.jiang")
 
 
@@ -80,8 +80,8 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     Estimator.load(options.weights, options.cost)  # broken weights are reported before the work begins
-    read = ReadImage(options.most_bytes, options.most_pixels)
-    method = _FromImages(read, options.size, options.weights, options.cost, options.steps)
+    read = partial(given(ReadImage, options).sized, size=options.size)
+    method = FromFiles(read, _FromImages(options.weights, options.cost, options.steps))
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
     names = [training.GUESS, *([training.ERROR] if options.cost == "learned" else [])]
     states = [(options.weights / name).stat().st_mtime_ns for name in names]
@@ -93,42 +93,19 @@ def _run(options: argparse.Namespace) -> int:
 class _FromImages:
     """Calibrates images."""
 
-    read: ReadImage
-    size: tuple[int, int] | None
-    """Size before the images were squashed; None if they were not."""
     weights: Path
     cost: CostName
     steps: int
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
-        """Read the images and calibrate."""
-        frames = [self.read(file) for file in files]
-        start = time.perf_counter()
-        by_size: dict[tuple[int, int], list[Frame]] = {}
-        for frame in frames:
-            if frame.image is not None:
-                size = self.size or (frame.image.shape[1], frame.image.shape[0])
-                by_size.setdefault(size, []).append(frame)
-        found: dict[str, CalibratedFrame] = {}
-        for size, members in by_size.items():
-            found |= dict(zip([frame.id for frame in members], self._calibrated(members, size), strict=True))
-        return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
-
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: errors of broken ones, by id."""
-        return broken_frames(map(self.read, files))
-
-    def _calibrated(self, frames: Sequence[Frame], size: tuple[int, int]) -> list[CalibratedFrame]:
+    def __call__(self, images: dict[str, Image], size: tuple[int, int]) -> list[CalibratedFrame]:
         """Calibrate images of one size: their homographies, decomposed into cameras."""
-        images = [frame.image for frame in frames if frame.image is not None]
-        path = _estimator(self.weights, self.cost)(images, size, self.steps)
+        path = _estimator(self.weights, self.cost)(list(images.values()), size, self.steps)
         matrices = homographies(path.best, size)
         costs = path.costs.double()
         results = []
-        for i, calibration in enumerate(hdecomp.calibrate(matrices, size)):
+        for i, (id, calibration) in enumerate(zip(images, hdecomp.calibrate(matrices, size), strict=True)):
             details = {"cost_of_guess": costs[0, i].item(), "cost": costs[:, i].min().item()}
-            H, name = matrices[i], HOMOGRAPHIES.file_name(frames[i].id)
-            files = {} if H is None else {name: HOMOGRAPHIES.write(H, "jiang", image_size=size).encode()}
+            files = homography_file(id, matrices[i], size, "jiang")
             results.append(CalibratedFrame(calibration, details, files))
         return results
 

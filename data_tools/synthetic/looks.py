@@ -17,7 +17,7 @@ from data_tools.synthetic.areas import Area, Fill
 from data_tools.synthetic.colours import Hsv
 from data_tools.synthetic.surroundings import Around
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line
+from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports import american_football as football
 from fieldcalib.fields.sports import ice_hockey as rink
 from fieldcalib.fields.sports.handball import POST as HANDBALL_POST
@@ -59,7 +59,7 @@ class Look:
     striped: tuple[str, ...] = ()
     """Beginnings of labels of bars with white stripes."""
     edges: str | None = None
-    """Ending of the labels of edges of wide lines: an edge is no class of its own beside its line."""
+    """Ending of the labels of edges of wide lines: an edge is not a class of its own if its line is one."""
     marks: Callable[[Field], marks.Marks] = marks.no_marks
     """Makes painted markings without a label."""
     fills: Callable[[Field], Sequence[Fill]] = lambda field: ()
@@ -106,12 +106,6 @@ def look_of(name: str, field: Field) -> Look:
     )
 
 
-def _line(field: Field, label: str) -> Line:
-    line = field[label]
-    assert isinstance(line, Line)
-    return line
-
-
 def _radius(field: Field, label: str) -> float:
     arc = field[label]
     assert isinstance(arc, Arc)
@@ -120,10 +114,11 @@ def _radius(field: Field, label: str) -> float:
 
 def _basketball(field: Field) -> Sequence[Fill]:
     """Keys, the area within the three-point line, and the centre circle."""
-    free_throw, lane, end = _line(field, "Free-throw line right"), _line(field, "Lane right bottom"), 0.5 * field.length
+    free_throw, lane = (marks.line_of(field, label) for label in ("Free-throw line right", "Lane right bottom"))
+    end = 0.5 * field.length
     key, arc = Area((free_throw.start[0], 0.0), (end, lane.start[1])), field["Three-point arc right"]
     assert isinstance(arc, Arc)
-    limits = end, _line(field, "Three-point line right bottom").start[1]
+    limits = end, marks.line_of(field, "Three-point line right bottom").start[1]
     colours = (ANY, BLUE, RED, DARK)
     return (
         Fill(Area((arc.center[0], 0.0), (end, 0.0), arc.radius, limits), (ANY, ORANGE), 0.3, 0.7),
@@ -134,13 +129,13 @@ def _basketball(field: Field) -> Sequence[Fill]:
 
 def _before_goals(name: str, field: Field) -> Sequence[Fill]:
     """The area before each goal."""
-    line, end = _line(field, f"{name} right line"), 0.5 * field.length
+    line, end = marks.line_of(field, f"{name} right line"), 0.5 * field.length
     area = Area((end, 0.0), (end, line.end[1]), end - line.start[0], (end, 0.5 * field.width))
     return (Fill(area, (ANY, BLUE, ORANGE, RED), 0.6, 0.9),)
 
 
 def _volleyball(field: Field) -> Sequence[Fill]:
-    attack = _line(field, "Attack line right").start[0]
+    attack = marks.line_of(field, "Attack line right").start[0]
     return (Fill(Area((0.0, 0.0), (attack, 0.5 * field.width)), (ORANGE, ANY), 0.3, 0.8),)
 
 
@@ -152,13 +147,13 @@ def _american_football(field: Field) -> Sequence[Fill]:
 
 def _rugby(field: Field) -> Sequence[Fill]:
     """In-goal areas, which are often mown otherwise."""
-    dead = _line(field, "Dead-ball line right").start[0]
+    dead = marks.line_of(field, "Dead-ball line right").start[0]
     return (Fill(Area((0.5 * field.length, 0.0), (dead, 0.5 * field.width)), (GREEN,), 0.3, 0.5),)
 
 
 def _ice(rules: rink.Rules, field: Field) -> Sequence[Fill]:
     """Creases."""
-    goal = _line(field, "Goal line right").start[0]
+    goal = marks.line_of(field, "Goal line right").start[0]
     half = min(0.5 * rules.crease_width, rules.crease)
     return (Fill(Area((goal, 0.0), (goal, 0.0), rules.crease, (goal, half)), (LIGHT_BLUE,), 1.0, 0.9),)
 

@@ -52,7 +52,7 @@ def american_football(field: Field) -> Marks:
     >>> len(american_football(nfl())) // 2  # strokes of 9 numbers
     91
     """
-    bottom, top = _line(field, "Number row bottom outer").start[1], _line(field, "Number row bottom inner").start[1]
+    bottom, top = line_of(field, "Number row bottom outer").start[1], line_of(field, "Number row bottom inner").start[1]
     height = bottom - top - STROKE
     found: dict[str, tuple[Segment, Paint]] = {}
     for yard, sign in product(range(-40, 50, 10), SIGNS):
@@ -90,7 +90,7 @@ def basketball_nba(field: Field) -> Marks:
 
 
 def _lane_marks(field: Field, marks: tuple[tuple[float, float], ...], out: float) -> Marks:
-    y = _line(field, "Lane right bottom").start[1]
+    y = line_of(field, "Lane right bottom").start[1]
     found: dict[str, tuple[Segment, Paint]] = {}
     for (start, length), side, end in product(marks, SIGNS, SIGNS):
         x = end * (0.5 * field.length - start - 0.5 * length)
@@ -99,7 +99,8 @@ def _lane_marks(field: Field, marks: tuple[tuple[float, float], ...], out: float
     return found
 
 
-def _line(field: Field, label: str) -> Line:
+def line_of(field: Field, label: str) -> Line:
+    """The line with a label."""
     line = field[label]
     assert isinstance(line, Line)
     return line

@@ -24,8 +24,8 @@ class CameraErrors(Protocol):
     """Errors of a camera, as `Calibration` uses them.
 
     There are three types: `fieldcalib.assess.solved.Solved` for a frame that was solved by itself, `KnownErrors` for a
-    frame of a sequence, `NoErrors` for a homography or a missing camera. A type raises a ValueError where it is asked
-    for something that it cannot give.
+    frame of a sequence, `NoErrors` for a homography or a missing camera. A type raises a ValueError for values that it
+    does not have.
     """
 
     @property
@@ -34,13 +34,13 @@ class CameraErrors(Protocol):
 
     @property
     def are_computed(self) -> bool:
-        """Whether nothing is left to compute when they are asked for."""
+        """Whether all errors are computed already."""
 
     def on(self, field: Field | None) -> Estimate:
         """The estimate with this field in view."""
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
-        """Probability that no point of the field in view is off by more than some metres; NaN where it is not known."""
+        """Probability that no point of the field in view is off by more than `metres`; NaN if it is unknown."""
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
@@ -51,7 +51,7 @@ class CameraErrors(Protocol):
 
 @dataclass(frozen=True)
 class NoErrors:
-    """The errors of a camera that does not come from labelled pixels: nothing is known of them."""
+    """The unknown errors of a camera that does not come from labelled pixels."""
 
     are_known, are_computed = False, True
 
@@ -60,15 +60,15 @@ class NoErrors:
         raise ValueError("expected a calibration from labelled pixels: the errors of a homography are not known")
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
-        """NaN."""
+        """NaN: the probability is unknown."""
         return float("nan")
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """Say that there are no errors."""
+        """A message that the errors are unknown."""
         return ("its errors are not known, as it does not come from labelled pixels",)
 
     def to_record(self) -> dict[str, Any]:
-        """The key that stays empty."""
+        """The key of `Calibration.to_dict`, with an empty value."""
         return {"solved": None}
 
 
@@ -83,7 +83,7 @@ class KnownErrors(Estimate):
         The estimate.
     covariance : (n, n) array
     dof : float
-        Degrees of freedom that the covariance rests on.
+        Degrees of freedom of the covariance.
     field : Field, optional
         The field in view; it is not written with the errors.
 
@@ -117,11 +117,11 @@ class KnownErrors(Estimate):
 
     @property
     def observability(self) -> tuple[Direction, ...]:
-        """Raise a ValueError: labels and prior cannot be told apart in a covariance."""
+        """Raise a ValueError: a covariance does not separate labels and prior."""
         raise ValueError("expected a calibration of a single frame: of a sequence only the covariance is kept")
 
     def on(self, field: Field | None) -> KnownErrors:
-        """The same estimate with this field in view: errors are then relative to its markings."""
+        """The estimate with another field in view: errors are then relative to its markings."""
         return KnownErrors(self.layout, self.theta, self._covariance, self.dof, field)
 
     @property
@@ -135,11 +135,11 @@ class KnownErrors(Estimate):
         return np.asarray(J @ self._covariance @ np.swapaxes(J, -2, -1))
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
-        """Probability that no point of the field in view is off by more than some metres, from the covariance."""
+        """Probability that no point of the field in view is off by more than `metres`, from the covariance."""
         return probability_by_covariance(self.if_level if level else self, field, metres)
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """Nothing: what the labels say is not kept."""
+        """No doubts: the evidence of the labels is not kept."""
         return ()
 
     def to_record(self) -> dict[str, Any]:

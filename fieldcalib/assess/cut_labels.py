@@ -1,9 +1,9 @@
 """Labels that end before the border of their picture: evidence that it was cut out of a larger one with its labels.
 
-Annotators follow a marking to the border of the picture. An annotated frame has 5.5 places where a marking leaves the
-picture; at 98 % of them labels end within 1.2 % of the width, but only at 5 % where a picture was cut out of a larger
-one with its labels. The likelihoods are applied to the places of several straight markings at one side of the picture,
-if labels reach the border at the other sides: an annotator who clicks here and there on a marking reaches none.
+Annotators follow a marking to the border of the picture. On average an annotated frame has 5.5 places where a marking
+leaves the picture; at 98 % of them labels end within 1.2 % of the width, but only at 5 % where a picture was cut out of
+a larger one with its labels. The likelihoods are applied to the places of several straight markings at one side of the
+picture, if labels reach the border at the other sides: sparse labels of a hasty annotator reach no border.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
-REACHED, SHORT = 0.012, 0.02  # of the width: a smaller gap reaches the border, a larger one ends before it
-# Log likelihood ratio of a part of a larger picture for labels that reach the border, nearly do, and do not. Of 3657
-# places in 651 annotated frames 98.2, 1.0, 0.9 % do; of 4187 at the cut sides of their corners 4.9, 3.1, 92 %.
+REACHED, SHORT = 0.012, 0.02  # of the width: labels with a smaller gap reach the border, with a larger one do not
+# Log likelihood ratios of a part of a larger picture, for labels that reach the border, nearly do, and do not: 98.2,
+# 1.0 and 0.9 % of 3657 places in 651 annotated frames; 4.9, 3.1 and 92 % of 4187 at the cut sides of their corners.
 LOG_RATIOS = (-3.0, 1.2, 4.6)
-MOST_LOG_RATIO = 8.0  # one picture in some thousand is odd in another way
+MOST_LOG_RATIO = 8.0  # one picture in some thousands is unusual for another reason
 LEAST_PLACES = 2  # at one side: a single marking may have been followed less far than the others
 HABIT = 0.5  # share of the other places at which labels must reach the border
 WITH_LABELS = 0.5  # share of the cut pictures that were cut with their labels; the others were labelled afterwards
@@ -32,14 +32,14 @@ SIDES = 4
 def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
     """Log likelihood ratio, from the ends of labels, that a picture was cut out of a larger one.
 
-    It is 0 if the ends say nothing, and slightly negative if the labels reach every side, as they may have been made
-    after the cut.
+    It is 0 if the ends are no evidence, and only slightly negative if the labels reach every side, as the picture may
+    have been labelled after the cut.
 
     Parameters
     ----------
     field : Field
     pixels : dict of str to (N, 2) array
-        Pixels as a person labelled them.
+        Pixels labelled by a person.
     camera : Camera
 
     Examples

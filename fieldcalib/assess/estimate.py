@@ -67,7 +67,7 @@ class Estimate(ABC):
 
     @abstractmethod
     def on(self, field: Field | None) -> Self:
-        """The same estimate with this field in view: errors are then relative to its markings."""
+        """The estimate with another field in view: errors are then relative to its markings."""
 
     @property
     @abstractmethod

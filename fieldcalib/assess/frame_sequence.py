@@ -1,4 +1,4 @@
-"""A sequence of calibrations of the frames of a clip, each of which is made when it is asked for."""
+"""A sequence of calibrations of the frames of a clip, each made on access."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FrameSequence(Sequence[Calibration]):
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """Everything as JSON, for `json.dumps`."""
+        """The sequence as a dict for `json.dumps`."""
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...
@@ -58,7 +58,7 @@ class FrameSequence(Sequence[Calibration]):
 
     @property
     def cameras(self) -> list[Camera | None]:
-        """Cameras of the frames; None where there is none."""
+        """Cameras of the frames; None for frames without one."""
         return [frame.camera for frame in self]
 
 
@@ -68,7 +68,7 @@ def read_record(record: Mapping[str, Any], what: str, version: int, read: Callab
     Raises
     ------
     ValueError
-        If the record is of another version, a key is missing, or a value cannot be right.
+        If the record has another version, a key is missing, or a value is invalid.
     """
     try:
         if record["version"] != version:

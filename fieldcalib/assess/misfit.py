@@ -1,8 +1,8 @@
-"""Errors of the model that frames share parameters: labels that fit a camera with a place of its own much better.
+"""Errors of the model that frames share parameters: labels that fit a camera with a position of its own much better.
 
-Noise of the labels is in both fits, so the difference is the error of the model. Where it is large, the model does not
-hold: the camera moves, the picture is cut out of a moving window, the ground is not flat, or the shared parameters are
-in a wrong minimum.
+Both fits contain the noise of the labels, so their difference is the error of the model. If it is large, the model does
+not hold: the camera moves, the picture is a moving window of a larger one, the ground is not flat, or the shared
+parameters are in a wrong minimum.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 
 # Share of the image's diagonal, 2.5 px of 960 x 540. On eight clips from a tripod, with labels of a network, 329 of 330
-# keyframes have at most 2.2 px, most of them 0.5; with a place of the tripod that is 5 m wrong, most have 2.5 to 40 px.
+# keyframes have at most 2.2 px, most of them 0.5; if the tripod is 5 m off, most have 2.5 to 40 px.
 LARGEST_EXCESS = 2.5 / 1101.0
 LEAST_FRAMES = 5  # with fewer the model is not judged
-LEAST_SHARE = 0.15  # of the frames: if so many are contradicted, the model does not hold
+LEAST_SHARE = 0.15  # of the frames: if as many are contradicted, the model does not hold
 SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
 ITERATIONS = 8  # of the fit of each frame by itself, from the common solution
 TOLERANCE = 1e-3  # of its cost
@@ -35,16 +35,16 @@ class Misfit:
     together: Array
     """Distances (B,) from the cameras with shared parameters."""
     alone: Array
-    """Distances (B,) from cameras with a place and a zoom of their own."""
+    """Distances (B,) from cameras with their own positions and zooms."""
 
     @property
     def excess(self) -> Array:
-        """Distance that the model adds, pixels, (B,)."""
+        """Distance due to the model, pixels, (B,)."""
         return np.asarray(np.sqrt(np.maximum(np.square(self.together) - np.square(self.alone), 0.0)))
 
 
 def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Mask (B,) of the frames that the model does not explain, from the distance (B,) that it adds, in pixels.
+    """Mask (B,) of the frames that the model does not explain, from `Misfit.excess`, pixels.
 
     Examples
     --------
@@ -56,9 +56,9 @@ def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
 
 
 def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
-    """Whether a model does not hold, from the distance (B,) that it adds to the labels of frames, in pixels.
+    """Whether a model does not hold, from `Misfit.excess`, pixels.
 
-    It contradicts many frames, or more than half of them somewhat; NaN does not count.
+    That is if it contradicts many frames, or more than half of them to a smaller extent; NaN does not count.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
 def misfit(evaluation: Evaluation) -> Misfit:
     """Misfit of frames at their common solution: each is fitted again by itself.
 
-    Lens, principal point and size of the field stay as they are, so that a frame cannot use these instead of its place.
+    Lens, principal point and size of the field are kept, so that they cannot compensate for a wrong position.
     """
     layout = evaluation.problem.layout
     roles = np.full(layout.size, Role.FIXED)

@@ -1,14 +1,14 @@
 """The paper's two losses in normalised device coordinates (NDC), in which both axes of the image run from -1 to 1.
 
-"tvcalib" is what the paper's public code computes: the mean distance over all line pixels plus the mean distance over
-all circle pixels, an absent kind counting 0; points and clouds count with the circles. The self-verification threshold
-tau belongs to this one. "eq3" is the printed equation 3: the mean over segments of the mean distance of their pixels.
+"tvcalib" is the loss of the paper's public code: the mean distance over all line pixels plus the mean distance over
+all circle pixels, 0 for an absent kind; points and clouds count with the circles. The self-verification threshold tau
+belongs to this loss. "eq3" is the printed equation 3: the mean over segments of the mean distance of their pixels.
 
 Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are
 point clouds of 128 samples (paper, section "Hyperparameters"), a circle is split into its halves where the field
 has them (`fieldcalib.problem.labelled_pixels.split_circles`), and the pixels are undistorted by the lens of the camera.
-The paper assumes a camera in the main stand: seen from the opposite one the halves change sides, and seen from behind a
-goal the circle stays whole.
+The paper assumes a camera in the main stand: from the opposite stand the halves are swapped, and from behind a goal the
+circle is not split.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
-PIXELS_AT_ONCE = 8192  # with the samples of their circles they take some 10 MB
-TINY = 1e-300  # keeps the division by the length of a normal finite
+PIXELS_AT_ONCE = 8192  # with the samples of their circles these take some 10 MB
+TINY = 1e-300  # added to the length of a normal: no division by zero
 NEARLY_BESIDE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
 
 
@@ -60,7 +60,7 @@ def ndc_loss(
     Returns
     -------
     (T,) array
-        0 for a frame without pixels.
+        The loss of each frame; 0 without pixels.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def ndc_loss(
 
 
 def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: NdcLoss = "tvcalib") -> Array:
-    """`ndc_loss` of T frames at their cameras; their labels are those of the object."""
+    """`ndc_loss` of T frames at their cameras; the frames have the labels of the object."""
     theta, layout, T = evaluation.theta, evaluation.problem.layout, len(evaluation.theta)
     segments = list(object_segments.values())
     table = _with_halves(object_segments, evaluation.problem.observations, theta[:, PAN])
@@ -121,7 +121,7 @@ class _Labels(NamedTuple):
 
     @classmethod
     def of(cls, table: PixelTable, segments: Sequence[Segment], theta: Array, layout: Layout) -> _Labels:
-        """From a table of pixels whose labels have these segments."""
+        """Compute from a table of pixels; `segments` are those of its labels."""
         key, pair, size = np.unique(table.frame * len(segments) + table.label, return_inverse=True, return_counts=True)
         frame, label = np.divmod(key, len(segments))
         own = Projection(theta[table.frame], layout)
@@ -131,7 +131,7 @@ class _Labels(NamedTuple):
 
 
 def _with_halves(object_segments: ObjectSegments, observations: Observations, pan: Array) -> PixelTable:
-    """Labelled pixels with circles split into the halves that the paper's model has, as seen at these pans (T,)."""
+    """Labelled pixels with circles split into the halves of the paper's model, as seen at the pans (T,)."""
     table, number = observations.pixels, {name: index for index, name in enumerate(object_segments)}
     halves = object_segments.halves if isinstance(object_segments, Field) else {}
     label = table.label.copy()
@@ -149,7 +149,7 @@ def _with_halves(object_segments: ObjectSegments, observations: Observations, pa
 
 
 def cloud(segment: Segment) -> PointCloud:
-    """The samples that stand for a segment that is no line; an arc has 128, both ends included.
+    """The samples that represent a segment other than a line; an arc has 128, both ends included.
 
     Examples
     --------

@@ -37,7 +37,7 @@ LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the
 
 
 class Verdict(StrEnum):
-    """What to do with a calibration."""
+    """Verdict on a calibration: what to do with it."""
 
     GOOD = "good"
     """Use it."""
@@ -162,7 +162,7 @@ class Calibration:
     suspect_labels: tuple[SuspectLabel, ...] = ()
     """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
-    """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
+    """Cameras that fit the labels equally well: the one turned by 180 degrees about the centre mark."""
     complaints: tuple[str, ...] = ()
     """Further evidence against an accepted camera, in words."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
@@ -224,7 +224,7 @@ class Calibration:
     def rms_as_labelled(self) -> float:
         """Root mean square distance of all pixels to the segments of their given labels, pixels.
 
-        NaN where there is no pixel.
+        NaN without pixels.
         """
         if not self.pixel_counts:
             return float("nan")
@@ -242,7 +242,7 @@ class Calibration:
 
     @property
     def verdict(self) -> Verdict:
-        """What to do with the camera; `reason` says why.
+        """The verdict on the camera; `reason` says why.
 
         An accepted camera without `concerns` is good. The probability that they depend on is computed when first used.
         """

@@ -21,7 +21,7 @@ from fieldcalib.problem.records import problem_from_record, problem_to_record
 
 
 class Solved:
-    """One of B solved frames. Its errors are computed when they are first asked for, and remembered.
+    """One of B solved frames. Its errors are computed when they are first needed, and cached.
 
     It is copied, pickled and written without the other frames.
 
@@ -30,7 +30,7 @@ class Solved:
     evaluation : Evaluation
         B frames at their solutions.
     unit : (B, n) array
-        Standard deviations on which a parameter counts as determined.
+        Standard deviations in whose units information is measured.
     frame : int
         Index of the frame.
     """
@@ -39,14 +39,14 @@ class Solved:
 
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
-        # remembered: the uncertainty, also on the last field that was asked for, and the terms of the log odds there
+        # cached: the uncertainty, the one on the last field that was asked for, and the terms of the log odds there
         self._uncertainty: Uncertainty | None = None
         self._on: Uncertainty | None = None
         self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
-        """Compute and remember the uncertainties of frames of one evaluation, all at once.
+        """Compute and cache the uncertainties of frames of one evaluation, all at once.
 
         On a field with a probability model, compute the terms of their log odds of being right too.
         """
@@ -60,7 +60,7 @@ class Solved:
 
     @property
     def alone(self) -> Solved:
-        """The frame without the others, and without the padding for labels that only the others have."""
+        """The frame without the others and their padding."""
         one = np.array([self.frame])
         return Solved(self.evaluation.take(one).trimmed, self.unit[one])
 
@@ -71,7 +71,7 @@ class Solved:
 
     @property
     def are_computed(self) -> bool:
-        """Whether the uncertainty is remembered."""
+        """Whether the uncertainty is cached."""
         return self._uncertainty is not None
 
     @property
@@ -89,7 +89,7 @@ class Solved:
         return self._on
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
-        """Probability that no point of the field in view is off by more than some metres, by the labels."""
+        """Probability that no point of the field in view is off by more than `metres`, by the labels."""
         assert field.probability is not None
         if self._terms is None or self._terms[0] is not field:
             self._terms = field, odds_terms([self.uncertainty], field)[0]

@@ -26,24 +26,24 @@ AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
 
 @dataclass(frozen=True)
 class Evidence:
-    """Measures of one frame's camera that the verdict rests on."""
+    """Evidence on one frame's camera, from which the verdict follows."""
 
     rms: float
     """Root mean square distance of the pixels, pixels."""
     loss_ndc: float
-    """The paper's loss, which tau is compared with."""
+    """The paper's loss, which is compared with tau."""
     errors: Mapping[str, float]
-    """Root mean square distance of each segment under the labels that were solved with, pixels."""
+    """Root mean square distance of each segment, with the labels that were solved with, pixels."""
     labels: FrameLabels
     """The labels that were solved with."""
     given: FrameLabels
-    """The labels as given."""
+    """The given labels."""
     suspects: Sequence[str]
-    """Labels as given that the others contradict."""
+    """Given labels that the others contradict."""
     far: float
     """Pixels beyond which a segment counts as missed."""
     unknowns: int
-    """Free parameters."""
+    """Number of free parameters."""
     implausible: Sequence[str]
     """Reasons why the camera is implausible, see `implausibilities`."""
     weakest: Direction
@@ -55,9 +55,9 @@ class Evidence:
 
 
 def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
-    """Status of one frame's calibration, and a message with the reason and what would help.
+    """Status of one frame's calibration, and a message with the reason and advice.
 
-    Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
+    The first that applies counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
     segments, equations = evidence.labels.segments, sum(evidence.labels.equations.values())
     noun = _noun(segments)
@@ -92,7 +92,7 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
 def disagreement(labels: FrameLabels, missed: Collection[str], unknowns: int) -> str | None:
     """Reason to reject a camera that misses some of a frame's labels; None if there is none.
 
-    Two thirds of the labels must agree with it, and these must give as many equations as there are unknowns.
+    Two thirds of the labels must agree with the camera, and give at least as many equations as there are unknowns.
     """
     agreeing = [equations for label, equations in labels.equations.items() if label not in missed]
     if len(agreeing) >= AGREEING * len(labels.equations) and sum(agreeing) >= unknowns:
@@ -104,7 +104,7 @@ def disagreement(labels: FrameLabels, missed: Collection[str], unknowns: int) ->
 
 
 def _noun(segments: Mapping[str, Segment]) -> str:
-    """The word for the labels of a frame in messages."""
+    """Noun for the labels of a frame in messages."""
     return "point" if all(segment.is_point for segment in segments.values()) else "segment"
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.declared import DeclaredPictures, add_declarations
-from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
+from fieldcalib.cli.declared import DeclaredPictures
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import (
     ESTIMATED,
     add_camera,
@@ -22,13 +21,15 @@ from fieldcalib.console.arguments import (
     probability,
 )
 from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
+from fieldcalib.console.options import add_options, given, option
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
 from fieldcalib.solve.label_ends import with_border_asked
@@ -40,14 +41,14 @@ SEE_ONE_PITCH = {EACH: 1, SHARED: sys.maxsize}  # frames that are worked on at o
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Calibrate frames from annotations of SoccerNet (<id>.json: label -> normalised points), CVAT, labelme, Label "
         "Studio or COCO. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and "
         "summary.json."
     )
     add_input_and_output(parser)
-    add_declarations(parser)
+    add_options(parser, DeclaredPictures)
     add_field(parser)
     parser.add_argument(
         "--free-field-size",
@@ -55,24 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"deprecated: each is --field-size {ESTIMATED}, shared is --field-size {ESTIMATED} --same-field",
     )
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
-    add_known_camera(parser)
-    parser.add_argument(
-        "--tau", type=positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
-    )
-    parser.add_argument(
-        "--least-probability",
-        type=probability,
-        metavar="P",
-        help="reject cameras that are less probably right to 1 m everywhere in view, on courts to less (off)",
-    )
-    add_jobs(parser)
-    parser.set_defaults(run=run, command="calibrate")
+    add_options(parser, KnownCamera)
+    add_options(parser, _Method)
+    add_options(parser, RunOptions)
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     free = _free_field_size(options)
-    known, pictures = KnownCamera.of(options), DeclaredPictures.of(options)
+    known, pictures = given(KnownCamera, options), given(DeclaredPictures, options)
     if options.size is not None:
         try:
             known.given(pictures.placement(options.size).frame_size)
@@ -85,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else None
     prior = prior_of(options) if types is None else None
-    method = _Method(field, pictures, prior, types, known, options.tau, options.least_probability, free)
+    method = _Method(field, pictures, prior, types, known, free, options.tau, options.least_probability)
     reader = AnnotationReader.of(options, field)
     at_once = SEE_ONE_PITCH.get(free or "")
     return calibrate_folder(RunOptions.of(options), options.input, reader, method, at_once=at_once, more=types or {})
@@ -120,16 +112,35 @@ class _Method:
     types: Mapping[str, str] | None
     """Types of the frames' cameras, where these determine the prior."""
     known: KnownCamera
-    tau: float | None
-    least_probability: float | None
     free_field_size: str | None
+    tau: float | None = option(
+        "reject frames whose NDC loss is above; the paper's is 0.019 (off)", type=positive, metavar="T"
+    )
+    least_probability: float | None = option(
+        "reject cameras that are less probably right to 1 m everywhere in view, on courts to less (off)",
+        type=probability,
+        metavar="P",
+    )
 
     def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         placement = self.pictures.placement(size)
         frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(pictures, frames, placement)
-        found = by_prior(frames, self._prior_of, partial(self._calibrate, size=placement.frame_size))
+
+        def of_prior(prior: Prior, ids: Sequence[str]) -> list[Calibration]:
+            return calibrate_batch(
+                self.field,
+                [frames[id] for id in ids],
+                placement.frame_size,
+                *self.known.given(placement.frame_size),
+                flags=self.known.flags,
+                prior=prior,
+                tau=self.tau,
+                estimate_aspect=self.pictures.is_aspect_estimated,
+            )
+
+        found = in_groups(list(frames), self._prior_of, of_prior)
         if self.least_probability is not None:
             compute_errors(found)
         return [
@@ -139,18 +150,6 @@ class _Method:
 
     def _prior_of(self, id: str) -> Prior:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
-
-    def _calibrate(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        return calibrate_batch(
-            self.field,
-            frames,
-            size,
-            *self.known.given(size),
-            flags=self.known.flags,
-            prior=prior,
-            tau=self.tau,
-            estimate_aspect=self.pictures.is_aspect_estimated,
-        )
 
     def _on_free_field(
         self, pictures: dict[str, Pixels], frames: dict[str, Pixels], placement: Placement

@@ -26,10 +26,10 @@ from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file,
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
-from fieldcalib.io.videos import DEFAULT_RATE, VideoReader
+from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, image_files, in_cut, say_note
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
     MOTION,
@@ -62,24 +62,14 @@ class ClipInput:
         self._passes = iter(PASSES)
         if request.is_video:
             self.files = [FrameFile(request.path.stem, request.path)]
-            with self._opened() as video:
-                next(checked_frames(request.path, video, self._options.placement))  # before anything is written
+            next(self._from_video())  # what is wrong with it shows before anything is written
         else:
             self.files = in_cut(in_order(image_files(request.paths)), request.cut)
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, by the first one that can be read."""
-        if self._request.is_video:
-            with self._opened() as video:
-                first: Image | None = next(iter(video))
-        else:
-            images = (self._options.read(file).image for file in self.files)
-            first = next((image for image in images if image is not None), None)
+        first = next((frame.image for frame in self._read() if frame.image is not None), None)
         return (0, 0) if first is None else self._options.placement(first).frame_size
-
-    def _opened(self) -> VideoReader:
-        threads = self._options.network.video_threads
-        return VIDEOS.read(self._request.path, self._options.most_pixels, cut=self._request.cut, threads=threads)
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
@@ -91,18 +81,21 @@ class ClipInput:
         """The images as they are; what is wrong with one is said on stderr, once."""
         ids = []
         with progress_bar(desc=next(self._passes, ""), total=len(self.ids) or None, unit="frame") as progress:
-            for frame in self._from_video() if self._request.is_video else self._from_files():
+            for frame in self._read():
                 ids.append(frame.id)
-                if frame.image is None:
-                    self.broken[frame.id] = frame.problem
                 yield frame
                 progress.update()
         self.ids = ids
 
+    def _read(self) -> Iterator[Frame]:
+        return self._from_video() if self._request.is_video else self._from_files()
+
     def _from_video(self) -> Iterator[Frame]:
-        with self._opened() as video:
+        path, options = self._request.path, self._options
+        threads = options.network.video_threads
+        with VIDEOS.read(path, options.most_pixels, cut=self._request.cut, threads=threads) as video:
             self.frames_per_second = video.frames_per_second
-            yield from checked_frames(self._request.path, video, self._options.placement)
+            yield from checked_frames(path, video, options.placement)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
                 say(loss)
@@ -115,6 +108,7 @@ class ClipInput:
                 continue
             frame = self._options.read(file)
             if frame.image is None:
+                self.broken[frame.id] = frame.problem
                 say(f"{frame.path}: {frame.problem}")
             else:
                 one_size.check(file, frame.image)
@@ -163,7 +157,7 @@ def run_clip(request: RunRequest) -> int:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)
-        found = calibrate_video(options.field, clip, network, camera=request.camera, parts=parts, **keywords)
+        found = calibrate_video(options.field, clip, network, camera=options.camera, parts=parts, **keywords)
         results.calibrating = time.perf_counter() - began
         results.notes = found.notes
         for note in found.notes:
@@ -194,8 +188,7 @@ def _write_frames(
                 continue
             calibration = options.placement(frame.image).from_frame(calibrations[readable])
             if index >= done:
-                line = calibration_line(frame.id, calibration, None) | {"basis": str(found.basis[readable])}
-                results.add(Outcome.of(calibration, line, keeps=options.keeps(calibration)))
+                results.add(options.outcome(frame.id, calibration, details={"basis": str(found.basis[readable])}))
             picture = options.drawn(frame.image, calibration)
             video.write(picture)
             if readable in worst:

@@ -54,6 +54,8 @@ def command_parser(arguments: Sequence[str]) -> Parser:
     for name, help in COMMANDS.items():
         command = commands.add_parser(name, help=help)
         if name == given:
-            import_module(f"fieldcalib.cli.{name}").add_arguments(command)
+            module = import_module(f"fieldcalib.cli.{name}")
+            module.add_arguments(command)
+            command.set_defaults(run=module.run, command=name)
             parser.chosen = command
     return parser

@@ -11,8 +11,10 @@ import numpy as np
 from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.console.arguments import ESTIMATED, image_size
+from fieldcalib.console.options import option
 from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.intrinsics import Intrinsics
 
 SQUARE = "square"
 LEAST_RATIO = 0.2  # of width and height: no picture is narrower
@@ -50,53 +52,39 @@ def aspect(text: str) -> str | float:
     return ratio
 
 
-def add_declarations(parser: argparse.ArgumentParser) -> None:
-    """--display-size or --aspect, and --crop-of."""
-    pixels = parser.add_mutually_exclusive_group()
-    pixels.add_argument(
-        "--display-size",
-        type=image_size,
-        metavar="WxH",
-        help="at which the pictures are shown, if their pixels are not square: 1920x1080 for a broadcast that was "
-        "squashed to 640x640 (that of the pictures)",
-    )
-    pixels.add_argument(
-        "--aspect",
-        type=aspect,
-        default=ESTIMATED,
-        metavar="estimated|square|W:H",
-        help="estimated: pictures of another shape than 16:9 were squashed from it where their lines say so (default); "
-        "square: their pixels are square; 16:9: they are shown like that",
-    )
-    parser.add_argument(
-        "--crop-of",
-        type=crop,
-        metavar="WxH+X+Y",
-        help="the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
-        "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
-    )
-
-
 @dataclass(frozen=True)
 class DeclaredPictures:
     """Options that say how pictures lie in whole frames with square pixels."""
 
-    display_size: tuple[int, int] | None
-    aspect: str | float
+    display_size: tuple[int, int] | None = option(
+        "at which the pictures are shown, if their pixels are not square: 1920x1080 for a broadcast that was squashed "
+        "to 640x640 (that of the pictures)",
+        exclusive="pixels",
+        type=image_size,
+        metavar="WxH",
+    )
+    aspect: str | float = option(
+        "estimated: pictures of another shape than 16:9 were squashed from it where their lines say so (default); "
+        "square: their pixels are square; 16:9: they are shown like that",
+        default=ESTIMATED,
+        exclusive="pixels",
+        type=aspect,
+        metavar="estimated|square|W:H",
+    )
     """`ESTIMATED`, `SQUARE`, or width / height as shown."""
-    crop_of: Crop | None
-    has_intrinsics: bool
-    """Whether the intrinsics of the camera are known."""
-
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> DeclaredPictures:
-        """Take the options of `add_declarations`, and --intrinsics."""
-        return cls(options.display_size, options.aspect, options.crop_of, options.intrinsics is not None)
+    crop_of: Crop | None = option(
+        "the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
+        "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
+        type=crop,
+        metavar="WxH+X+Y",
+    )
+    intrinsics: Intrinsics | None = None
+    """Known intrinsics of the camera."""
 
     @property
     def is_aspect_estimated(self) -> bool:
         """Whether nothing is declared that says how pixels are shown."""
-        nothing = self.display_size is None and self.crop_of is None and not self.has_intrinsics
+        nothing = self.display_size is None and self.crop_of is None and self.intrinsics is None
         return self.aspect == ESTIMATED and nothing
 
     @property

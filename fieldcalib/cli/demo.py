@@ -37,13 +37,12 @@ LEGEND = "dots: labelled pixels    magenta: the markings as calibrated from them
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
         "and write overlays. Needs no data and no network."
     )
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the pictures go")
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

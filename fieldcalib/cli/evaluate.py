@@ -11,27 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib import metrics
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_most_bytes, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
-from fieldcalib.metrics import (
-    THRESHOLDS,
-    Confusion,
-    Prediction,
-    SegmentEvaluation,
-    compound_score,
-    evaluate_segments,
-    iou_part,
-    iou_whole,
-    projection_error,
-)
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
 from fieldcalib.run_folder.annotated import name_skipped
-from fieldcalib.run_folder.options import add_processes
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.units import executor_of
@@ -45,7 +36,7 @@ RATIOS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Score cameras (camera_<id>.json in SoccerNet's format, or TVCalib's per_sample_output.json) or "
         "homographies (<id>.homographyMatrix, 1280x720 image to field in yards as in WC14) against annotated segments "
@@ -62,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--thresholds",
         type=_thresholds,
-        default=THRESHOLDS,
+        default=metrics.THRESHOLDS,
         metavar="PX,PX,...",
         help="of AC in pixels (5,10,20)",
     )
@@ -77,9 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sized_field(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    add_processes(parser)
+    add_options(parser, RunOptions, "jobs")
     add_most_bytes(parser)
-    parser.set_defaults(run=run)
 
 
 def _thresholds(text: str) -> tuple[float, ...]:
@@ -141,18 +131,18 @@ def _first_ids(frames: Mapping[str, Any]) -> str:
 
 
 def evaluate(
-    predictions: Mapping[str, Prediction],
+    predictions: Mapping[str, metrics.Prediction],
     truth: GroundTruth,
     size: tuple[int, int],
     *,
     field: Field | None = None,
-    thresholds: Sequence[float] = THRESHOLDS,
+    thresholds: Sequence[float] = metrics.THRESHOLDS,
     planar: bool = False,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
     """All metrics that the ground truth allows, as JSON: ratios in percent, the rest with its unit in the name."""
     ids = list(truth.annotations)
-    evaluation = evaluate_segments(
+    evaluation = metrics.evaluate_segments(
         [predictions.get(id) for id in ids],
         list(truth.annotations.values()),
         size,
@@ -170,7 +160,7 @@ def evaluate(
         "CR": _percent(evaluation.completeness),
         **{name: _percents(names, getattr(evaluation, value)) for name, value in RATIOS.items()},
     }
-    if evaluation.thresholds == THRESHOLDS:
+    if evaluation.thresholds == metrics.THRESHOLDS:
         report["CS"] = {kind: _compound_score(evaluation, kind, truth.share) for kind in ("printed", "tables")}
     report["segments"] = _per_segment(evaluation)
     compared = {id: (predictions[id], H) for id, H in truth.homographies.items() if id in predictions}
@@ -179,10 +169,10 @@ def evaluate(
     return report
 
 
-def _compound_score(evaluation: SegmentEvaluation, kind: CompoundScore, share: float) -> float | None:
+def _compound_score(evaluation: metrics.SegmentEvaluation, kind: CompoundScore, share: float) -> float | None:
     if not np.any(evaluation.found):
         return None
-    return _percent(compound_score(evaluation.accuracy, evaluation.completeness, kind, share=share))
+    return _percent(metrics.compound_score(evaluation.accuracy, evaluation.completeness, kind, share=share))
 
 
 def _percents(names: Sequence[str], values: Array) -> dict[str, float | None]:
@@ -194,7 +184,7 @@ def _percent(value: float) -> float | None:
     return None if np.isnan(value) else PERCENT * value
 
 
-def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
+def _per_segment(evaluation: metrics.SegmentEvaluation) -> dict[str, dict[str, Any]]:
     """AC of each label at each threshold over all frames, and its reprojection error in pixels.
 
     None where a label does not occur: which side's labels count may change with the threshold.
@@ -203,7 +193,7 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
     errors = evaluation.segment_errors()
     rows: dict[str, dict[str, Any]] = {}
     for label in evaluation.labels:
-        found = {t: confusions.get(label, Confusion(0, 0, 0)) for t, confusions in by_threshold.items()}
+        found = {t: confusions.get(label, metrics.Confusion(0, 0, 0)) for t, confusions in by_threshold.items()}
         if not any(label in confusions for confusions in by_threshold.values()):
             continue
         rows[label] = {
@@ -220,13 +210,15 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
 
 
 def _against_homographies(
-    pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int], field: Field | None
+    pairs: Sequence[tuple[metrics.Prediction, Array]], size: tuple[int, int], field: Field | None
 ) -> dict[str, Any]:
     """Overlaps and errors against homographies: means and medians over the frames."""
-    part = [PERCENT * iou_part(prediction, H, size, field=field) for prediction, H in pairs]
-    whole = [PERCENT * iou_whole(prediction, H, size, field=field) for prediction, H in pairs]
-    whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image", field=field) for prediction, H in pairs]
-    errors = [projection_error(prediction, H, size, field=field) for prediction, H in pairs]
+    part = [PERCENT * metrics.iou_part(prediction, H, size, field=field) for prediction, H in pairs]
+    whole = [PERCENT * metrics.iou_whole(prediction, H, size, field=field) for prediction, H in pairs]
+    whole_image = [
+        PERCENT * metrics.iou_whole(prediction, H, size, kind="image", field=field) for prediction, H in pairs
+    ]
+    errors = [metrics.projection_error(prediction, H, size, field=field) for prediction, H in pairs]
     metres = [error.mean for error in errors if np.isfinite(error.mean)]
     unseen = [PERCENT * error.unseen for error in errors if np.isfinite(error.unseen)]
     values = {"IoU_part": part, "IoU_whole": whole, "IoU_whole_image": whole_image, "projection_error_m": metres}

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from inspect import signature
 from pathlib import Path
+from typing import Any
 
 from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import folder_name, positive
-from fieldcalib.console.program import say
+from fieldcalib.console.options import add_options, given, option
+from fieldcalib.console.program import counted, say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -21,7 +25,6 @@ from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.results import Results, read_results
-from fieldcalib.run_folder.results import counted
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -34,14 +37,6 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "gsr": gamestate_files,
     "csv": table_files,
 }
-# Options of the command that are keywords of a format's function, and the formats that have them.
-OPTIONS = {
-    "image_names": ("colmap", "nerfstudio"),
-    "fps": ("blender",),
-    "sensor_width": ("blender", "freed"),
-    "sequence": ("gsr",),
-}
-WITH_LINES = ("csv", "tvcalib")  # formats that also use the lines of cameras.jsonl
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
@@ -49,8 +44,26 @@ LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
 }
 
 
+@dataclass(frozen=True)
+class FormatOptions:
+    """Options that are keywords of the functions of some formats."""
+
+    image_names: str | None = option(
+        f"of colmap and nerfstudio: names of the images, with <id> in it ({IMAGE_NAMES})", metavar="NAME"
+    )
+    fps: float | None = option("of blender: frames per second (25)", type=positive, metavar="N")
+    sensor_width: float | None = option(
+        "of blender and freed: width of the sensor, to which the focal length in mm refers (36)",
+        type=positive,
+        metavar="MM",
+    )
+    sequence: str | None = option(
+        "of gsr: prefix of image ids, the digit of the split and the number of the video, as 3116", metavar="DIGITS"
+    )
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = "Write the cameras that calibrate or run found in the format of another tool."
     parser.add_argument("folder", type=Path, metavar="DIR", help="what calibrate or run wrote")
     parser.add_argument("--format", required=True, choices=FORMATS, help="of the files")
@@ -60,36 +73,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep-rejected", action="store_true", help='also cameras whose verdict is "reject"; else these are gaps'
     )
-    parser.add_argument(
-        "--image-names",
-        metavar="NAME",
-        help=f"of colmap and nerfstudio: names of the images, with <id> in it ({IMAGE_NAMES})",
-    )
-    parser.add_argument("--fps", type=positive, metavar="N", help="of blender: frames per second (25)")
-    parser.add_argument(
-        "--sensor-width",
-        type=positive,
-        metavar="MM",
-        help="of blender and freed: width of the sensor, to which the focal length in mm refers (36)",
-    )
-    parser.add_argument(
-        "--sequence",
-        metavar="DIGITS",
-        help="of gsr: prefix of image ids, the digit of the split and the number of the video, as 3116",
-    )
-    parser.set_defaults(run=run)
+    add_options(parser, FormatOptions)
 
 
 def run(options: argparse.Namespace) -> int:
     """Export; returns the exit code."""
-    keywords: dict[str, object] = {name: value for name in OPTIONS if (value := getattr(options, name)) is not None}
-    _check_options(options.format, keywords)
+    function = FORMATS[options.format]
+    keywords = _keywords(options.format, given(FormatOptions, options))
     results = read_results(options.folder)
-    frames = _frames(results, options.folder, options.frames, keep_rejected=options.keep_rejected)
-    if options.format in WITH_LINES:
-        keywords["about"] = {line["id"]: line for line in results.lines}
+    lines = {line["id"]: line for line in results.lines}
+    frames = _frames(results, lines, options)
+    if "about" in signature(function).parameters:
+        keywords["about"] = lines
     try:
-        files = FORMATS[options.format](frames, **keywords)
+        files = function(frames, **keywords)
     except ValueError as error:
         raise ValueError(f"{options.folder}: {error}") from error
     base = options.folder if options.folder.is_dir() else options.folder.parent
@@ -99,24 +96,26 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check_options(format: str, given: Iterable[str]) -> None:
-    """Raise a ValueError if an option does not apply to the format."""
-    for name in given:
-        if format not in OPTIONS[name]:
-            raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {format}")
+def _keywords(format: str, options: FormatOptions) -> dict[str, Any]:
+    """The options that are given; a ValueError if one does not apply to the format."""
+    found = {name: value for name, value in asdict(options).items() if value is not None}
+    for name in found:
+        takers = [other for other, function in FORMATS.items() if name in signature(function).parameters]
+        if format not in takers:
+            raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(takers)}, not of {format}")
+    return found
 
 
-def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> FrameCameras:
+def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argparse.Namespace) -> FrameCameras:
     """The frames that are asked for, with the cameras that may be used."""
-    lines = {line["id"]: line for line in results.lines}
-    ids = list(lines) if chosen is None else list(dict.fromkeys(chosen))
+    ids = list(lines) if options.frames is None else list(dict.fromkeys(options.frames))
     unknown = [id for id in ids if id not in lines]
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
-        raise ValueError(f"{folder} has no frame {', '.join(unknown)}{known}")
+        raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
     cameras = {id: results[id].camera if id in results else None for id in ids}
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
-    if rejected and not keep_rejected:
+    if rejected and not options.keep_rejected:
         cameras |= dict.fromkeys(rejected)
         say(
             f'{counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '

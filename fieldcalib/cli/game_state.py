@@ -13,6 +13,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.console.arguments import image_size, number
+from fieldcalib.console.options import option, switch
 from fieldcalib.io.boxes import Box, open_boxes
 from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
@@ -21,22 +23,37 @@ from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 PLACES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "middle": (0.5, 0.5)}
 
 
+def _noise(text: str) -> float:
+    return number(text, lambda value: 0.0 <= value < np.inf, "a number of pixels, 0 or more")
+
+
 @dataclass(frozen=True)
 class Projection:
     """Boxes and cameras of a projection, and its options."""
 
     boxes: Path
     cameras: Cameras
-    system: str
-    """Name of the coordinate system of the points."""
-    size: tuple[int, int] | None
-    """Size of the images that boxes are in pixels of, None for the cameras' own."""
-    frame_offset: int | None
-    """Added to the numbers of frames; None if it is not given."""
-    box_noise: float
-    """Standard deviation of the foot point in pixels of the boxes."""
-    keep_rejected: bool
     most_bytes: float
+    system: str = option(
+        f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... "
+        f"({OWN_SYSTEMS[0]})",
+        name="--to",
+        default=OWN_SYSTEMS[0],
+        metavar="SYSTEM",
+    )
+    size: tuple[int, int] | None = option(
+        "of the images that boxes are in pixels of (as the cameras')", type=image_size, metavar="WxH"
+    )
+    frame_offset: int | None = option(
+        "added to the numbers of frames: -1 where boxes count from 1 and cameras from 0 (0)", type=int, metavar="N"
+    )
+    box_noise: float = option(
+        "standard deviation of the foot point in the image, pixels of the boxes (0: errors of the camera alone)",
+        default=0.0,
+        type=_noise,
+        metavar="PX",
+    )
+    keep_rejected: bool = switch('use cameras whose verdict is "reject" too')
 
     def calibration(self, frame: str) -> Calibration | None:
         """The calibration of a frame as the boxes call it."""

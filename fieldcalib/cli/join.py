@@ -11,10 +11,11 @@ from typing import Any
 
 from fieldcalib.cli.localize import localized_summary, write_all
 from fieldcalib.console.arguments import PARQUET, add_format, folder_name
+from fieldcalib.console.options import add_options
 from fieldcalib.io.files import parse_json_object
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
-from fieldcalib.run_folder.options import RunOptions, Shard, add_again
+from fieldcalib.run_folder.options import RunOptions, Shard
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
@@ -29,15 +30,14 @@ from fieldcalib.run_folder.results import (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Put the folders that runs with --shard 1/N to N/N wrote together into what one run would have written."
     )
     parser.add_argument("shards", nargs="+", type=Path, metavar="SHARD", help="the folders, in any order")
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
-    add_again(parser)
-    parser.set_defaults(run=run)
+    add_options(parser, RunOptions, "resume", "overwrite")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import LENSES, Default
+from fieldcalib.console.arguments import LENSES, Default, told_by
+from fieldcalib.console.options import option
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
@@ -20,56 +21,65 @@ SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole 
 OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
-def add_known_camera(parser: argparse.ArgumentParser) -> None:
-    """--intrinsics, --position and --rotation."""
-    parser.add_argument(
-        "--intrinsics",
-        type=_intrinsics,
-        metavar="FILE",
-        help="known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
-        "camera_<id>.json; of whole frames as shown, scaled to their size",
-    )
-    parser.add_argument(
-        "--position",
-        type=_position,
-        metavar="X,Y,Z",
-        help="known position of the camera in metres: from the centre mark, y towards the main stand, z down",
-    )
-    parser.add_argument(
-        "--rotation",
-        type=_rotation,
-        metavar="PAN,TILT,ROLL",
-        help="known rotation of the camera, degrees, as in camera_<id>.json",
-    )
+def _intrinsics(text: str) -> Intrinsics:
+    found = read_intrinsics(text)
+    try:
+        Camera(found.camera_matrix, np.eye(3), np.zeros(3), found.image_size or (1, 1), found.dist_coeffs)
+    except ValueError as error:
+        raise ValueError(f"{text}: {error}") from None
+    return found
+
+
+def _position(text: str) -> tuple[float, float, float]:
+    x, y, z = _three(text, "X,Y,Z in metres, as 0,62,-17")
+    if z >= 0.0:
+        raise argparse.ArgumentTypeError(f"z points down, so a camera that is 17 m up has z = -17; got {text!r}")
+    return x, y, z
+
+
+def _rotation(text: str) -> tuple[float, float, float]:
+    return _three(text, "PAN,TILT,ROLL in degrees, as 12,78,0")
+
+
+def _three(text: str, what: str) -> tuple[float, float, float]:
+    try:
+        first, second, third = (float(part) for part in text.split(","))
+        if np.all(np.isfinite((first, second, third))):
+            return first, second, third
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
 
 
 @dataclass(frozen=True)
 class KnownCamera:
     """Parameters of the camera that the user knows."""
 
-    intrinsics: Intrinsics | None
-    position: tuple[float, float, float] | None
-    rotation: tuple[float, float, float] | None
-    """Degrees."""
     lens: str
+    """Name of what is estimated of the lens, see `LENSES`."""
+    intrinsics: Intrinsics | None = option(
+        "known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
+        "camera_<id>.json; of whole frames as shown, scaled to their size",
+        type=told_by(_intrinsics),
+        metavar="FILE",
+    )
+    position: tuple[float, float, float] | None = option(
+        "known position of the camera in metres: from the centre mark, y towards the main stand, z down",
+        type=_position,
+        metavar="X,Y,Z",
+    )
+    rotation: tuple[float, float, float] | None = option(
+        "known rotation of the camera, degrees, as in camera_<id>.json", type=_rotation, metavar="PAN,TILT,ROLL"
+    )
 
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> KnownCamera:
-        """Take the options of `add_known_camera`, and --lens.
-
-        Raises
-        ------
-        ValueError
-            If they contradict each other, or leave nothing to estimate.
-        """
-        if options.intrinsics is not None and not isinstance(options.lens, Default):
+    def __post_init__(self) -> None:
+        """Raise a ValueError if the options contradict each other, or leave nothing to estimate."""
+        if self.intrinsics is not None and not isinstance(self.lens, Default):
             raise ValueError("--intrinsics says what the lens is: leave --lens out")
-        known = cls(options.intrinsics, options.position, options.rotation, options.lens)
-        if None not in (known.intrinsics, known.position, known.rotation):
+        if None not in (self.intrinsics, self.position, self.rotation):
             raise ValueError(
                 "--intrinsics, --position and --rotation together leave nothing to estimate: leave one out"
             )
-        return known
 
     @property
     def is_any(self) -> bool:
@@ -98,20 +108,11 @@ class KnownCamera:
         if not self.is_any:
             return NOTHING_GIVEN
         K, dist = (None, None) if self.intrinsics is None else _of_size(self.intrinsics, frame_size)
-        rvec = tvec = None
-        if self.rotation is not None:
-            rvec = _rvec(np.radians(self.rotation))
-        if self.position is not None:
-            rvec = np.zeros(3) if rvec is None else rvec
-            R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
-            tvec = -R @ self.position
-        return GivenCamera(K, dist, rvec, tvec)
-
-
-def _rvec(angles: Array) -> Array:
-    """OpenCV's rotation vector of pan, tilt and roll in radians."""
-    camera = Camera(np.eye(3), rotation_from_angles(angles), np.zeros(3), (1, 1))
-    return camera.to_opencv()[0].ravel()
+        if self.rotation is None and self.position is None:
+            return GivenCamera(K, dist, None, None)
+        R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
+        rvec, tvec, *_ = Camera(np.eye(3), R, self.position or np.zeros(3), (1, 1)).to_opencv()
+        return GivenCamera(K, dist, rvec.ravel(), None if self.position is None else tvec.ravel())
 
 
 def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Array]:
@@ -135,35 +136,3 @@ def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Arra
         )
     camera = Camera(intrinsics.camera_matrix, np.eye(3), np.zeros(3), own, intrinsics.dist_coeffs)
     return (camera if own == size else camera.scaled(size)).K, camera.dist[0]
-
-
-def _intrinsics(text: str) -> Intrinsics:
-    try:
-        found = read_intrinsics(text)
-        Camera(found.camera_matrix, np.eye(3), np.zeros(3), found.image_size or (1, 1), found.dist_coeffs)
-    except BrokenFileError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    except ValueError as error:  # of the camera
-        raise argparse.ArgumentTypeError(f"{text}: {error}") from None
-    return found
-
-
-def _position(text: str) -> tuple[float, float, float]:
-    x, y, z = _three(text, "X,Y,Z in metres, as 0,62,-17")
-    if z >= 0.0:
-        raise argparse.ArgumentTypeError(f"z points down, so a camera that is 17 m up has z = -17; got {text!r}")
-    return x, y, z
-
-
-def _rotation(text: str) -> tuple[float, float, float]:
-    return _three(text, "PAN,TILT,ROLL in degrees, as 12,78,0")
-
-
-def _three(text: str, what: str) -> tuple[float, float, float]:
-    try:
-        first, second, third = (float(part) for part in text.split(","))
-        if np.all(np.isfinite((first, second, third))):
-            return first, second, third
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")

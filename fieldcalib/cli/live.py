@@ -15,7 +15,6 @@ from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, say_note
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, open_camera_folder
 from fieldcalib.solve.given_camera import check_of_clip
@@ -62,9 +61,9 @@ def _check(request: RunRequest, stream: Stream) -> None:
     if request.run.resume:
         raise ValueError(f"--resume is of files: {stream} cannot be read again")
     for given, name in (
-        (request.camera != TRIPOD, "--camera"),
-        (request.clip, "--clip"),
-        (request.independent, "--independent"),
+        (request.calibration.camera != TRIPOD, "--camera"),
+        (request.calibration.clip, "--clip"),
+        (request.calibration.independent, "--independent"),
         (not request.calibration.refine, "--no-refinement"),
         (request.run.shard is not None, "--shard"),
     ):
@@ -81,6 +80,5 @@ def _add(
     placement = options.placement(frame.image)
     calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
     results.calibrating += time.perf_counter() - start
-    line = calibration_line(frame.id, calibration, None) | {"basis": str(tracker.basis)}
-    results.add(Outcome.of(calibration, line, keeps=options.keeps(calibration)))
+    results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
     video.write(options.drawn(frame.image, calibration))

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib.console.arguments import add_labels, add_limits, folder_name
+from fieldcalib.console.arguments import add_labels, folder_name
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, add_network, load_network, network_in_process
+from fieldcalib.console.network import NetworkOptions, load_network
+from fieldcalib.console.options import add_options, given
+from fieldcalib.console.program import counted
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import FrameFile, write_text
@@ -30,10 +32,10 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import check_labels
 from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, counted, finish, open_run_folder
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
@@ -44,7 +46,7 @@ ONE_FILE_NAME = Path(LOCALIZED).stem  # name of that file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
         "label -> normalised points), or as those of other tools, to be corrected there. fieldcalib calibrate reads "
@@ -61,10 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"({SOCCERNET})",
     )
     add_labels(parser)
-    add_network(parser)
-    add_limits(parser)
-    add_jobs(parser)
-    parser.set_defaults(run=run, command="localize")
+    add_options(parser, NetworkOptions)
+    add_options(parser, ReadImage)
+    add_options(parser, RunOptions)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -75,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
     run, network_options = RunOptions.of(options), NetworkOptions.of(options)
     labels, field, format = options.labels or {}, network_options.field, options.format
     check_labels(labels, field)
-    read = ReadImage(options.most_bytes, options.most_pixels)
+    read = given(ReadImage, options)
     names = names_of(labels, field)  # a ValueError if that cannot be
     method = ImageLocalizer(network_options, read, names, format, run.out, load_network(network_options))
     with opened(options.input, options.most_pixels) as source:
@@ -137,10 +138,6 @@ class ImageLocalizer:
     format: str
     out: Path
     network: Network
-    """Other processes load their own."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _in_process, (self.network_options, self.read, self.names, self.format, self.out)
 
     def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the images and find the markings."""
@@ -184,9 +181,3 @@ def _relative_path(folder: Path, image: Path) -> str:
         return Path(os.path.relpath(image, folder)).as_posix()
     except ValueError:  # another drive
         return str(image.absolute())
-
-
-def _in_process(
-    options: NetworkOptions, read: ReadImage, names: Mapping[str, str], format: str, out: Path
-) -> ImageLocalizer:
-    return ImageLocalizer(options, read, names, format, out, network_in_process(options))

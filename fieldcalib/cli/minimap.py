@@ -7,21 +7,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.players import PlayersOnMaps, add_players
+from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
+from fieldcalib.console.options import add_options, given
+from fieldcalib.console.program import counted
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
-from fieldcalib.run_folder.results import counted
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Maps of the field, one for each frame: the ground that the camera sees, its position, and players with their "
         "trails."
@@ -37,14 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help=f"a video ({VIDEO}), a picture of a single frame ({PICTURE}), or a folder for minimap_<id>{PICTURE}",
     )
-    add_players(parser)
+    add_options(parser, PlayerOptions)
     parser.add_argument(
         "--size", type=image_size, default=SIZE, metavar="WxH", help=f"of the maps, pixels ({SIZE[0]}x{SIZE[1]})"
     )
     parser.add_argument(
         "--frames-per-second", type=positive, default=DEFAULT_RATE, metavar="R", help=f"of the video ({DEFAULT_RATE:g})"
     )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -54,8 +54,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.out}: expected a name that ends with {VIDEO} or {PICTURE}, or a folder")
     cameras = Cameras(options.cameras)
     field = field_of(cameras)
-    players = PlayersOnMaps.from_options(options, cameras, field)
-    ids = cameras.ids if players is None else players.ids
+    players = PlayersOnMaps(options.players, cameras, field, given(PlayerOptions, options))
+    ids = players.ids
     if suffix == PICTURE and len(ids) > 1:
         raise ValueError(f"{options.out} is one picture, and there are {len(ids)} frames: give a folder or {VIDEO}")
 
@@ -63,11 +63,8 @@ def run(options: argparse.Namespace) -> int:
         for id in ids:
             found = cameras.of(id)
             camera = found.camera if found is not None and found.accepted else None
-            if players is None:
-                yield id, draw_minimap(camera, field, size=options.size)
-            else:
-                points, colours, trails = players.of(id)
-                yield id, draw_minimap(camera, field, size=options.size, points=points, colours=colours, trails=trails)
+            points, colours, trails = players.of(id)
+            yield id, draw_minimap(camera, field, size=options.size, points=points, colours=colours, trails=trails)
 
     if suffix == VIDEO:
         with VideoWriter(options.out, options.frames_per_second) as video:
@@ -80,6 +77,6 @@ def run(options: argparse.Namespace) -> int:
         for id, picture in maps():
             write_image(options.out if suffix == PICTURE else options.out / f"minimap_{id}{PICTURE}", picture)
     print(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
-    if players is not None and players.legend:
+    if players.legend:
         print(players.legend)
     return 0

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
@@ -13,9 +13,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import count
+from fieldcalib.console.options import option
 from fieldcalib.draw.ground import Colour
 from fieldcalib.fields.field import Field
-from fieldcalib.io.players import Player, read_players
+from fieldcalib.io.players import Player, Players, read_players
 
 COLOURS: Mapping[str, Colour] = MappingProxyType(
     {
@@ -35,23 +36,16 @@ SYNONYMS = {"purple": "violet"}
 ONE, NO_GROUP = "red", (150, 150, 150)  # colours where there are no groups, and of players without one
 
 
-def add_players(parser: argparse.ArgumentParser) -> None:
-    """--trails, --colour-by and --frame-offset, for commands that draw players."""
-    parser.add_argument(
-        "--trails", type=count, default=0, metavar="N", help="draw where each player came from, over N frames (none)"
-    )
-    parser.add_argument(
-        "--colour-by",
+@dataclass(frozen=True)
+class PlayerOptions:
+    """Options of commands that draw players."""
+
+    trails: int = option("draw where each player came from, over N frames (none)", default=0, type=count, metavar="N")
+    colour_by: str | None = option(
+        "of the table, whose values get colours: team, class, id (the first there is of team, class, role)",
         metavar="COLUMN",
-        help="of the table, whose values get colours: team, class, id (the first there is of team, class, role)",
     )
-    parser.add_argument(
-        "--frame-offset",
-        type=int,
-        default=0,
-        metavar="N",
-        help="added to the numbers of frames, as of project (0)",
-    )
+    frame_offset: int = option("added to the numbers of frames, as of project (0)", default=0, type=int, metavar="N")
 
 
 class PlayersOnMaps:
@@ -59,16 +53,11 @@ class PlayersOnMaps:
 
     Parameters
     ----------
-    path : Path
-        What `project` wrote.
+    path : Path or None
+        What `project` wrote; None for no players.
     cameras : Cameras
     field : Field
-    colour_by : str or None
-        Column whose values get colours, None to choose one.
-    trails : int
-        Number of frames that trails go back.
-    frame_offset : int
-        Added to the numbers of frames.
+    options : PlayerOptions
 
     Raises
     ------
@@ -76,17 +65,19 @@ class PlayersOnMaps:
         If no frame is among the results, there are no tracks for trails, or most players are off the field.
     """
 
-    def __init__(
-        self, path: Path, cameras: Cameras, field: Field, colour_by: str | None, trails: int, frame_offset: int
-    ) -> None:
-        self._table = read_players(path, colour_by)
-        self._count = trails
-        if self._count and self._table.track_column is None:
-            raise ValueError(f"{path} has no column track_id, tracker_id or id: --trails needs one")
+    def __init__(self, path: Path | None, cameras: Cameras, field: Field, options: PlayerOptions) -> None:
         self._order = {id: index for index, id in enumerate(cameras.ids)}
         self._at: dict[int, list[Player]] = {}
+        self._count = options.trails
+        if path is None:
+            self._table = Players({}, None, None)
+            self._colours: dict[str, str] = {}
+            return
+        self._table = read_players(path, options.colour_by)
+        if self._count and self._table.track_column is None:
+            raise ValueError(f"{path} has no column track_id, tracker_id or id: --trails needs one")
         for frame, players in self._table.frames.items():
-            id = cameras.id_of(frame, frame_offset)
+            id = cameras.id_of(frame, options.frame_offset)
             if id is not None:
                 self._at.setdefault(self._order[id], []).extend(players)
         if not self._at:
@@ -95,25 +86,18 @@ class PlayersOnMaps:
         _check_on_field(self._table.X, field, path)
         self._colours = colours_of(self._table.groups)
 
-    @classmethod
-    def from_options(cls, options: argparse.Namespace, cameras: Cameras, field: Field) -> PlayersOnMaps | None:
-        """Take the options of `add_players`; None if no table of players is given."""
-        if options.players is None:
-            return None
-        return cls(options.players, cameras, field, options.colour_by, options.trails, options.frame_offset)
-
     @property
     def ids(self) -> list[str]:
-        """The frames of the results from the first to the last one with players."""
+        """The frames of the results from the first to the last one with players; all if no players are given."""
         ids = list(self._order)
-        return ids[min(self._at) : max(self._at) + 1]
+        return ids[min(self._at) : max(self._at) + 1] if self._at else ids
 
     def of(self, id: str) -> tuple[Array, list[Colour], list[Array]]:
         """Points (N, 2) of the players in a frame, their colours, and their trails; NaN where there is no point."""
         place = self._order[id]
         players = self._at.get(place, [])
         points = np.array([player.X for player in players]).reshape(-1, 2)
-        colours = [self._colour(player) for player in players]
+        colours = [self._colour(player) for player in players] or [COLOURS[ONE]]  # nobody needs it, but drawing does
         if not self._count:
             return points, colours, []
         past = [

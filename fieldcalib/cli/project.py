@@ -20,12 +20,13 @@ from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
-from fieldcalib.console.arguments import add_most_bytes, add_size, number
+from fieldcalib.console.arguments import add_most_bytes
+from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import say
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
-from fieldcalib.io.coordinates import OWN_SYSTEMS, check_system, scale_of_system, to_system
+from fieldcalib.io.coordinates import check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.images import in_parts
 from fieldcalib.io.players import POINT, SYSTEM
@@ -42,7 +43,7 @@ ROWS_AT_ONCE = 10_000  # of a frame
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = "Boxes of players to points on the field, with their standard deviations, as a table."
     parser.add_argument(
         "boxes", type=Path, metavar="BOXES", help="a table (CSV), a file of MOTChallenge, or game state JSON"
@@ -55,51 +56,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="the table with the points, CSV; of game state JSON also .json, with bbox_pitch",
     )
-    parser.add_argument(
-        "--to",
-        default=OWN_SYSTEMS[0],
-        metavar="SYSTEM",
-        help=f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... "
-        f"({OWN_SYSTEMS[0]})",
-    )
-    add_size(parser, "of the images that boxes are in pixels of (as the cameras')")
-    parser.add_argument(
-        "--frame-offset",
-        type=int,
-        metavar="N",
-        help="added to the numbers of frames: -1 where boxes count from 1 and cameras from 0 (0)",
-    )
-    parser.add_argument(
-        "--box-noise",
-        type=_noise,
-        default=0.0,
-        metavar="PX",
-        help="standard deviation of the foot point in the image, pixels of the boxes (0: errors of the camera alone)",
-    )
-    parser.add_argument("--keep-rejected", action="store_true", help='use cameras whose verdict is "reject" too')
+    add_options(parser, Projection)
     add_most_bytes(parser, files="files of JSON")
-    parser.set_defaults(run=run)
-
-
-def _noise(text: str) -> float:
-    return number(text, lambda value: 0.0 <= value < np.inf, "a number of pixels, 0 or more")
 
 
 def run(options: argparse.Namespace) -> int:
     """Project; returns the exit code."""
-    check_system(options.to, soccer())
+    check_system(options.system, soccer())
     if options.out.exists() and options.out.samefile(options.boxes):
         raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
-    projection = Projection(
-        options.boxes,
-        Cameras(options.cameras),
-        options.to,
-        options.size,
-        options.frame_offset,
-        options.box_noise,
-        options.keep_rejected,
-        options.most_bytes,
-    )
+    projection = given(Projection, options, cameras=Cameras(options.cameras))
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
         print(f"{count} boxes in {options.out}, {placed} on the pitch")

@@ -9,25 +9,24 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import get_args
 
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.clips import run_clip
-from fieldcalib.cli.declared import add_declarations
-from fieldcalib.cli.known_camera import add_known_camera
+from fieldcalib.cli.declared import DeclaredPictures
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.live import run_stream
-from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest, split_request
+from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
-from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, add_limits, folder_name
+from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import add_network, add_refinement, load_network, network_in_process
+from fieldcalib.console.network import NetworkOptions, load_network
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import Mount
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
@@ -35,12 +34,12 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, outcomes_of, say_note
-from fieldcalib.run_folder.options import add_jobs
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
-from fieldcalib.run_folder.units import UnitResult, joined, work
+from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
 
 SAMPLE = 40  # images of one field from which its size is estimated
@@ -48,7 +47,7 @@ ROUNDS = 2  # of calibrating these images and estimating the size
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
         "its image; the frames of a video are calibrated together. Writes camera_<id>.json in SoccerNet's format, "
@@ -70,49 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_format(parser)
     add_cut(parser)
-    add_network(parser)
-    add_declarations(parser)
+    add_options(parser, NetworkOptions)
+    add_options(parser, DeclaredPictures)
     add_field(parser, ESTIMATED)
     add_camera(parser)
-    add_known_camera(parser)
-    add_refinement(parser)
-    _add_clip(parser)
-    _add_drawing(parser)
-    add_limits(parser)
-    add_jobs(parser)
-    parser.set_defaults(run=run, command="run")
-
-
-def _add_clip(parser: argparse.ArgumentParser) -> None:
-    """--clip, --independent and --camera."""
-    together = parser.add_mutually_exclusive_group()
-    together.add_argument(
-        "--clip", action="store_true", help="the images are a clip, in the order of the numbers in their names"
-    )
-    together.add_argument(
-        "--independent",
-        action="store_true",
-        help="calibrate each frame of a video by itself, as --no-refinement does too",
-    )
-    parser.add_argument(
-        "--camera",
-        choices=get_args(Mount),
-        default=TRIPOD,
-        help="what a clip is taken by: one on a tripod, whose place is fixed (default), or a drone, one on wires or a "
-        "hand, whose path is smooth",
-    )
-
-
-def _add_drawing(parser: argparse.ArgumentParser) -> None:
-    """--keep-rejected and --show-paint."""
-    parser.add_argument(
-        "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
-    )
-    parser.add_argument(
-        "--show-paint",
-        action="store_true",
-        help="draw markings that lie beside their paint in orange, and those without any in grey",
-    )
+    add_options(parser, KnownCamera)
+    add_options(parser, CalibrationOptions)
+    add_options(parser, ReadImage)
+    add_options(parser, RunOptions)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -154,8 +118,9 @@ def _run_one_by_one(request: RunRequest) -> int:
                 work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             else:
                 _run_video(request, results, source, method)
-        is_cut = frames_lost(source)
-    return 1 if is_cut else results.exit_code
+        if loss := source.loss():
+            say(loss)
+    return 1 if loss else results.exit_code
 
 
 def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:
@@ -184,10 +149,6 @@ class ImageCalibrator:
 
     options: CalibrationOptions
     network: Network
-    """Other processes load their own."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _in_process, (self.options,)
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""
@@ -214,10 +175,8 @@ class ImageCalibrator:
         """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
         images = [image for image in (self.options.read(file).image for file in some) if image is not None]
-        by_size: dict[tuple[int, ...], list[Image]] = {}
-        for image in images:
-            by_size.setdefault(image.shape, []).append(self.options.placement(image).image_in_frame(image))
-        alike = max(by_size.values(), key=len, default=[])
+        alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
+        alike = [self.options.placement(image).image_in_frame(image) for image in alike]
         given = self.options.field
         shown = shared_field(given, [])
         for _ in range(ROUNDS - 1 if alike else 0):
@@ -228,30 +187,22 @@ class ImageCalibrator:
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
-        by_size: dict[tuple[int, int], list[int]] = {}
-        for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
-            size = size_of(image) if self.options.known.intrinsics is not None else (0, 0)
-            by_size.setdefault(size, []).append(index)
-        found: dict[int, Calibration] = {}
-        for size, members in by_size.items():
-            of_size = [images[index] for index in members]
-            keywords = self.options.keywords(size)
-            calibrations = calibrate_from_images(field, of_size, self.network, refine=self.options.refine, **keywords)
-            found.update(zip(members, calibrations, strict=True))
-        declared = self.options.pictures.declared
-        return [replace(found[index], declared=declared) for index in range(len(images))]
+        options = self.options
+
+        def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
+            return calibrate_from_images(field, some, self.network, refine=options.refine, **options.keywords(size))
+
+        # known intrinsics are of one size, nothing else depends on it
+        is_known = options.known.intrinsics is not None
+        found = in_groups(images, lambda image: size_of(image) if is_known else (0, 0), of_size)
+        return [replace(one, declared=options.pictures.declared) for one in found]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.options.drawn(image, calibration)
         if frame.line:
             return Outcome(json.loads(frame.line), picture=picture, is_written=True)
-        line = calibration_line(frame.id, calibration, None)
-        keeps = self.options.keeps(calibration)
         if frame.is_of_video:
-            return Outcome.of(calibration, line, keeps=keeps, picture=picture)
-        files = {OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
-        return Outcome.of(calibration, line, keeps=keeps, files=files)
-
-
-def _in_process(options: CalibrationOptions) -> ImageCalibrator:
-    return ImageCalibrator(options, network_in_process(options.network))
+            return self.options.outcome(frame.id, calibration, picture=picture)
+        return self.options.outcome(
+            frame.id, calibration, files={OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
+        )

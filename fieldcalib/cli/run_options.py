@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
@@ -16,6 +16,7 @@ from fieldcalib.console.arguments import ESTIMATED, cut_of
 from fieldcalib.console.field_options import field_of, prior_of
 from fieldcalib.console.inputs import Input
 from fieldcalib.console.network import NetworkOptions
+from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_video import Mount
@@ -26,6 +27,7 @@ from fieldcalib.io.images import check_pixels
 from fieldcalib.io.streams import Stream
 from fieldcalib.run_folder.images import ReadImage
 from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.solve.options import Prior
 
 IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos
@@ -43,11 +45,26 @@ class CalibrationOptions:
     network: NetworkOptions
     most_bytes: float
     most_pixels: float
-    refine: bool
     estimate_size: bool
     """Whether the size of the field is estimated."""
-    keep_rejected: bool
-    show_paint: bool
+    refine: bool = option(
+        "do not look for the white lines in the image: quicker, and less exact",
+        name="--no-refinement",
+        default=True,
+        action="store_false",
+    )
+    clip: bool = switch("the images are a clip, in the order of the numbers in their names", exclusive="together")
+    independent: bool = switch(
+        "calibrate each frame of a video by itself, as --no-refinement does too", exclusive="together"
+    )
+    camera: Mount = option(
+        "what a clip is taken by: one on a tripod, whose place is fixed (default), or a drone, one on wires or a hand, "
+        "whose path is smooth",
+        default=TRIPOD,
+        choices=get_args(Mount),
+    )
+    keep_rejected: bool = switch("write the best camera of every frame, whatever the verdict says")
+    show_paint: bool = switch("draw markings that lie beside their paint in orange, and those without any in grey")
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> CalibrationOptions:
@@ -58,19 +75,15 @@ class CalibrationOptions:
         ValueError
             If options contradict each other.
         """
-        prior = prior_of(options)
-        return cls(
-            field_of(options),
-            prior,
-            KnownCamera.of(options),
-            DeclaredPictures.of(options),
-            NetworkOptions.of(options),
-            options.most_bytes,
-            options.most_pixels,
-            options.refine,
-            options.field_size == ESTIMATED,
-            options.keep_rejected,
-            options.show_paint,
+        return given(
+            cls,
+            options,
+            field=field_of(options),
+            prior=prior_of(options),
+            known=given(KnownCamera, options),
+            pictures=given(DeclaredPictures, options),
+            network=NetworkOptions.of(options),
+            estimate_size=options.field_size == ESTIMATED,
         )
 
     @property
@@ -96,9 +109,9 @@ class CalibrationOptions:
             "estimate_size": self.estimate_size,
         }
 
-    def keeps(self, calibration: Calibration) -> bool:
-        """Whether a camera is written."""
-        return self.keep_rejected or bool(calibration)
+    def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
+        """The outcome of a frame; `more` are keywords of `Outcome.of`."""
+        return Outcome.of(id, calibration, keeps=self.keep_rejected or bool(calibration), **more)
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         """An overlay of a calibration on its image."""
@@ -113,11 +126,6 @@ class RunRequest:
     cut: Cut
     run: RunOptions
     calibration: CalibrationOptions
-    clip: bool
-    """Whether images are a clip."""
-    independent: bool
-    """Whether the frames of a video are calibrated one by one."""
-    camera: Mount
     same_field: bool
     """Whether all images show one field."""
 
@@ -130,16 +138,8 @@ class RunRequest:
         ValueError
             If they contradict each other.
         """
-        return cls(
-            options.input,
-            cut_of(options),
-            RunOptions.of(options),
-            CalibrationOptions.of(options),
-            options.clip,
-            options.independent,
-            options.camera,
-            options.same_field,
-        )
+        run, calibration = RunOptions.of(options), CalibrationOptions.of(options)
+        return given(cls, options, cut=cut_of(options), run=run, calibration=calibration)
 
     @property
     def path(self) -> Path:
@@ -164,11 +164,12 @@ class RunRequest:
     @property
     def is_clip(self) -> bool:
         """Whether frames are calibrated together: those of a video by default, images with --clip."""
-        return self.clip or (self.is_video and not self.independent and self.calibration.refine)
+        options = self.calibration
+        return options.clip or (self.is_video and not options.independent and options.refine)
 
     def check(self) -> None:
         """Raise a ValueError if options do not fit the input."""
-        if self.camera != TRIPOD and not self.is_clip:
+        if self.calibration.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
         if self.same_field and (not self.calibration.estimate_size or self.is_video):
             raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")

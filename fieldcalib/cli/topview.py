@@ -11,9 +11,11 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.players import PlayersOnMaps, add_players
+from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import add_most_bytes, positive
 from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.options import add_options, given
+from fieldcalib.console.program import counted
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
@@ -22,7 +24,6 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.run_folder.results import counted
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
@@ -33,7 +34,7 @@ Item = TypeVar("Item")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "The field as seen from above, from an image, or from many images of one field or a video: then the median of "
         "what they show at each place, from which most players are gone."
@@ -56,9 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="the table of project: draws the players, of the last frame that is shown",
     )
-    add_players(parser)
+    add_options(parser, PlayerOptions)
     add_most_bytes(parser)
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
     cameras = Cameras(options.cameras)
     field = field_of(cameras)
-    players = PlayersOnMaps.from_options(options, cameras, field)
+    players = PlayersOnMaps(options.players, cameras, field, given(PlayerOptions, options))
     overhead = overhead_camera(field, options.metres_per_pixel, options.margin)
     width, height = overhead.image_size
     most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
@@ -75,13 +75,11 @@ def run(options: argparse.Namespace) -> int:
     picture, seen = mosaic(Views(options.input, cameras, most, options.most_bytes, shown), overhead)
     lines = draw_field(picture, overhead, field, colour=LINE_COLOUR, thickness=1)
     picture = np.where(seen[..., None], picture, lines)
-    if players is not None:
-        points, colours, trails = players.of(shown[-1])
-        picture = draw_players(picture, overhead, points, colours=colours, trails=trails)
-    write_image(options.out, picture)
+    points, colours, trails = players.of(shown[-1])
+    write_image(options.out, draw_players(picture, overhead, points, colours=colours, trails=trails))
     share = f"{100.0 * seen.mean():.0f} % of the picture seen"
     print(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
-    if players is not None and players.legend:
+    if players.legend:
         print(players.legend)
     return 0
 

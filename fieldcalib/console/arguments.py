@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,9 +12,10 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
-from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
+
+T = TypeVar("T")
 
 _F = CalibrationFlags
 LENSES = {
@@ -32,7 +34,6 @@ class Default(str):
 USUAL_LENS = Default("k1")
 NO_PRIOR = "none"
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
-MOST_BYTES_OF_IMAGE = 256_000_000
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
@@ -87,12 +88,16 @@ def image_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def labels(text: str) -> dict[str, str | None]:
-    """Read a file that maps labels, for argparse."""
-    try:
-        return read_labels(Path(text))
-    except (ValueError, ImportError) as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+def told_by(parse: Callable[[str], T]) -> Callable[[str], T]:
+    """Make a type for argparse whose error messages are those of `parse`."""
+
+    def parsed(text: str) -> T:
+        try:
+            return parse(text)
+        except (ValueError, ImportError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
 
 
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
@@ -115,7 +120,7 @@ def add_labels(parser: argparse.ArgumentParser) -> None:
     """--labels."""
     parser.add_argument(
         "--labels",
-        type=labels,
+        type=told_by(read_labels),
         metavar="FILE",
         help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
     )
@@ -125,7 +130,7 @@ def add_format(parser: argparse.ArgumentParser) -> None:
     """--format."""
     parser.add_argument(
         "--format",
-        type=_format,
+        type=told_by(_format),
         choices=(JSON_LINES, PARQUET),
         default=JSON_LINES,
         help=f"of the lines of all frames: cameras.jsonl, or at the end a table, cameras.parquet ({JSON_LINES})",
@@ -134,27 +139,16 @@ def add_format(parser: argparse.ArgumentParser) -> None:
 
 def _format(text: str) -> str:
     if text == PARQUET:
-        try:
-            imported_pyarrow()
-        except ImportError as error:  # before the work
-            raise argparse.ArgumentTypeError(str(error)) from None
+        imported_pyarrow()  # an ImportError before the work, not after it
     return text
 
 
 def add_cut(parser: argparse.ArgumentParser) -> None:
     """--start, --end and --step."""
-    where = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f"
+    where, position = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f", told_by(Position.parse)
     parser.add_argument("--start", type=position, metavar="T", help=f"first frame: {where}")
     parser.add_argument("--end", type=position, metavar="T", help="the frame after the last one, as --start")
     parser.add_argument("--step", type=count, default=1, metavar="N", help="take every N-th frame (1)")
-
-
-def position(text: str) -> Position:
-    """A time or a frame, for argparse."""
-    try:
-        return Position.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def cut_of(options: argparse.Namespace) -> Cut:
@@ -162,15 +156,15 @@ def cut_of(options: argparse.Namespace) -> Cut:
     return Cut(options.start or Position(frame=0), options.end, options.step)
 
 
-def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:
+def add_most_bytes(parser: argparse.ArgumentParser, files: str = "files") -> None:
     """--max-megabytes, the limit for files that are read into memory as a whole."""
     parser.add_argument(
         "--max-megabytes",
         dest="most_bytes",
         type=millions,
-        default=most,
+        default=MOST_BYTES,
         metavar="N",
-        help=f"larger {files} are broken, unpacked if they lie in a zip ({most / 1e6:g})",
+        help=f"larger {files} are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
     )
 
 
@@ -189,17 +183,4 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         f"call for ({USUAL_LENS})",
-    )
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """--max-megabytes and --max-megapixels."""
-    add_most_bytes(parser, MOST_BYTES_OF_IMAGE, "image files")
-    parser.add_argument(
-        "--max-megapixels",
-        dest="most_pixels",
-        type=millions,
-        default=MOST_PIXELS,
-        metavar="N",
-        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
     )

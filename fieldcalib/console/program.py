@@ -25,6 +25,17 @@ def say(message: str) -> None:
     print(f"fieldcalib: {message}", file=sys.stderr, flush=True)
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "frame"), counted(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def run_command(options: argparse.Namespace) -> int:
     """Run what a parser chose, ``options.run``; returns the exit code, see `exit_code`."""
     return exit_code(partial(options.run, options))

@@ -61,7 +61,7 @@ def draw_minimap(
     Raises
     ------
     ValueError
-        If `field` is no `Field`, points or trails have another shape, or there are more of them than colours.
+        If `field` is not a `Field`, points or trails have another shape, or there are more of them than colours.
 
     Examples
     --------

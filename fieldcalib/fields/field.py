@@ -76,8 +76,8 @@ class Field(Mapping[str, Segment]):
     farthest_camera : float
         Distance from the origin beyond which no camera stands, metres.
     scale : float
-        Size of what is usually in view, metres: the unit of the solver's steps, and of `tolerance`. By default 0.32 of
-        the diagonal.
+        Size of the part that is usually in view, metres: the unit of the solver's steps, and of `tolerance`. By default
+        0.32 of the diagonal.
     lines : LineLook
         How the lines look in images.
     paint : mapping of str to Paint
@@ -363,7 +363,7 @@ class Field(Mapping[str, Segment]):
         return replace(self, segments={**self.segments, **names})
 
     def resized(self, length: float, width: float) -> Field:
-        """The same kind of field in another size.
+        """The field in another size.
 
         Raises
         ------

@@ -110,7 +110,7 @@ def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
     Parameters
     ----------
     scale : float
-        Size of what is in view, metres; 40 for a soccer field.
+        Size of the part in view, metres; 40 for a soccer field.
     """
 
     def scaled(range: tuple[float, float]) -> tuple[float, float]:

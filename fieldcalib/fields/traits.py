@@ -54,7 +54,7 @@ class LineLook:
     lighter: bool = True
     """Whether they are lighter than the ground on both sides, else they are darker."""
     contrast: float = 3.0
-    """Least difference in brightness to what is on both sides, on the ground."""
+    """Least difference in brightness to both sides of a line, on the ground."""
     contrast_raised: float = 12.0
     """Least difference above the ground, of posts and crossbars, whose background varies."""
     ground_difference: float = 0.05

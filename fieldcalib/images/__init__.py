@@ -1,4 +1,4 @@
-"""From images to cameras: line profiles, refinement on the image, hypotheses; matches between frames."""
+"""Cameras from images: line profiles, refinement on the image, hypotheses; matches between frames."""
 
 from fieldcalib._modules import lazy_modules
 

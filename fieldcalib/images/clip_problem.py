@@ -28,7 +28,7 @@ Cells = tuple[Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class ClipOptions:
-    """How the frames of a clip are calibrated."""
+    """Options for the calibration of a clip."""
 
     object_segments: ObjectSegments
     flags: int = DEFAULT_FLAGS
@@ -54,7 +54,7 @@ class ClipOptions:
         return calibrate_alone(ImageTask(self.task, network), images)
 
     def not_sharing(self, name: str) -> ClipOptions:
-        """These options without one of the names in `shared`."""
+        """The options without one of the names in `shared`."""
         return replace(self, shared=tuple(one for one in self.shared if one != name))
 
     @property

@@ -129,7 +129,7 @@ def bright_frames(images: Iterable[Image]) -> list[Image]:
 
 
 def common_borders(images: Sequence[Image]) -> Placement:
-    """Where the frames lie between the black borders that all of some pictures have.
+    """Placement of the frames between the black borders that all of some pictures have.
 
     Examples
     --------
@@ -249,7 +249,7 @@ class LiveShape:
 
     @property
     def _placement(self) -> Placement:
-        """Where frames lie between the borders."""
+        """Placement of the frames between the borders."""
         return within_borders(self._size, self._border)
 
     def _estimated(self) -> Shape | None:

@@ -1,4 +1,4 @@
-"""A frame prepared for matching: reduced, grey, with its corners and descriptors; and how alike two frames are.
+"""A frame prepared for matching: reduced, grey, with its corners and descriptors; and the similarity of two frames.
 
 Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines, corners
 were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480. Clips of
@@ -192,7 +192,7 @@ class View:
 
 
 def likeness(first: View, second: View, H: Array) -> float:
-    """How much of the contrast of either picture is in the other, once the first is moved by H (in full size).
+    """Share of the contrast of either picture that is in the other, once the first is moved by H (in full size).
 
     It is the covariance over the larger variance in each block, and the median over the half of the blocks with more
     contrast, since players and boards change some blocks only. Graphics, which are the same in place and not once

@@ -29,8 +29,8 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import checked_frame
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.size_from_labels import with_size_from_labels
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.told_size import on_told_size
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
@@ -179,12 +179,12 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Pi
             second = _verified(how, markings, count * [image], count * [part], others, least_support)
             best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
         if how.estimate_size and how.refine and how.task.given.is_empty:
-            best = _on_told_size(how, image, part, best)
+            best = _with_size_from_labels(how, image, part, best)
         calibrations.append(best)
     return calibrations
 
 
-def _on_told_size(how: ImageTask, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
+def _with_size_from_labels(how: ImageTask, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
     """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
     seen: list[Refined] = []
 
@@ -193,7 +193,7 @@ def _on_told_size(how: ImageTask, image: Image, found: PixelTable, calibration: 
         seen.append(_on_another_field(replace(how.task, object_segments=field), image, found, calibration, start))
         return seen[0].calibration
 
-    sized = on_told_size(calibration, again)
+    sized = with_size_from_labels(calibration, again)
     if sized is calibration or sized.field is None:
         return calibration
     how = replace(how, task=replace(how.task, object_segments=sized.field))

@@ -1,4 +1,4 @@
-"""From a video to cameras, in stages. Each is a function from one frozen value to the next:
+"""Calibration of a video in stages. Each is a function from one frozen value to the next:
 
     frames                 -> Keyframes         read_keyframes   shots, matches of their frames, labels in keyframes
     Keyframes              -> SolvedShots       solve_shots      each shot, with the camera model that predicts best

@@ -170,7 +170,7 @@ class Strips:
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
-    """By how much each sample is lighter than both sides, or darker where lines are, (n, m)."""
+    """Brightness of each sample above both of its sides, (n, m); below them if lines are darker than the ground."""
     may_be_line: BoolArray
     """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
     is_black: BoolArray

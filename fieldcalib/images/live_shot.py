@@ -41,7 +41,7 @@ class FollowedFrame:
     lines: PixelTable = NO_PIXELS
     """The lines in the frame."""
     camera: KnownCamera | None = None
-    """Its camera for frames that are tied to it; None if it is not tied itself."""
+    """Camera of the frame, for frames that are tied to it; None if it is not tied itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class LiveShot:
     """The keyframes of a shot so far."""
 
     identity: tuple[int, int] = (0, 0)
-    """How often the tracker began anew, and the number of the shot since the last beginning."""
+    """Number of the tracker's resets, and number of the shot since the last reset."""
     segmented: int = 0
     """Number of keyframes that the network has seen."""
     labels: Mapping[int, PixelTable] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class LiveShot:
     def with_keyframe(
         self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
     ) -> LiveShot:
-        """With a new keyframe, tied to earlier ones, and its camera if it has one."""
+        """The shot with a new keyframe, tied to earlier ones, and its camera if it has one."""
         camera = None if found is None else found.camera
         return replace(
             self,
@@ -103,7 +103,7 @@ class LiveShot:
         )
 
     def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
-        """With the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
+        """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
         labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
@@ -120,7 +120,7 @@ class LiveShot:
         return shot
 
     def with_tied(self, index: int, camera: KnownCamera | None) -> LiveShot:
-        """With the camera of the newest frame, if it is tied."""
+        """The shot with the camera of the newest frame, if that is tied."""
         return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
 
 
@@ -151,33 +151,33 @@ def _tied(
 ) -> tuple[FrameTable, PixelTable] | None:
     """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
     known = shot.known
-    keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
+    keys, shared, layout = sorted(ties), solved.shared, solved.layout
     here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
     pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
-    local = Ties.of(tripod.options.object_segments, pairs, len(keys) + 1, layout.image_size)
+    local = Ties.of(shared.options.object_segments, pairs, len(keys) + 1, layout.image_size)
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
-    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
+    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
     towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
     else:
-        theta, reached = with_tied(tripod.options, local, theta, is_known, here, layout)
+        theta, reached = with_tied(shared.options, local, theta, is_known, here, layout)
         contradicted = not reached[-1]
     if contradicted:
         return None
     lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
-    followed = tripod.solved(theta[-1:], lines, towards, tripod.prior(theta[-1:]))
-    return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines
+    followed = shared.solved(theta[-1:], lines, towards, shared.prior(theta[-1:]))
+    return solved_rows(shared, SolvedFrames(followed, shared.errors(followed, of_first), np.array([True]))), lines
 
 
 def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFrame:
     """A frame with a camera that is known already."""
-    tripod, theta, errors = solved.tripod, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
-    metres = ground_errors(theta, errors, tripod.considered, tripod.options.field)
-    return _of_only_frame(solved, table_without_cameras(tripod, 1).with_cameras(theta, errors, metres, basis))
+    shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
+    metres = ground_errors(theta, errors, shared.considered, shared.options.field)
+    return _of_only_frame(solved, table_without_cameras(shared, 1).with_cameras(theta, errors, metres, basis))
 
 
 def _of_only_frame(

@@ -19,7 +19,7 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.images.detected_lines import calibrate_on_lines
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, told
+from fieldcalib.solve.aspect import likelier, log_evidence, may_be_squashed, shown_size
 from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
@@ -48,7 +48,7 @@ def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]
     others = calibrate([as_shown(images[index]) for index in odd])
     for index, shown in zip(odd, others, strict=True):
         log_ratio = log_ratio_of_squash(task, found[index], shown)
-        found[index] = told(found[index], shown, log_ratio, size_of(images[index]))
+        found[index] = likelier(found[index], shown, log_ratio, size_of(images[index]))
     return found
 
 
@@ -137,6 +137,6 @@ def _border(pixels: Image) -> int:
 
 
 def _black_rows(rows: NDArray[np.uint8]) -> int:
-    """How many rows are black, from the first one on."""
+    """Number of black rows from the first one on."""
     is_black = np.mean(rows > BLACK, axis=1) <= FEW
     return int(len(rows) if np.all(is_black) else np.argmin(is_black))

@@ -13,7 +13,7 @@ from fieldcalib._types import IntArray
 
 
 class CameraModel(StrEnum):
-    """What the frames of a piece share."""
+    """Model of the camera: the parameters that the frames of a piece share."""
 
     TRIPOD = "tripod"
     """One place of the camera, its lens, and the size of the field."""

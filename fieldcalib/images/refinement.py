@@ -317,7 +317,7 @@ def unrefined(markings: Markings, given: ToRefine) -> Refined:
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:
-    """How well the lines in an image support a camera, from 0 to 1.
+    """Support of a camera by the lines in an image, from 0 to 1.
 
     The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
     is the distance of the line from the marking; a profile without a line counts 0. Profiles in black borders do not

@@ -26,7 +26,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
-from fieldcalib.solve.tripod import KnownTripod
+from fieldcalib.solve.shared_parameters import SharedParameters
 
 
 class KnownCamera(NamedTuple):
@@ -47,7 +47,7 @@ class KnownCamera(NamedTuple):
 class SolvedShot:
     """The keyframes of a shot, solved together."""
 
-    tripod: KnownTripod
+    shared: SharedParameters
     sequence: SequenceCalibration
     markings: Markings
     cameras: Mapping[int, KnownCamera]
@@ -56,11 +56,11 @@ class SolvedShot:
     @property
     def layout(self) -> Layout:
         """Layout of the parameters of each camera."""
-        return self.tripod.options.layout
+        return self.shared.options.layout
 
     @property
-    def shared(self) -> Array:
-        """Parameters (n,) of one of the cameras; only those that the frames share are used."""
+    def some_theta(self) -> Array:
+        """Parameters (n,) of one of the cameras, of which the shared ones are used."""
         return next(iter(self.cameras.values())).theta
 
 
@@ -135,12 +135,12 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
 
 def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, Array]) -> SolvedShot | None:
     if layout is None:
-        sequence, tripod = solve_sequence(problem.from_zero)
+        sequence, shared = solve_sequence(problem.from_zero)
     else:
         number = {key: k for k, key in enumerate(problem.frames)}
         known_cameras = {number[key]: theta for key, theta in cameras.items()}
-        sequence, tripod = solve_from_cameras(problem.from_zero, layout, known_cameras)
-    if tripod is None or not np.any(sequence.usable):
+        sequence, shared = solve_from_cameras(problem.from_zero, layout, known_cameras)
+    if shared is None or not np.any(sequence.usable):
         return None
     known = {key: KnownCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
-    return SolvedShot(tripod, sequence, Markings.of(tripod.object_segments), known)
+    return SolvedShot(shared, sequence, Markings.of(shared.object_segments), known)

@@ -59,7 +59,7 @@ def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
 
 
 def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
-    """With one more piece, or with the parts that it is divided into, numbered from its own number."""
+    """The solved shots with one more piece, or with the parts into which it is divided, numbered from its number on."""
     clip, pieces = solved.keyframes, solved.pieces
     options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
     calibration = clip.calibrate(pieces, [piece], clip.accepted)

@@ -158,7 +158,7 @@ class Tracker:
 
     @property
     def basis(self) -> Basis:
-        """What the camera of the last image rests on."""
+        """Data that the camera of the last image rests on."""
         return self._basis
 
     def update(self, image: Image) -> Calibration:

@@ -93,16 +93,12 @@ def frames_in(
                 )
             if isinstance(frame, AnnotatedFrame):
                 pixels = renamed(frame.annotation.pixels, labels)
-                kept = {name: xy for name, xy in pixels.items() if _is_known(name, known)}
+                kept = {k: xy for k, xy in pixels.items() if known is None or k in known or k in UNKNOWN_LABELS}
                 unknown.update(pixels.keys() - kept.keys())
                 left_out.update(one for one in frame.annotation.left_out if labels.get(one.label, one.label))
                 frame = replace(frame, annotation=replace(frame.annotation, pixels=kept))
             found[frame.id] = frame
     return FramesFound(list(found.values()), unknown, left_out)
-
-
-def _is_known(label: str, known: ObjectSegments | None) -> bool:
-    return known is None or label in known or label in UNKNOWN_LABELS
 
 
 def is_of_soccernet(file: FrameFile) -> bool:
@@ -243,7 +239,7 @@ def read_annotations(
     ((960, 540), {'Middle line': array([[480.,   0.],
            [470., 530.]])})
     """
-    names = read_labels(Path(labels)) if isinstance(labels, str | Path) else labels
+    names = read_labels(labels) if isinstance(labels, str | Path) else labels
     annotations = {}
     for frame in frames_in(ANNOTATIONS.find([Path(path)]), names).frames:
         with named_in_errors(frame.path):
@@ -251,7 +247,7 @@ def read_annotations(
     return annotations
 
 
-def read_labels(path: Path) -> dict[str, str | None]:
+def read_labels(path: Path | str) -> dict[str, str | None]:
     """Read a mapping of the labels in files of other tools to those of the field, from JSON or YAML.
 
     Raises
@@ -260,7 +256,7 @@ def read_labels(path: Path) -> dict[str, str | None]:
         If it is no such mapping; the message begins with its path.
     """
     with named_in_errors(path):
-        value = read_json_or_yaml(path)
+        value = read_json_or_yaml(Path(path))
     pairs: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else [(None, None)]
     if not all(isinstance(theirs, str) and isinstance(ours, str | None) for theirs, ours in pairs):
         raise BrokenFileError(f"{path}: expected their labels, each with one of ours or null, as halfway: Middle line")

@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -185,17 +184,14 @@ def _layout(path: Path, columns: Sequence[str]) -> tuple[int, Any]:
     if frame is not None and ONE_CELL in names:
         cell = names.index(ONE_CELL)
         return frame, lambda values: _box_of(re.findall(NUMBER, values[cell]) or [""] * 4, corners=False)
-    for group, corners in [*((group, False) for group in WITH_SIZE), *((group, True) for group in WITH_CORNERS)]:
-        if frame is not None and all(name in names for name in group):
-            return frame, partial(_box_of_cells, places=[names.index(name) for name in group], corners=corners)
+    group = next((group for group in (*WITH_SIZE, *WITH_CORNERS) if set(group) <= set(names)), None)
+    if frame is not None and group is not None:
+        places = [names.index(name) for name in group]
+        return frame, lambda values: _box_of([values[place] for place in places], corners=group in WITH_CORNERS)
     groups = ", or ".join(", ".join(group) for group in (*WITH_SIZE, *WITH_CORNERS))
     raise BrokenFileError(
         f"{path}: expected a column {' or '.join(FRAME_COLUMNS[:2])}, and {groups}, got {', '.join(columns)}"
     )
-
-
-def _box_of_cells(values: Sequence[str], *, places: Sequence[int], corners: bool) -> Box | None:
-    return _box_of([values[place] for place in places], corners=corners)
 
 
 def _box_of(texts: Sequence[Any], *, corners: bool) -> Box | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, whole_record
@@ -61,15 +60,11 @@ def write_field(path: Path | str, field: Field) -> None:
     path = Path(path)
     if not is_field_file(path.name):
         raise ValueError(f"expected a name that ends in .yaml or .json, got {path.name!r}")
-    write_text(path, (_format_json if path.suffix.lower() in JSON else _format_yaml)(whole_record(field)))
-
-
-def _format_json(record: Any) -> str:
-    return json.dumps(record, indent=2, allow_nan=False) + "\n"
-
-
-def _format_yaml(record: Any) -> str:
+    record = json.dumps(whole_record(field), indent=2, allow_nan=False)
+    if path.suffix.lower() in JSON:
+        write_text(path, record + "\n")
+        return
     import yaml
 
-    plain = json.loads(json.dumps(record, allow_nan=False))  # lists for tuples
-    return str(yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120))
+    plain = json.loads(record)  # lists for tuples
+    write_text(path, yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120))

@@ -6,11 +6,11 @@ its EXIF data says.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import Full, Queue
-from threading import Event, Thread
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -100,41 +100,15 @@ def read_ahead(items: Iterable[Item], count: int = AHEAD) -> Iterator[Item]:
     >>> list(read_ahead(range(3)))
     [0, 1, 2]
     """
-    ready: Queue[tuple[bool, Any]] = Queue(count)
-    stopped = Event()
-
-    def put(is_item: bool, what: Any) -> bool:
-        while not stopped.is_set():
-            try:
-                ready.put((is_item, what), timeout=0.1)
-                return True
-            except Full:
-                pass
-        return False
-
-    def read() -> None:
+    rest, end = iter(items), object()
+    with ThreadPoolExecutor(1) as reader:
+        ready = deque(reader.submit(next, rest, end) for _ in range(count))
         try:
-            for item in items:
-                if not put(True, item):
-                    return
-            put(False, None)
-        except BaseException as error:
-            put(False, error)
-
-    reader = Thread(target=read, daemon=True)
-    reader.start()
-    try:
-        while True:
-            is_item, what = ready.get()
-            if is_item:
-                yield what
-            elif what is None:
-                return
-            else:
-                raise what
-    finally:
-        stopped.set()
-        reader.join()
+            while (item := ready.popleft().result()) is not end:
+                ready.append(reader.submit(next, rest, end))
+                yield cast(Item, item)
+        finally:
+            reader.shutdown(cancel_futures=True)
 
 
 def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:

@@ -150,8 +150,9 @@ def key_points(
     xy, confidence = _surest(result)
     names: tuple[str | None, ...] = MODELS[model] if isinstance(model, str) else tuple(model)
     if len(xy) not in (0, len(names)):
+        whose = model if isinstance(model, str) else "the given names"
         raise ValueError(
-            f"expected {len(names)} points, those of {_shown(model)}, got {len(xy)}: is it the result of a model of "
+            f"expected {len(names)} points, those of {whose}, got {len(xy)}: is it the result of a model of "
             f"the pitch, and not of players' poses?"
         )
     found = np.isfinite(xy).all(axis=1) & np.any(xy != 0.0, axis=1) & (confidence >= least_confidence)
@@ -181,10 +182,6 @@ def point_field(model: str | Sequence[str | None], field: Field | None = None) -
 def _of(names: tuple[str, ...], xy: Array, weights: Array, field: Field) -> KeyPoints:
     X = np.array([field.points[name].X for name in names]).reshape(-1, 3)
     return KeyPoints(names, X, xy, weights, field)
-
-
-def _shown(model: str | Sequence[str | None]) -> str:
-    return model if isinstance(model, str) else "the given names"
 
 
 def _surest(result: Any) -> tuple[Array, Array]:

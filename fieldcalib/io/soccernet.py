@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
 from typing import Any
@@ -20,7 +21,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
-from fieldcalib.io.files import find_files, named_in_errors, parse_json_object
+from fieldcalib.io.files import FrameFile, find_files, named_in_errors, parse_json_object
 from fieldcalib.problem.labelled_pixels import Pixels
 
 # Labels of annotators for segments that they could not identify.
@@ -260,21 +261,17 @@ def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
     BrokenFileError
         If one is broken; the message begins with its path.
     """
-    types: dict[str, str] = {}
-    found = False
     paths = list(inputs)
+    files: list[FrameFile] = []
     for path in paths:
-        try:
-            files = find_files([path], "camera types", suffix=CAMERA_TYPES)
-        except FileNotFoundError:
-            continue
-        for file in files:
-            if file.path == path:  # a single annotation
-                continue
-            found = True
-            with named_in_errors(file.path):
-                types |= camera_types(file.read())
-    if not found:
+        with suppress(FileNotFoundError):
+            files += find_files([path], "camera types", suffix=CAMERA_TYPES)
+    files = [file for file in files if file.path not in paths]  # not a single annotation
+    if not files:
         names = ", ".join(map(str, paths))
         raise FileNotFoundError(f"{names} has no {CAMERA_TYPES}, which would say the type of each frame's camera")
+    types: dict[str, str] = {}
+    for file in files:
+        with named_in_errors(file.path):
+            types |= camera_types(file.read())
     return types

@@ -120,11 +120,8 @@ def _record_of(line: Mapping[str, Any]) -> TVCalibRecord:
         PurePosixPath(name).stem,
         _camera(line, size),
         None if homography is None else np.asarray(np.linalg.inv(checked_homography(homography))),
-        loss_ndc_total=_number(line, "loss_ndc_total"),
-        loss_ndc_lines=_number(line, "loss_ndc_lines"),
-        loss_ndc_circles=_number(line, "loss_ndc_circles"),
-        time_s=_number(line, "time_s"),
         image_size=size,
+        **{key: _number(line, key) for key in NUMBERS},
     )
 
 

@@ -309,7 +309,7 @@ def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: t
 
 
 def in_left_half(circle: Array, line: Array | None, image_size: tuple[int, int]) -> BoolArray:
-    """Which pixels (N, 2) of a circle are on its left half, from pixels (M, 2) of the line between the halves."""
+    """Mask of the pixels (N, 2) of a circle on its left half, given pixels (M, 2) of the line between the halves."""
     if line is not None and len(line) > 1:
         top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
         down, offset = bottom - top, circle - top

@@ -63,7 +63,7 @@ def exp_of(theta: Array, column: int) -> Array:
 
 
 class Role(IntEnum):
-    """How a solver treats a parameter."""
+    """Treatment of a parameter by a solver."""
 
     FIXED = 0
     """Known, not estimated."""

@@ -29,7 +29,7 @@ class FrameLabels(NamedTuple):
     segments: dict[str, Segment]
     """Segment of each label."""
     equations: dict[str, int]
-    """Number of equations that each label gives at most."""
+    """Largest number of equations that each label gives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,7 @@ class Observations:
     ) -> Observations:
         """Pack a table of labelled pixels; `motion` is `Field.motion`.
 
-        Labels are numbered in the order of `object_segments`, so that frames packed together or one by one are numbered
-        alike.
+        Labels are numbered in the order of `object_segments`, whether frames are packed together or one by one.
         """
         labels, segments = tuple(object_segments), tuple(object_segments.values())
         rank, rows = np.empty((0, len(labels)), np.intp), tuple(kind.none(0) for kind in ROWS)
@@ -109,7 +108,7 @@ class Observations:
 
     @cached_property
     def pixels(self) -> PixelTable:
-        """The labelled pixels as a flat table, ends aside; the labels of a frame in the order given."""
+        """The labelled pixels as a flat table, without the rows of ends; labels of a frame are in the order given."""
         seen = [(rows, np.nonzero(rows.label >= 0)) for rows in self.rows[:-1]]
         frame = np.concatenate([at[0] for _, at in seen])
         label, xy, weight = (
@@ -124,7 +123,7 @@ class Observations:
         return order[np.count_nonzero(self.rank[t] < 0) :]
 
     def by_name(self, t: int, values: NDArray[Any]) -> dict[str, Any]:
-        """Values (L,) of the labels of frame t, by label."""
+        """Label -> its value, of `values` (L,), for the labels of frame t."""
         return {self.labels[index]: values[index].item() for index in self.in_order(t)}
 
     def labels_in(self, t: int) -> FrameLabels:
@@ -134,7 +133,7 @@ class Observations:
 
     @cached_property
     def equations(self) -> IntArray:
-        """Number of equations that each label gives at most, from its distinct pixels, (T, L) (`Segment.equations`)."""
+        """Largest number of equations from the distinct pixels of each label, (T, L) (`Segment.equations`)."""
         table, shape = self.pixels, self.rank.shape
         columns = np.column_stack([table.frame, table.label, table.xy])
         columns = columns[np.lexsort(columns.T[::-1])]
@@ -165,7 +164,7 @@ class Observations:
         return self.with_pixels(replace(table, weight=weight))
 
     def with_pixels(self, table: PixelTable) -> Observations:
-        """Other pixels of the same calibration object."""
+        """Observations of other pixels on the same calibration object."""
         rank = np.full((table.count, len(self.labels)), -1)
         key, first = np.unique(table.frame * len(self.labels) + table.label, return_index=True)
         rank.flat[key] = first
@@ -264,7 +263,7 @@ def pack(
 
 
 def _packed(table: PixelTable, segments: Sequence[Segment]) -> tuple[Rows, ...]:
-    """The rows of each kind: the pixels of a frame one after the other."""
+    """The rows of each kind, with the pixels of a frame one after the other."""
     kind_of_label = np.array([ROWS.index(segment.rows) for segment in segments], dtype=np.intp)
     kind_of_pixel = kind_of_label[table.label]
     found = []

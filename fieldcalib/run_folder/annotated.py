@@ -9,53 +9,40 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.console.program import say
-from fieldcalib.console.waiting import waiting_for
+from fieldcalib.console.program import counted, say
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, error_message, files_beside
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.results import LINES, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Item, Outcome, calibration_line
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, open_camera_folder
-from fieldcalib.run_folder.units import UnitResult, executor_of, unit_size, units_of, work
-
-P = TypeVar("P")  # a prior
+from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, open_camera_folder
+from fieldcalib.run_folder.units import (
+    UnitResult,
+    executor_of,
+    grouped,
+    in_groups,
+    read_each,
+    unit_size,
+    units_of,
+    work,
+)
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
 RUN_FILES = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # number of skipped files of each kind that are named
 CAMERA_FILES = (CAMERAS.file_name("<id>"),)
-
-
-@dataclass(frozen=True)
-class LabelledFrames:
-    """Labelled pixels that were read, by frame id in the order of the input."""
-
-    pixels: Mapping[str, Pixels]
-    broken: Mapping[str, str]
-    """Problems of files that could not be read, by frame id."""
-    sizes: Mapping[str, tuple[int, int]]
-    """Width and height (px) of the images of `pixels`."""
-
-    def by_size(self) -> dict[tuple[int, int], dict[str, Pixels]]:
-        """The frames that were read, those of one size together."""
-        groups: dict[tuple[int, int], dict[str, Pixels]] = {}
-        for id, pixels in self.pixels.items():
-            groups.setdefault(self.sizes[id], {})[id] = pixels
-        return groups
 
 
 @dataclass(frozen=True)
@@ -94,32 +81,22 @@ class AnnotationReader:
         name_left_out(found, self.field)
         return found.frames
 
-    def read(self, files: Sequence[FrameFile]) -> LabelledFrames:
-        """Read and check annotations."""
-        pixels: dict[str, Pixels] = {}
-        sizes: dict[str, tuple[int, int]] = {}
-        broken: dict[str, str] = {}
-        for file in files:
-            try:
-                with waiting_for(file.path):
-                    found = parse_frame(file, self.image_size, self.labels, self.most_bytes)
-                assert found.image_size is not None
-                pixels[file.id] = thinned(check_segments(self.field, found.pixels, found.image_size))
-                sizes[file.id] = found.image_size
-            except (ValueError, MemoryError) as error:
-                broken[file.id] = error_message(error)
-        return LabelledFrames(pixels, broken, sizes)
+    def read(self, file: FrameFile) -> tuple[Pixels, tuple[int, int]]:
+        """Read and check the annotation of a frame: its labelled pixels, and the size of its image."""
+        found = parse_frame(file, self.image_size, self.labels, self.most_bytes)
+        assert found.image_size is not None
+        return thinned(check_segments(self.field, found.pixels, found.image_size)), found.image_size
 
 
-def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> LabelledFrames:
-    """Find, read and check annotations; broken files are named on stderr."""
+def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> dict[str, Pixels]:
+    """Find, read and check annotations, by frame id; broken files are named on stderr."""
     reader = AnnotationReader(field, image_size)
     files = reader.find(inputs)
-    frames = reader.read(files)
+    frames, broken = read_each(files, reader.read)
     for file in files:
-        if file.id in frames.broken:
-            say(f"{file.path}: {frames.broken[file.id]}")
-    return frames
+        if file.id in broken:
+            say(f"{file.path}: {broken[file.id]}")
+    return {id: pixels for id, (pixels, _) in frames.items()}
 
 
 def check_labels(labels: Labels, field: Field) -> None:
@@ -179,80 +156,58 @@ class CalibratedFrame:
 
     def outcome(self, id: str, eq3: float | None = None) -> Outcome:
         """The outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
-        line = calibration_line(id, self.calibration, eq3) | dict(self.details)
-        return Outcome.of(self.calibration, line, keeps=self.calibration.status not in WITHHELD, files=self.files)
+        keeps = self.calibration.status not in WITHHELD
+        return Outcome.of(id, self.calibration, keeps=keeps, eq3=eq3, details=self.details, files=self.files)
 
 
-Method: TypeAlias = Callable[[dict[str, Pixels], tuple[int, int]], Sequence[CalibratedFrame]]
-
-
-class FileMethod(Protocol):
-    """Calibrates frames from their files; other processes get a copy."""
-
-    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
-        """Read and calibrate a unit of frames."""
-
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only; returns the problems of those that are broken, by id."""
+Seen = TypeVar("Seen")  # labelled pixels, image or homography of a frame
+Size: TypeAlias = tuple[int, int]
+Method: TypeAlias = Callable[[dict[str, Seen], Size], Sequence[CalibratedFrame]]
+"""Calibrates frames of one size, by id, in their order; may raise a BrokenFileError about them."""
 
 
 @dataclass(frozen=True)
-class FromAnnotations:
-    """Calibrates annotated frames: a `FileMethod`."""
+class FromFiles(Generic[Seen]):
+    """Calibrates frames from their files; other processes get a copy."""
 
-    reader: AnnotationReader
-    method: Method
-    """Calibrates frames of one size, by id, in their order; may raise a BrokenFileError about them."""
+    read: Callable[[FrameFile], tuple[Seen, Size]]
+    """Reads what is seen in a frame, and the size of its image."""
+    method: Method[Seen]
+    losses: Callable[[dict[str, Seen], Sequence[Calibration]], Mapping[str, float]] | None = None
+    """Gives the paper's loss (eq. 3) of frames by id."""
 
     def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the files and calibrate."""
-        frames = self.reader.read(files)
-        broken = dict(frames.broken)
+        seen, broken = read_each(files, self.read)
         found: dict[str, CalibratedFrame] = {}
         eq3: dict[str, float] = {}
         seconds = 0.0
-        for size, pixels in frames.by_size().items():
+        for size, ids in grouped(seen, lambda id: seen[id][1]).items():
+            items = {id: seen[id][0] for id in ids}
             start = time.perf_counter()
             try:
-                of_size = dict(zip(pixels, self.method(pixels, size), strict=True))
+                calibrated = self.method(items, size)
             except BrokenFileError as error:
-                broken |= dict.fromkeys(pixels, str(error))
+                broken |= dict.fromkeys(ids, str(error))
                 continue
             seconds += time.perf_counter() - start
-            calibrations = {id: one.calibration for id, one in of_size.items()}
-            compute_errors(list(calibrations.values()))
-            eq3 |= _eq3_losses(self.reader.field, pixels, calibrations)
-            found |= of_size
-        return unit_result(files, found, broken, seconds, eq3)
-
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only; returns the problems of those that are broken, by id."""
-        return self.reader.read(files).broken
-
-
-def unit_result(
-    files: Sequence[Item],
-    found: Mapping[str, CalibratedFrame],
-    broken: Mapping[str, str],
-    seconds: float,
-    eq3: Mapping[str, float] | None = None,
-) -> UnitResult:
-    """The result of a unit whose frames, by id, are calibrated or broken."""
-    losses = eq3 or {}
-    outcomes = [
-        Outcome.broken(file, broken[file.id])
-        if file.id in broken
-        else found[file.id].outcome(file.id, losses.get(file.id))
-        for file in files
-    ]
-    return UnitResult(outcomes, seconds, "\n".join(one.message for one in found.values() if one.message))
+            if self.losses is not None:
+                eq3 |= self.losses(items, [one.calibration for one in calibrated])
+            found |= zip(ids, calibrated, strict=True)
+        outcomes = [
+            Outcome.broken(file, broken[file.id])
+            if file.id in broken
+            else found[file.id].outcome(file.id, eq3.get(file.id))
+            for file in files
+        ]
+        return UnitResult(outcomes, seconds, "\n".join(one.message for one in found.values() if one.message))
 
 
 def calibrate_folder(
     run: RunOptions,
     inputs: Sequence[Path],
     reader: AnnotationReader,
-    method: Method,
+    method: Method[Pixels],
     *,
     at_once: int | None = None,
     writes: Sequence[str] = CAMERA_FILES,
@@ -269,13 +224,15 @@ def calibrate_folder(
         there = ", ".join(sorted("{}x{}".format(*size) for size in sizes if size))
         raise ValueError(f"images of several sizes are not calibrated together: there are {there}")
     size = unit_size(len(files)) if at_once is None else at_once
-    return calibrate_files(run, files, FromAnnotations(reader, method), size, writes, more)
+    return calibrate_files(
+        run, files, FromFiles(reader.read, method, partial(_losses, reader.field)), size, writes, more
+    )
 
 
 def calibrate_files(
     run: RunOptions,
     files: Sequence[FrameFile],
-    method: FileMethod,
+    method: FromFiles[Any],
     size: int,
     writes: Sequence[str] = CAMERA_FILES,
     more: Any = None,
@@ -286,7 +243,7 @@ def calibrate_files(
     if run.strict:  # all are read before anything is written
         units = units_of(files, size, run.shard)
         with executor_of(run.jobs) as executor:
-            for complaint in in_order(executor, partial(_first_broken, method), units, ahead=2 * run.jobs):
+            for complaint in in_order(executor, partial(_first_broken, method.read), units, ahead=2 * run.jobs):
                 if complaint:
                     say(complaint)
                     return 1
@@ -295,37 +252,20 @@ def calibrate_files(
     return results.exit_code
 
 
-def _first_broken(method: FileMethod, files: tuple[FrameFile, ...]) -> str:
+def _first_broken(read: Callable[[FrameFile], object], files: tuple[FrameFile, ...]) -> str:
     """The first broken file and what is wrong with it; empty if there is none."""
-    broken = method.broken(files)
+    _, broken = read_each(files, read)
     return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
 
 
-def by_prior(
-    frames: Mapping[str, Pixels],
-    prior_of: Callable[[str], P],
-    calibrate: Callable[[list[Pixels], P], Sequence[Calibration]],
-) -> list[Calibration]:
-    """Calibrate frames in groups of the same prior; returns the calibrations in the order of `frames`."""
-    ids_of: dict[P, list[str]] = {}
-    for id in frames:
-        ids_of.setdefault(prior_of(id), []).append(id)
-    found: dict[str, Calibration] = {}
-    for prior, ids in ids_of.items():
-        found.update(zip(ids, calibrate([frames[id] for id in ids], prior), strict=True))
-    return [found[id] for id in frames]
+def _losses(field: Field, frames: Mapping[str, Pixels], calibrations: Sequence[Calibration]) -> dict[str, float]:
+    """The paper's loss (eq. 3) of the frames that have a camera, each on its own field; computes all errors first."""
+    compute_errors(calibrations)
+    of = dict(zip(frames, calibrations, strict=True))
+    cameras = {id: one.camera for id, one in of.items() if one.camera is not None}
 
+    def on_one_field(pitch: Field, ids: Sequence[str]) -> list[float]:
+        values = ndc_loss([cameras[id] for id in ids], pitch, [frames[id] for id in ids], kind="eq3")
+        return list(values.tolist())
 
-def _eq3_losses(
-    field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration]
-) -> dict[str, float]:
-    """The paper's loss (eq. 3) of the frames that have a camera, each on its own field."""
-    cameras_on: dict[Field, dict[str, Camera]] = {}
-    for id, calibration in calibrations.items():
-        if calibration.camera is not None:
-            cameras_on.setdefault(calibration.field or field, {})[id] = calibration.camera
-    losses: dict[str, float] = {}
-    for pitch, cameras in cameras_on.items():
-        values = ndc_loss(list(cameras.values()), pitch, [frames[id] for id in cameras], kind="eq3")
-        losses.update(zip(cameras, values.tolist(), strict=True))
-    return losses
+    return dict(zip(cameras, in_groups(list(cameras), lambda id: of[id].field or field, on_one_field), strict=True))

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
+from fieldcalib.console.arguments import millions
 from fieldcalib.console.inputs import Input
+from fieldcalib.console.options import option
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
-from fieldcalib.io.files import BrokenFileError, FrameFile, error_message, named_in_errors
+from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
 from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.units import read_each
+
+MOST_BYTES = 256_000_000  # of the file of an image
 
 T = TypeVar("T")
 
@@ -32,10 +36,10 @@ class Frame:
     image: Image | None
     problem: str = ""
     path: Path | str = ""
-    """Its file, for messages."""
+    """File of the image, for messages."""
     is_of_video: bool = False
     line: str = ""
-    """Its line of cameras.jsonl from an earlier part of the run, if any."""
+    """The image's line of cameras.jsonl from an earlier part of the run, if any."""
 
 
 @dataclass(frozen=True)
@@ -54,27 +58,47 @@ class Source:
     """Gives a message about announced frames that were not read; called at the end."""
 
 
+def accepted(image: Image) -> None:
+    """Accept any image: the default of checks."""
+
+
 @dataclass(frozen=True)
 class ReadImage:
     """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
 
-    most_bytes: float = MOST_BYTES_OF_IMAGE
-    most_pixels: float = MOST_PIXELS
-    check: Callable[[Image], object] | None = None
+    most_bytes: float = option(
+        f"larger image files are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
+        name="--max-megabytes",
+        default=MOST_BYTES,
+        type=millions,
+        metavar="N",
+    )
+    most_pixels: float = option(
+        f"larger images are broken ({MOST_PIXELS / 1e6:g})",
+        name="--max-megapixels",
+        default=MOST_PIXELS,
+        type=millions,
+        metavar="N",
+    )
+    check: Callable[[Image], object] = accepted
 
     def __call__(self, item: FrameFile | Frame) -> Frame:
         """Read the image of a file."""
         if isinstance(item, Frame):
             return item
-        try:
-            with waiting_for(item.path):
-                content = item.read(self.most_bytes)
-            image = IMAGES.read(content, self.most_pixels)
-            if self.check is not None:
-                self.check(image)
-            return Frame(item.id, image, path=item.path)
-        except (BrokenFileError, MemoryError) as error:
-            return Frame(item.id, None, error_message(error), item.path)
+        found, broken = read_each([item], self.image)
+        return Frame(item.id, found.get(item.id), broken.get(item.id, ""), item.path)
+
+    def image(self, file: FrameFile) -> Image:
+        """The image of a file; a BrokenFileError or MemoryError if it cannot be read."""
+        image = IMAGES.read(file.read(self.most_bytes), self.most_pixels)
+        self.check(image)
+        return image
+
+    def sized(self, file: FrameFile, size: tuple[int, int] | None = None) -> tuple[Image, tuple[int, int]]:
+        """The image of a file, and its size or another one that is given."""
+        image = self.image(file)
+        return image, size or size_of(image)
 
 
 @contextmanager
@@ -82,7 +106,7 @@ def opened(
     inputs: Sequence[Path],
     most_pixels: float = MOST_PIXELS,
     *,
-    check: Callable[[Image], object] = lambda image: None,
+    check: Callable[[Image], object] = accepted,
     cut: Cut = WHOLE,
     threads: int | None = None,
 ) -> Iterator[Source]:
@@ -141,23 +165,10 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
 
 
-def frames_lost(source: Source) -> bool:
-    """Whether announced frames could not be read; says so on stderr."""
-    loss = source.loss()
-    if loss:
-        say(loss)
-    return bool(loss)
-
-
 def say_note(path: Path, video: VideoWriter) -> None:
     """Print the note of a video that was written, if it has one, on stderr."""
     if video.note:
         say(f"{path} {video.note}")
-
-
-def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
-    """Problems of frames that could not be read, by id."""
-    return {frame.id: frame.problem for frame in frames if frame.image is None}
 
 
 def outcomes_of(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib.console.arguments import JSON_LINES, PARQUET, count
+from fieldcalib.console.options import given, option, switch
 from fieldcalib.io.field_files import is_field_file
 
 # Options that do not change the results of a frame, or that the record of a run has elsewhere.
@@ -56,22 +57,25 @@ class RunOptions:
     field_file: Path | None = None
     """The field's file, if it is the user's own."""
     format: str = JSON_LINES
-    jobs: int = 1
-    """Number of processes."""
-    shard: Shard | None = None
-    resume: bool = False
-    overwrite: bool = False
+    jobs: int = option(
+        "processes, each with one thread; the results are the same (1)", default=1, type=count, metavar="N"
+    )
+    shard: Shard | None = option(
+        "do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together (all)",
+        type=Shard.parse,
+        metavar="K/N",
+    )
+    resume: bool = switch("go on with the run in DIR where it stopped; the files are the same then", exclusive="again")
+    overwrite: bool = switch("remove the results of an earlier run in DIR first", exclusive="again")
     strict: bool = False
     """Whether all files are read before anything is written."""
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> RunOptions:
         """Take them from a command line, which need not have all of them."""
-        given = vars(options)
-        field = given.get("field", "")  # a folder may have the name of a sport
-        names = ("command", "format", "jobs", "shard", "resume", "overwrite", "strict")
-        kept = {name: given[name] for name in names if name in given}
-        return cls(given["out"], recorded(options), field_file=Path(field) if is_field_file(field) else None, **kept)
+        field = getattr(options, "field", "")  # a folder may have the name of a sport
+        file = Path(field) if is_field_file(field) else None
+        return given(cls, options, recorded=recorded(options), field_file=file)
 
     @property
     def writes_table(self) -> bool:
@@ -90,35 +94,3 @@ def recorded(options: argparse.Namespace) -> dict[str, Any]:
 
 def _as_json(options: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(options, default=str))  # type: ignore[no-any-return]
-
-
-def add_again(parser: argparse.ArgumentParser) -> None:
-    """--resume and --overwrite, of everything that writes results."""
-    again = parser.add_mutually_exclusive_group()
-    again.add_argument(
-        "--resume", action="store_true", help="go on with the run in DIR where it stopped; the files are the same then"
-    )
-    again.add_argument("--overwrite", action="store_true", help="remove the results of an earlier run in DIR first")
-
-
-def add_processes(parser: argparse.ArgumentParser) -> None:
-    """--jobs."""
-    parser.add_argument(
-        "--jobs",
-        type=count,
-        default=1,
-        metavar="N",
-        help="processes, each with one thread; the results are the same (1)",
-    )
-
-
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """--jobs, --shard, --resume and --overwrite of everything that works on frames one by one."""
-    add_processes(parser)
-    parser.add_argument(
-        "--shard",
-        type=Shard.parse,
-        metavar="K/N",
-        help="do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together (all)",
-    )
-    add_again(parser)

@@ -34,7 +34,7 @@ class Item(Protocol):
 
     @property
     def path(self) -> Path | str:
-        """Its file, for messages."""
+        """File of the frame, for messages."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Outcome:
     complaint: str = ""
     """A line for stderr: which file is broken, and why."""
     picture: Image | None = None
-    """Its frame of the overlay video."""
+    """Picture for the overlay video."""
     is_written: bool = False
     """Whether an earlier part of the run has written it."""
 
@@ -67,19 +67,24 @@ class Outcome:
     @classmethod
     def of(
         cls,
+        id: str,
         calibration: Calibration,
-        line: Mapping[str, Any],
         *,
         keeps: bool,
+        eq3: float | None = None,
+        details: Mapping[str, Any] = MappingProxyType({}),
         files: Mapping[str, bytes] = MappingProxyType({}),
         picture: Image | None = None,
     ) -> Outcome:
-        """The outcome of a calibration; `keeps` says whether its camera, if it has one, gets a file."""
+        """The outcome of a calibration; its camera, if it has one, gets a file if `keeps`.
+
+        `eq3` is the paper's loss, `details` are more keys of the line.
+        """
         written = dict(files)
         if keeps and calibration.camera is not None:
-            written[CAMERAS.file_name(line["id"])] = (CAMERAS.write(calibration.camera) + "\n").encode()
+            written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
         squashed = SQUASHED in calibration.concerns or WAS_SQUASHED in calibration.message
-        return cls(line, squashed, written, picture=picture)
+        return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
 
 
 def is_squashed(line: Mapping[str, Any]) -> bool:

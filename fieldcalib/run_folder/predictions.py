@@ -8,12 +8,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
@@ -21,12 +20,11 @@ from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
     FrameFile,
-    error_message,
     named_in_errors,
     parse_json_object,
     read_regular_file,
 )
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format
 from fieldcalib.io.results import lines_file, result_lines
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
@@ -36,7 +34,7 @@ from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.annotated import name_left_out
-from fieldcalib.run_folder.units import units_of
+from fieldcalib.run_folder.units import read_each, units_of
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
@@ -93,26 +91,16 @@ class FileReader:
     def parse(self, files: Sequence[FrameFile], parse: Callable[[FrameFile], Parsed]) -> dict[str, Parsed]:
         """Parse files, by frame."""
         found: dict[str, Parsed] = {}
-        for parsed, messages in in_order(self.executor, partial(_read, parse=parse), units_of(files, READ_AT_ONCE)):
+        units = list(units_of(files, READ_AT_ONCE))
+        results = in_order(self.executor, partial(read_each, read=parse), units)
+        for unit, (parsed, broken) in zip(units, results, strict=True):
             found |= parsed
-            self.broken.extend(messages)
+            self.broken.extend(f"{file.path}: {broken[file.id]}" for file in unit if file.id in broken)
         return found
 
 
 def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
     return parse(file.read(most_bytes))
-
-
-def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
-    found: dict[str, Parsed] = {}
-    broken: list[str] = []
-    for file in files:
-        try:
-            with waiting_for(file.path):
-                found[file.id] = parse(file)
-        except (ValueError, MemoryError) as error:
-            broken.append(f"{file.path}: {error_message(error)}")
-    return found, broken
 
 
 def read_predictions(
@@ -132,7 +120,7 @@ def read_predictions(
     size_of_run = None
     if path.is_file() and RECORDS.recognises(path):
         found, own_size = _read_tvcalib(reader, path, size, homographies=homographies)
-    elif files := _camera_files(path, homographies=homographies):
+    elif not homographies and not HOMOGRAPHIES.recognises(path) and (files := _files(CAMERAS, path)):
         cameras = reader.read(files, partial(CAMERAS.read, image_size=size or IMAGE_SIZE))
         found = dict(cameras)
         size_of_run = _size_of_run(path)
@@ -147,12 +135,10 @@ def read_predictions(
     return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run)
 
 
-def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
-    """Files of cameras; none where homographies are asked for, or there are no cameras."""
-    if homographies or HOMOGRAPHIES.recognises(path):
-        return []
+def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
+    """Files of a format; none if there are none in a folder or zip that exists."""
     try:
-        return CAMERAS.find([path])
+        return form.find([path])
     except FileNotFoundError:
         if not path.exists():
             raise
@@ -169,15 +155,13 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
 
 def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
     """Files of homographies, which were asked for or are all that there may be."""
-    try:
-        return HOMOGRAPHIES.find([path])
-    except FileNotFoundError:
-        if homographies or not path.exists():
-            raise
+    files = HOMOGRAPHIES.find([path]) if homographies else _files(HOMOGRAPHIES, path)
+    if not files:
         raise FileNotFoundError(
             f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, or "
             f"TVCalib's per_sample_output.json itself"
-        ) from None
+        )
+    return files
 
 
 def _read_tvcalib(
@@ -234,7 +218,7 @@ def read_ground_truth(
     found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=reader.most_bytes)
     name_left_out(found, field)
     files = found.frames
-    beside = _beside(path)
+    beside = [file for file in _files(HOMOGRAPHIES, path) if file.path != path]  # none for a single annotation
     chosen = files
     if camera_type is not None:
         types = read_camera_types([path])
@@ -255,11 +239,3 @@ def _annotation(file: FrameFile, *, field: Field, size: tuple[int, int], most_by
     if count > MOST_PIXELS:
         raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
     return check_annotation(pixels, field)
-
-
-def _beside(path: Path) -> list[FrameFile]:
-    """Homographies beside annotations in a folder or a zip; none where it is a single annotation."""
-    try:
-        return [file for file in HOMOGRAPHIES.find([path]) if file.path != path]
-    except FileNotFoundError:
-        return []

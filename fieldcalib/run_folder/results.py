@@ -21,7 +21,7 @@ from typing import Any
 import fieldcalib
 from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
-from fieldcalib.console.program import say
+from fieldcalib.console.program import counted, say
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.line_log import LineLog, whole_lines
@@ -310,17 +310,6 @@ def _ids(log: Path) -> Iterator[str]:
         id = json.loads(text).get("id", "")
         if id and Path(id).name == id:
             yield id
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun.
-
-    Examples
-    --------
-    >>> counted(1, "frame"), counted(2, "frame")
-    ('1 frame', '2 frames')
-    """
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def is_nearly_square(line: Mapping[str, Any]) -> bool:

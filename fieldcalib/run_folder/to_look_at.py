@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
 from fieldcalib.assess.result import Verdict
+from fieldcalib.console.program import counted
 
 NAMED = 5  # number of stretches that are named
 
@@ -76,8 +77,7 @@ class ToLookAt:
         """Message with the frames, and where all are to be found; empty if all are good."""
         if not self.count:
             return ""
-        noun = "frame" if self.count == 1 else "frames"
-        head = f"{self.count} {noun} to look at (all reasons and remedies: {', '.join(where)}):"
+        head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
         return "\n  ".join([head, *map(str, self.stretches), *rest])
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
 from fieldcalib.console.progress import progress_bar
+from fieldcalib.console.waiting import waiting_for
+from fieldcalib.io.files import FrameFile, error_message
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.options import RunOptions, Shard
@@ -19,6 +21,8 @@ from fieldcalib.run_folder.results import ResultsWriter
 
 Member = TypeVar("Member")
 ItemT = TypeVar("ItemT", bound=Item)
+Key = TypeVar("Key")
+Result = TypeVar("Result")
 
 LARGEST_UNIT, LEAST_UNITS, SMALLEST_UNIT = 256, 4, 64
 
@@ -32,6 +36,53 @@ class UnitResult:
     """Time of the calibrations."""
     message: str = ""
     """Line for stdout."""
+
+
+def read_each(
+    files: Iterable[FrameFile], read: Callable[[FrameFile], Member]
+) -> tuple[dict[str, Member], dict[str, str]]:
+    """Read the files of frames: returns their contents, and the problems of broken ones, by frame id."""
+    found: dict[str, Member] = {}
+    broken: dict[str, str] = {}
+    for file in files:
+        try:
+            with waiting_for(file.path):
+                found[file.id] = read(file)
+        except (ValueError, MemoryError) as error:
+            broken[file.id] = error_message(error)
+    return found, broken
+
+
+def grouped(items: Iterable[Member], key: Callable[[Member], Key]) -> dict[Key, list[Member]]:
+    """Collect the items of each key in a list.
+
+    Examples
+    --------
+    >>> grouped(["a", "bb", "c"], len)
+    {1: ['a', 'c'], 2: ['bb']}
+    """
+    groups: dict[Key, list[Member]] = {}
+    for item in items:
+        groups.setdefault(key(item), []).append(item)
+    return groups
+
+
+def in_groups(
+    items: Sequence[Member],
+    key: Callable[[Member], Key],
+    function: Callable[[Key, list[Member]], Sequence[Result]],
+) -> list[Result]:
+    """Apply a function to the items of each key together; the results are in the order of the items.
+
+    Examples
+    --------
+    >>> in_groups(["a", "bb", "c"], len, lambda length, words: [f"{length} of {len(words)}"] * len(words))
+    ['1 of 2', '2 of 1', '1 of 2']
+    """
+    found: dict[int, Result] = {}
+    for value, members in grouped(range(len(items)), lambda index: key(items[index])).items():
+        found |= zip(members, function(value, [items[index] for index in members]), strict=True)
+    return [found[index] for index in range(len(items))]
 
 
 def unit_size(frames: int) -> int:
@@ -69,11 +120,9 @@ def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
     return sum(map(len, units_of(range(frames), size, shard)))
 
 
-@contextmanager
-def executor_of(jobs: int) -> Iterator[Executor | None]:
+def executor_of(jobs: int) -> AbstractContextManager[Executor | None]:
     """Start processes that work on units; None for one job, whose work is done here."""
-    with nullcontext() if jobs == 1 else Processes(jobs) as executor:
-        yield executor
+    return nullcontext() if jobs == 1 else Processes(jobs)
 
 
 def work(

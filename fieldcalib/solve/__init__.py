@@ -1,4 +1,4 @@
-"""From labelled pixels, points or homographies to cameras."""
+"""Calibration of cameras from labelled pixels, points or homographies."""
 
 from fieldcalib._modules import lazy_modules
 

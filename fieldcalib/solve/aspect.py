@@ -1,9 +1,9 @@
-"""Pictures squashed from 16:9: calibrated as they are and as they would be shown, and the likelihoods compared.
+"""Pictures squashed from 16:9: calibrated with and without that assumption; the likelihoods are compared.
 
 A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a whole frame that was
-squashed. The first has a principal point that may lie anywhere (`fieldcalib.problem.prior`), the second pixels that are
-not square. The evidence for each, by Laplace's approximation, is ``-cost - 1/2 log det A``, with A the information of
-labels and prior in units of the prior's: what fits no better with more freedom is less likely.
+squashed. In the first case the principal point may lie anywhere (`fieldcalib.problem.prior`), in the second pixels are
+not square. The log evidence for each, by Laplace's approximation, is ``-cost - 1/2 log det A``, with A the information
+of labels and prior in units of the prior's: freedom that does not improve the fit is penalised.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from fieldcalib.solve.label_ends import with_border_asked
 from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
-# Squares are what networks are trained with, and nothing that is filmed: prior log odds that one was squashed.
+# Prior log odds that a square picture was squashed: networks are trained with squares, cameras do not film them.
 SQUARE_LOG_ODDS = 1.5
 WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
 
 
 def may_be_squashed(image_size: tuple[int, int]) -> bool:
-    """Whether a picture has another shape than 16:9, and one that frames are squashed to.
+    """Whether a picture has another shape than 16:9, to which frames may be squashed.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def shown_size(image_size: tuple[int, int]) -> tuple[int, int]:
 
 
 def log_evidence(calibration: Calibration) -> float:
-    """Log of the likelihood of the labels under all cameras, up to a constant; minus infinity without a camera."""
+    """Log marginal likelihood of the labels over all cameras, up to a constant; minus infinity without a camera."""
     if calibration.solved is None:
         return -np.inf
     uncertainty = calibration.solved.uncertainty
@@ -63,17 +63,17 @@ def log_evidence(calibration: Calibration) -> float:
     return float(-evaluation.cost[0] - 0.5 * np.linalg.slogdet(information + np.eye(len(information)))[1])
 
 
-def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
-    """The more likely of two calibrations of a picture: as it is, and as it would be shown if it was squashed.
+def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
+    """The more likely of two calibrations of a picture: as it is, and stretched as if it had been squashed.
 
     Parameters
     ----------
     as_it_is, shown : Calibration
-        In pixels of the picture, and in those of `shown_size`.
+        Calibrations in pixels of the picture, and in those of `shown_size`.
     log_ratio : float
-        Log evidence for `shown` less that for `as_it_is`.
+        Log evidence for `shown` minus that for `as_it_is`.
     image_size : (int, int)
-        Of the picture.
+        Width and height of the picture.
     """
     log_ratio += SQUARE_LOG_ODDS * (image_size[0] == image_size[1])
     only_one = abs(log_ratio) <= CERTAIN and shown.accepted != as_it_is.accepted
@@ -88,14 +88,14 @@ def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size
 
 
 def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration:
-    """Scale the cameras of a calibration to the squashed picture; errors stay in pixels of the picture as shown."""
+    """Scale the cameras of a calibration to the squashed picture; errors stay in pixels of the stretched picture."""
     if shown.camera is None:
         return shown
     others = tuple(camera.scaled(image_size) for camera in shown.alternatives)
     return replace(shown, camera=shown.camera.scaled(image_size), alternatives=others)
 
 
-def with_aspect_as_told(
+def with_likely_aspect(
     object_segments: ObjectSegments,
     calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
     frames: Sequence[ImageSegments],
@@ -103,21 +103,21 @@ def with_aspect_as_told(
     *,
     estimated: bool,
 ) -> list[Calibration]:
-    """Calibrate frames of one size, each as it is or as it would be shown, whichever its labels make more likely.
+    """Calibrate frames of one size, each as it is or stretched to 16:9, whichever its labels make more likely.
 
-    Unless the aspect ratio is `estimated`, all are taken as they are.
+    Unless the aspect ratio is `estimated`, all are calibrated as they are.
     """
     found = calibrate(frames, image_size)
     if not (estimated and may_be_squashed(image_size)):
         return found
     size = shown_size(image_size)
     shown = calibrate([stretched(frame, np.divide(size, image_size)) for frame in frames], size)
-    likelier = [
-        told(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
+    chosen = [
+        likelier(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
         for one, other in zip(found, shown, strict=True)
     ]
-    in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # as the user knows them
-    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, likelier, strict=True)]
+    in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # in pixels of the picture
+    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
 
 
 def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""More of the lens where the labels call for it: k2, then k3 and the tangential coefficients.
+"""Further lens coefficients where the labels require them: k2, then k3 and the tangential coefficients.
 
 A coefficient is freed for the frames that it makes much more likely: the cost, a negative log-likelihood, must fall by
 more than one for each coefficient (Akaike), and by `CERTAIN` beyond that.
@@ -32,11 +32,11 @@ class Part:
     prior: GaussianPrior
     options: Options
     freed: tuple[str, ...] = ()
-    """Lens coefficients that were estimated beyond those that the user asked for."""
+    """Lens coefficients estimated in addition to those that the user asked for."""
 
 
 def with_lens_as_called_for(solution: Solution, prior: GaussianPrior, options: Options) -> Iterator[Part]:
-    """Divide solved frames into parts, each solved with as much of the lens as its labels call for."""
+    """Divide solved frames into parts, each solved with the lens coefficients that its labels require."""
     part = Part(np.arange(len(prior.mean)), solution, prior, options)
     for freed in LEVELS:
         more = _solved_with(part, freed)
@@ -50,7 +50,7 @@ def with_lens_as_called_for(solution: Solution, prior: GaussianPrior, options: O
 
 
 def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
-    """Solve the same frames with more of the lens free."""
+    """Solve the frames of a part with further lens coefficients."""
     options = part.options
     layout = options.layout
     if any(name not in layout.blocks for name in freed):
@@ -79,7 +79,7 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
 
 
 def _with_ends_anew(part: Part) -> Part:
-    """Solve frames again with the ends of segments that their cameras see now."""
+    """Solve frames again after choosing the pixels past ends of segments by their present cameras."""
     options = part.options
     start = with_segment_ends(part.solution.evaluation, options.wide_loss.scale)
     solution = levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=options.tolerance)

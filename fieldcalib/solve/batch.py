@@ -25,7 +25,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.aspect import with_likely_aspect
 from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
 from fieldcalib.solve.label_ends import with_border_asked
@@ -40,7 +40,7 @@ from fieldcalib.solve.packed_calibrations import PackedCalibrations
 from fieldcalib.solve.task import Task
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
-CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
+CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
 
 
 def calibrate_batch(
@@ -64,7 +64,7 @@ def calibrate_batch(
     cameras: Iterable[Camera] | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
-    """Calibrate many independent frames at once: as `calibrate_from_segments` does each, to 1e-6, but much faster.
+    """Calibrate many independent frames at once, with the results of `calibrate_from_segments` to 1e-6, but faster.
 
     Parameters
     ----------
@@ -75,16 +75,16 @@ def calibrate_batch(
     image_size : (int, int)
         Width and height of every frame, pixels.
     camera_matrix, dist_coeffs, rvec, tvec, flags, criteria, prior, loss, tau, trust_labels, paint, estimate_aspect
-        As in `calibrate_from_segments`, for all frames alike.
+        As in `calibrate_from_segments`; the same for all frames.
     weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
     cameras : iterable of Camera, optional
-        Initial cameras, one for each frame, as `CALIB_USE_INTRINSIC_GUESS` and `CALIB_USE_EXTRINSIC_GUESS` take one:
-        nothing else is searched, which is quicker where they are near. What the flags fix stays as it is in them, and
-        they say the aspect ratio.
+        Initial cameras, one for each frame, used as with `CALIB_USE_INTRINSIC_GUESS` and `CALIB_USE_EXTRINSIC_GUESS`:
+        no others are searched, which is faster if they are near. They also give the aspect ratio, and the values of
+        parameters that the flags fix.
     executor : concurrent.futures.Executor, optional
-        What works on the frames, 128 at once, e.g. `Processes`, or that of a cluster (dask's
-        ``Client.get_executor()``); the results are the same.
+        Executor for chunks of 128 frames, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``);
+        the results are the same.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def calibrate_batch(
     Raises
     ------
     ValueError
-        As `calibrate_from_segments`; the message begins with the index of the frame.
+        As in `calibrate_from_segments`; the message begins with the index of the frame.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def calibrate_batch(
         return calibrate_labels(task, some, size, each_weights, cameras=initial, executor=executor)
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
+    return with_likely_aspect(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
 def calibrate_labels(
@@ -125,7 +125,7 @@ def calibrate_labels(
     cameras: Sequence[Camera] | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
-    """Check the labels of frames of one size and calibrate them, from initial cameras if there are."""
+    """Check the labels of frames of one size and calibrate them, from initial cameras if these are given."""
     checked, pixel_weights = checked_frames(task.object_segments, frames, weights, checked_image_size(image_size))
     table = PixelTable.of(task.object_segments, checked, pixel_weights)
     found = calibrate_pixels(task, table, image_size, cameras, executor=executor)
@@ -140,9 +140,9 @@ def calibrate_pixels(
     *,
     executor: Executor | None = None,
 ) -> list[Calibration]:
-    """Calibrate checked frames of one size, from initial cameras if there are."""
+    """Calibrate checked frames of one size, from initial cameras if these are given."""
     if cameras:
-        # the layout needs the largest of their lenses
+        # the layout needs the largest lens of all cameras
         rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
         task = replace(task.with_flags(GUESS), given=GivenCamera(K, dist, rvec, tvec))
     options = task.options(image_size)
@@ -159,7 +159,7 @@ def _check_nothing_given(given: GivenCamera) -> None:
 
 
 def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:
-    """Initial cameras as parameters, or a ValueError if they are not those of the frames."""
+    """Initial cameras as parameters; a ValueError if they do not fit the frames."""
     if len(cameras) != count:
         raise ValueError(f"expected cameras for each of {count} frames, got {len(cameras)}")
     for index, camera in enumerate(cameras):
@@ -175,7 +175,7 @@ def checked_frames(
     weights: Iterable[Weights] | None,
     image_size: tuple[int, int],
 ) -> tuple[list[Pixels], list[PixelWeights | None]]:
-    """The pixels of frames and what each weighs, or a ValueError that begins with the index of the frame."""
+    """The checked pixels and weights of frames; a ValueError begins with the index of the frame."""
     frames, weights = _several(frames), None if weights is None else list(weights)
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
@@ -203,7 +203,7 @@ def _several(frames: Iterable[ImageSegments]) -> list[ImageSegments]:
 def calibrate_frames(
     pixels: PixelTable, options: Options, *, given: Array | None = None, executor: Executor | None = None
 ) -> list[Calibration]:
-    """Calibrate checked frames, from `given` cameras (T, n) if there are."""
+    """Calibrate checked frames, from cameras `given` (T, n) if these are not None."""
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in range(pixels.count)]
     chunks = list(_chunks(options.object_segments, pixels))
     parts = (_Part(pixels.of_frames(chunk), None if given is None else given[chunk]) for chunk in chunks)

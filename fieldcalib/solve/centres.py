@@ -1,6 +1,6 @@
-"""The centre of one camera from its frames: the place that most of them agree on, or a path.
+"""The centre of one camera from its frames: the position on which most of them agree, or a path.
 
-Frames whose labels are wrong, or whose fit is in a wrong minimum, have another centre: they are outvoted.
+Frames with wrong labels, or with a fit in a wrong minimum, have another centre: they are outvoted.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 
-# Per frame of 25 a second: a camera on wires or a drone speeds up by 5 m/s^2, and does not fly faster than 10 m/s.
+# At 25 frames per second: cameras on wires and drones accelerate by 5 m/s^2 and fly at up to 10 m/s.
 ACCELERATION = 0.008  # m per frame squared: standard deviation of a coordinate
 SPEED = 0.4  # m per frame
 AGREE = 7.8  # squared distance in standard deviations: 95 % of chi-squared with three degrees of freedom
-NEAR = 0.1  # m: centres that are this near agree, however sure they are
+NEAR = 0.1  # m: centres that are this near agree, however small their errors
 NEIGHBOURS = 8  # frames around a frame whose centres must agree with its own
 
 
@@ -29,12 +29,12 @@ class Centres(NamedTuple):
     """Normal distributions of the centres of B frames."""
 
     mean: Array
-    """(B, 3)"""
+    """Means, (B, 3)."""
     sigma: Array
-    """(B, 3)"""
+    """Standard deviations, (B, 3)."""
 
     def of_prior(self, prior: GaussianPrior | None, size: int) -> GaussianPrior:
-        """Replace the centre of a prior (B, n); None stands for a prior without information."""
+        """The prior (B, n) with its centre replaced by these; None is a prior without information."""
         if prior is None:
             prior = GaussianPrior(np.zeros((len(self.mean), size)), np.full((len(self.mean), size), np.inf))
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
@@ -48,7 +48,7 @@ class KnownCentres(NamedTuple):
     time: IntArray
     """Numbers of the frames, (K,) ascending."""
     C: Array
-    """(K, 3)"""
+    """Centres, (K, 3)."""
     sigma: Array
     """Standard deviations, (K, 3)."""
 
@@ -63,7 +63,7 @@ class KnownCentres(NamedTuple):
 
 
 def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]:
-    """Up to `most` centres (3,) of one tripod: the one that most frames agree on, then most of the rest, and so on."""
+    """Up to `most` centres (3,) of one tripod: the one on which most frames agree, then most of the rest, and so on."""
     found: list[Array] = []
     C, V = _centres(calibrations)
     while len(C) and len(found) < most:
@@ -77,7 +77,7 @@ def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]
 
 
 def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
-    """The nearer one, 0 or 1, of the two centres that frames vote for, (B,); all 0 where they vote for one only."""
+    """Index, 0 or 1, of the nearer of the two centres that frames vote for, (B,); 0 if they vote for only one."""
     places = voted_centres(calibrations, 2)
     if len(places) < 2:
         return np.zeros(len(calibrations), dtype=np.intp)
@@ -89,8 +89,8 @@ def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
 def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
     """The centres of frames `index` (B,), from those of known frames.
 
-    Between two of these the centre is where an even motion has it, but for what an acceleration does in that time;
-    before the first and after the last one it may go anywhere at its largest speed.
+    Between two known frames an even motion is expected, with the uncertainty of an acceleration during that time;
+    before the first and after the last one the centre may move in any direction at its largest speed.
     """
     time, C, sigma = known
     after = np.clip(np.searchsorted(time, index), 0, len(time) - 1)
@@ -105,7 +105,7 @@ def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
 
 
 def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
-    """The frames whose centre at least half of the frames around them can reach at the largest speed."""
+    """The frames whose centre can be reached from at least half of the frames around them at the largest speed."""
     frames = np.array(sorted(found), dtype=np.intp)
     C, V = _centres([found[t] for t in frames.tolist()])
     way = SPEED * np.abs(frames[:, None] - frames)
@@ -117,7 +117,7 @@ def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
 
 
 def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int, Calibration]:
-    """The frames whose centre is where known frames expect it."""
+    """The frames whose centre agrees with the one expected from known frames."""
     frames = np.array(sorted(found), dtype=np.intp)
     mean, sigma = expected_centres(known, frames)
     C, V = _centres([found[t] for t in frames.tolist()])
@@ -132,6 +132,6 @@ def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
 
 
 def _squared(difference: Array, covariance: Array, sigma: Array) -> Array:
-    """Squared distances (...,) in standard deviations, with `sigma` (..., 3 or 1) besides a covariance (..., 3, 3)."""
+    """Squared distances (...,) in standard deviations; `sigma` (..., 3 or 1) adds to the covariance (..., 3, 3)."""
     V = covariance + np.square(sigma)[..., None] * np.eye(3)
     return np.asarray(np.einsum("...i,...i->...", difference, np.linalg.solve(V, difference[..., None])[..., 0]))

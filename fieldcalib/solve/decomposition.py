@@ -19,25 +19,25 @@ from fieldcalib.geometry.projective import dehomogenize, finite_homography, homo
 GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
     {name: point for name, point in soccer().points.items() if point.X[2] == 0.0}
 )
-LEAST_POINTS = 3  # that cv2.solvePnPRefineLM takes
+LEAST_POINTS = 3  # smallest number for cv2.solvePnPRefineLM
 NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
 INVERSE = "its inverse is a camera's: H seems to map pixels to metres, give np.linalg.inv(H)"
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """The camera of a homography, or why there is none."""
+    """The camera of a homography, or the reason why there is none."""
 
     camera: Camera | None
     """The refined camera; None if the paper's rule rejects the homography."""
     initial: Camera | None
-    """The closed form, steps 1 to 3; None where the homography has no real focal length."""
+    """The closed form, steps 1 to 3; None if the homography has no real focal length."""
     points: Mapping[str, Point]
-    """The correspondences that the refinement uses: field points, and"""
+    """Field points that the refinement uses."""
     pixels: dict[str, Array]
-    """their images under the homography, (1, 2) each."""
+    """Images of these points under the homography, (1, 2) each."""
     message: str
-    """Number of points of the refinement, or why there is no camera."""
+    """Number of points of the refinement, or the reason why there is no camera."""
 
 
 def camera_from_homography(
@@ -51,10 +51,10 @@ def camera_from_homography(
 ) -> Decomposition:
     """Camera from a homography in the paper's five steps.
 
-    (1) to (3) are `closed_form`. (4) Field points whose image under H lies in the image, enlarged on each
-    side, and whose projection by that camera is near to it, are the correspondences ``X, H X`` from which
-    `cv2.solvePnPRefineLM` refines R and t, K staying as it is. With fewer than three of them the homography is
-    rejected: no camera is near enough to it. (5) The angles, with the smaller roll, are `Camera.angles`.
+    Steps (1) to (3) are `closed_form`. (4) From correspondences ``X, H X`` `cv2.solvePnPRefineLM` refines R and t and
+    keeps K. They are the field points for which H X lies in the image, enlarged on each side, and near to the
+    projection by the camera of the closed form. With fewer than three of them the homography is rejected: no camera is
+    near enough to it. (5) The angles, with the smaller roll, are `Camera.angles`.
 
     Parameters
     ----------
@@ -65,22 +65,22 @@ def camera_from_homography(
     points : mapping of str to Point
         Points on the ground; by default those of `soccer()`.
     zeta : float
-        Pixels between a point's image under H and its projection, from which on it is not used.
+        Distance in pixels between a point's image under H and its projection from which on it is not used.
     tolerance : float
-        How far outside the image a point may lie, in widths and heights.
+        Largest distance of points outside the image, in widths and heights.
     principal_point : (2,) array_like, optional
         In pixels; by default the image's centre.
 
     Returns
     -------
     Decomposition
-        Its message says so where H has no camera and its inverse has one: it maps pixels to the field then.
+        If H has no camera but its inverse has one, the message says that H seems to map pixels to the field.
 
     Raises
     ------
     ValueError
-        If H is no finite 3 x 3 matrix, there are no points or one is off the ground, zeta is not positive, tolerance is
-        negative, or the principal point is none.
+        If H is not a finite 3 x 3 matrix, there are no points or one is off the ground, zeta is not positive, tolerance
+        is negative, or the principal point is invalid.
 
     References
     ----------
@@ -98,7 +98,7 @@ def camera_from_homography(
     found = _in_five_steps(H, image_size, points, zeta, tolerance, principal_point)
     if found.camera is not None:
         return found
-    # not swapped without asking: a video would change its convention with the frames that happen to fail
+    # not inverted silently: a video would change its convention with the frames that happen to fail
     adjugate = np.cross(H[:, [1, 2, 0]], H[:, [2, 0, 1]], axis=0).T  # the inverse up to scale, also of a singular H
     other = _in_five_steps(adjugate, image_size, points, zeta, tolerance, principal_point)
     return found if other.camera is None else replace(found, message=f"{found.message}; {INVERSE}")
@@ -112,7 +112,7 @@ def _in_five_steps(
     tolerance: float,
     principal_point: ArrayLike | None,
 ) -> Decomposition:
-    """`camera_from_homography` of H as it is."""
+    """`camera_from_homography` of H, without trying its inverse."""
     X = _ground_points(points)
     initial = closed_form(H, image_size, principal_point=principal_point)
     if initial is None:
@@ -143,8 +143,8 @@ def closed_form(
 ) -> Camera | None:
     """Steps (1) to (3) of `camera_from_homography`: the camera above the ground, or None.
 
-    H and -H are of two cameras mirrored at the ground, and a field is seen from above: that settles the sign, also
-    where the camera stands above the field and has half of it behind.
+    H and -H belong to two cameras mirrored at the ground. The one above the ground is right, which determines the sign,
+    even if half of the field is behind the camera.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def closed_form(
     Returns
     -------
     Camera or None
-        None where the homography has no real focal length.
+        None if the homography has no real focal length.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def closed_form(
     if centre.shape != (2,) or not np.all(np.isfinite(centre)):
         raise ValueError(f"principal_point must be two finite numbers, x and y in pixels, got {principal_point!r}")
     corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    off_focal_plane = corners[np.argmax(np.abs(homogenize(corners) @ H[2]))]  # any, whatever its side
+    off_focal_plane = corners[np.argmax(np.abs(homogenize(corners) @ H[2]))]  # on either side
     f, R, C = decompose_homography(H, centre, off_focal_plane)
     if not np.isfinite(f):
         return None
@@ -189,10 +189,10 @@ def _ground_points(points: Mapping[str, Point]) -> Array:
 
 
 def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
-    """The camera with R and t refined by OpenCV, or None where that diverges."""
+    """The camera with R and t refined by OpenCV; None if that diverges."""
     import cv2  # a slow import
 
-    rvec, tvec, K, dist = camera.to_opencv()  # OpenCV changes the pose in place: it is ours alone
+    rvec, tvec, K, dist = camera.to_opencv()  # OpenCV changes the pose in place: these are copies
     new_rvec, new_tvec = cv2.solvePnPRefineLM(X, xy, K, dist, rvec, tvec)
     if not (np.all(np.isfinite(new_rvec)) and np.all(np.isfinite(new_tvec))):
         return None

@@ -1,12 +1,12 @@
 """Length and width of a pitch, estimated together with the cameras that see it.
 
-Law 1 leaves a pitch some freedom; on a pitch of another size, assuming 105 x 68 m makes the cameras wrong. With length
-and width the segments move (`Field.motion`); their shapes stay. The size is one more block of the parameters, shared by
-all frames: Levenberg-Marquardt minimises the cost of all frames, each with a camera of its own, and of the prior of the
+Law 1 allows a range of sizes; on a pitch of another size, assuming 105 x 68 m makes the cameras wrong. Segments move
+with length and width (`Field.motion`); their shapes stay. The size is another block of the parameters, shared by all
+frames: Levenberg-Marquardt minimises the cost of all frames, each with a camera of its own, and of the prior of the
 size; the cameras are eliminated from its steps (`fieldcalib.problem.levenberg_marquardt`). Then the frames are
-calibrated anew, as segments that seemed mislabelled may fit a pitch of another size, until the size stays.
+calibrated again, as segments that seemed mislabelled may fit a pitch of another size, until the size converges.
 
-The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two parameters more.
+The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two more parameters.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.joint_problem import joint_evaluation
 from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
-STILL = 1e-3  # metres: a size that moves by less stays
+STILL = 1e-3  # metres: a size that changes by less has converged
 ROUNDS = 10
-# Share below which the labels count as silent: a frame of one half has 2 % of the length, since the prior knows roughly
-# where the camera stands.
+# Share below which labels count as uninformative: a frame of one half has 2 % for the length, through the prior of the
+# camera's position.
 SILENT = 0.05
-MOSTLY = 0.5  # share from which on the labels tell it
+MOSTLY = 0.5  # share from which on a size counts as determined by the labels
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSize:
-    """The estimated size of a pitch, and how well it is known. Pairs are (length, width)."""
+    """The estimated size of a pitch, and its uncertainty. Pairs are (length, width)."""
 
     field: Field
     """The pitch, of the estimated size."""
     covariance: Array
     """Covariance of length and width given labels and prior, (2, 2) square metres."""
     from_labels: Array
-    """Share of the estimate that comes from the labels, the rest being the prior's, (2,): ``information / (1 +
+    """Share of the estimate that comes from the labels, (2,); the rest comes from the prior: ``information / (1 +
     information)``, with the information of the labels in units of the prior's."""
     calibrations: tuple[Calibration, ...]
-    """Calibrations of the frames on that pitch; they take its size as known."""
+    """Calibrations of the frames on that pitch, with its size taken as known."""
 
     @property
     def length(self) -> float:
@@ -70,12 +70,12 @@ class FieldSize:
 
     @property
     def std_deviations(self) -> Array:
-        """Standard deviations, (2,) metres: the prior's where the labels say nothing."""
+        """Standard deviations, (2,) metres: those of the prior where the labels are uninformative."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
     @property
     def interval(self) -> Array:
-        """Lower and upper ends, (2, 2) metres, between which length and width are with a probability of 95 %.
+        """Lower and upper ends of the 95 % intervals of length and width, (2, 2) metres.
 
         They are clipped to the legal sizes.
         """
@@ -107,13 +107,13 @@ def estimate_field_size(
 ) -> FieldSize:
     """Calibrate frames of one pitch together with its length and width.
 
-    Length and width are normal a priori, with the size of `field` as mean and the usual range of its `size_model` as
-    width of the 95 % interval. For `soccer` that is the range of law 1 for international matches, 100 to 110 m and 64
+    Length and width are normal a priori, with the size of `field` as mean and a 95 % interval as wide as the usual
+    range of its `size_model`. For `soccer` that is the range of law 1 for international matches, 100 to 110 m and 64
     to 75 m: sigma is 2.55 and 2.81 m. The estimate stays within the legal sizes, 90 to 120 m and 45 to 90 m. Only
-    accepted frames take part.
+    accepted frames are used.
 
-    A frame tells the width from both touchlines, or from one and what lies in the middle; the length from a goal line
-    or a penalty area together with the middle line or the centre circle, or from both halves.
+    A frame determines the width by both touchlines, or by one and markings in the middle; it determines the length by a
+    goal line or a penalty area together with the middle line or the centre circle, or by both halves.
 
     Parameters
     ----------
@@ -129,12 +129,12 @@ def estimate_field_size(
     Returns
     -------
     FieldSize
-        The mean of the prior where the labels say nothing, or no frame is accepted.
+        The mean of the prior where the labels are uninformative, or no frame is accepted.
 
     Raises
     ------
     ValueError
-        If the field does not know how its segments move with its size, or is of no legal size; otherwise as
+        If it is unknown how the segments of the field move with its size, or the size is illegal; otherwise as in
         `calibrate_batch`.
 
     References
@@ -165,7 +165,7 @@ def estimate_field_size(
     pitch = given = field.resized(field.length, field.width)
     calibrations = calibrated(pitch)
     for _ in range(ROUNDS):
-        # where none is accepted, the size may be why
+        # if none is accepted, a wrong size may be the reason
         seen = _with_status(calibrations, Status.ACCEPTED) or _with_status(
             calibrations, Status.NOT_CONVERGED, Status.IMPLAUSIBLE
         )
@@ -183,14 +183,14 @@ def estimate_field_size(
 
 
 def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
-    """The field of the size that calibrations tell together; the given one if none of them is accepted.
+    """The field of the size estimated from all calibrations; the given one if none of them is accepted.
 
     Parameters
     ----------
     field : Field
         Field of the most likely size, as for `estimate_field_size`.
     calibrations : sequence of Calibration
-        Calibrations of images of one size, on a field of one size that they take as known.
+        Calibrations of images of one size, on a field whose size they take as known.
     """
     size_prior, accepted = _checked_prior(field), _with_status(calibrations, Status.ACCEPTED)
     return field.resized(*_most_likely(accepted, size_prior).tolist()) if accepted else field
@@ -204,7 +204,7 @@ def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
 
 
 def _checked_prior(field: Field) -> SizeBlock:
-    """Prior of length and width around those of a field, which must be legal; its segments must move with them."""
+    """Prior of length and width around those of a field of legal size, whose segments must move with its size."""
     if not isinstance(field, Field):
         raise ValueError(f"expected a field as soccer(length, width) makes it, got {type(field).__name__}")
     sizes = field.resized(field.length, field.width).size_model
@@ -226,9 +226,9 @@ def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list
 def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Evaluation:
     """Calibrations on one pitch as one problem whose frames share its size, evaluated at their cameras.
 
-    The priors of the cameras' places count once for all frames, as does that of the size: what one frame learns from
-    its camera's place about the length is little, but frames of one pitch may have one camera, whose prior is no news
-    in the second one.
+    The priors of the cameras' positions count once for all frames, as does that of the size. The position's prior
+    contains a little information on the length; frames of one pitch may have one camera, and then it must not count
+    again in every frame.
     """
     parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)

@@ -24,7 +24,7 @@ from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.solve.from_segments import NO_PIXELS
-from fieldcalib.solve.tripod import KnownTripod
+from fieldcalib.solve.shared_parameters import SharedParameters
 
 NOTHING: Mapping[int, Calibration] = MappingProxyType({})
 
@@ -38,13 +38,13 @@ class SolvedFrames(NamedTuple):
     """Mask (B,) of the frames that are tied to others."""
 
 
-def table_without_cameras(tripod: KnownTripod, count: int) -> FrameTable:
+def table_without_cameras(shared: SharedParameters, count: int) -> FrameTable:
     """The table of frames of a tripod before any of them is solved."""
-    return FrameTable.without_cameras(count, tripod.options.layout, tuple(tripod.object_segments), NO_PIXELS)
+    return FrameTable.without_cameras(count, shared.options.layout, tuple(shared.object_segments), NO_PIXELS)
 
 
 def solved_rows(
-    tripod: KnownTripod,
+    shared: SharedParameters,
     solved: SolvedFrames,
     alone: Mapping[int, Calibration] = NOTHING,
     largest_error: float = LARGEST_ERROR,
@@ -54,13 +54,13 @@ def solved_rows(
     Parameters
     ----------
     alone : mapping of int to Calibration
-        Calibrations of some of the B frames by themselves, by row: they say which labels are suspect and, unless a
-        frame is tied, what status it has.
+        Calibrations of some of the B frames by themselves, by row: they give the suspect labels and, unless a frame is
+        tied, its status.
     largest_error : float
-        Metres over the field in view: a camera that is known no better is not accepted.
+        Metres over the field in view: cameras with larger errors are not accepted.
     """
     evaluation, errors, is_tied = solved
-    rows = table_without_cameras(tripod, len(evaluation.theta))
+    rows = table_without_cameras(shared, len(evaluation.theta))
     squares, counts = squares_by_label(evaluation)
     number = np.array([rows.labels.index(label) for label in evaluation.problem.observations.labels], dtype=np.intp)
     label_errors, label_counts = rows.label_errors.copy(), rows.label_counts.copy()
@@ -72,7 +72,7 @@ def solved_rows(
         for suspect in one.suspect_labels:
             column = rows.labels.index(suspect.label)
             label_errors[k, column], label_counts[k, column] = suspect.error_px, one.pixel_counts[suspect.label]
-    metres = ground_errors(evaluation.theta, errors, tripod.considered, tripod.options.field)
+    metres = ground_errors(evaluation.theta, errors, shared.considered, shared.options.field)
     status = np.full(len(rows), ACCEPTED)
     for k, one in alone.items():
         status[k] = ACCEPTED if is_tied[k] else STATUSES.index(one.status)

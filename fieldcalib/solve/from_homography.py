@@ -1,4 +1,4 @@
-"""Calibration from the homography of the ground, and the verdict on a camera that comes from elsewhere."""
+"""Calibration from the homography of the ground, and the verdict on a camera that was not solved here."""
 
 from __future__ import annotations
 
@@ -39,36 +39,38 @@ def calibrate_from_homography(
 ) -> Calibration:
     """Calibrate a camera from the homography of the ground, by decomposition (`camera_from_homography`).
 
-    Square pixels, no lens. The camera is the closed form with R and t refined to the field points that the homography
-    puts into the image. A homography has eight degrees of freedom and such a camera seven: `rms` and
-    `per_segment_errors` say how far the two are apart, in pixels at those points.
+    Pixels are square, and there is no lens. The camera is the closed form with R and t refined on the field points that
+    the homography maps into the image. A homography has eight degrees of freedom and such a camera seven: `rms` and
+    `per_segment_errors` are the differences between the two, in pixels at these points.
 
     Parameters
     ----------
     H : (3, 3) array_like
         Maps field points (x, y, 1) in metres, origin at the centre mark, y towards the main camera, to pixels. Scale
-        and sign do not matter. `ALIGNMENTS` translates the homographies of others.
+        and sign do not matter. `ALIGNMENTS` converts the homographies of published data sets.
     image_size : (int, int)
         Width and height in pixels.
     zeta : float
-        Pixels between a point's image under H and its projection, from which on it is not used.
+        Distance in pixels between a point's image under H and its projection from which on it is not used.
     tolerance : float
-        How far outside the image a point may lie, in widths and heights.
+        Largest distance of points outside the image, in widths and heights.
     principal_point : (2,) array_like, optional
         In pixels; by default the image's centre.
 
     Returns
     -------
     Calibration
-        "implausible" without a camera where the homography has no real focal length, and with the unrefined one where
-        fewer than three points are near enough: the paper rejects those. The message says so where H seems to map
-        pixels to the field, its origin a corner of the field, or its unit feet, centimetres or millimetres. Yards are
-        not told from metres: the camera of either could be; `refine_homography_on_image` has the image to tell.
+        "implausible" without a camera if the homography has no real focal length, and with the unrefined one if fewer
+        than three points are near enough: the paper rejects those. The message warns if H seems to map pixels to the
+        field, its origin seems to be a corner of the field, or its unit feet, centimetres or millimetres. Yards are not
+        recognised, as the cameras of yards and of metres are both plausible; `refine_homography_on_image` distinguishes
+        them by the image.
 
     Raises
     ------
     ValueError
-        If H is no finite 3 x 3 matrix, zeta is not positive, tolerance is negative, or the principal point is none.
+        If H is not a finite 3 x 3 matrix, zeta is not positive, tolerance is negative, or the principal point is
+        invalid.
 
     References
     ----------
@@ -100,7 +102,7 @@ def judged_decomposition(found: Decomposition) -> Calibration:
 
 
 def _other_coordinates(camera: Camera, field: Field) -> str:
-    """A hint that a homography maps other coordinates than metres from the centre mark; empty if it seems not to."""
+    """Hint that a homography maps other coordinates than metres from the centre mark; empty without evidence."""
     if may_be_from_a_corner(camera, field):
         return FROM_A_CORNER
     reading = reading_of_camera(camera, field)
@@ -119,12 +121,12 @@ def _other_coordinates(camera: Camera, field: Field) -> str:
 def judged_camera(
     camera: Camera, object_segments: ObjectSegments, frame: Pixels, message: str, *, field: Field | None = None
 ) -> Calibration:
-    """Errors and verdict of a camera that no solver of this package has found.
+    """Errors and verdict of a camera that was not found by a solver of this package.
 
     Parameters
     ----------
     camera : Camera
-        From a closed form, say.
+        The camera, for example from a closed form.
     object_segments : mapping of str to segment
         The calibration object.
     frame : dict of str to (N, 2) array
@@ -137,7 +139,7 @@ def judged_camera(
     Returns
     -------
     Calibration
-        Accepted, or implausible: it is physically impossible, or most of the labels disagree with it.
+        Accepted, or implausible if it is physically impossible or most of the labels disagree with it.
     """
     if not frame:
         return Calibration(camera, Status.ACCEPTED, message, NAN, NAN, {})
@@ -151,7 +153,7 @@ def judged_camera(
     wrong = implausibilities(evaluation, far=far, field=field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]
     missed = [label for label, error in errors.items() if error > far]
-    complaint = disagreement(labels, missed, unknowns=0)  # the camera comes from elsewhere
+    complaint = disagreement(labels, missed, unknowns=0)  # the camera was not fitted to them
     if reasons:
         complaint = f"no camera that could be: {'; '.join(reasons)}"
     status = Status.IMPLAUSIBLE if complaint else Status.ACCEPTED

@@ -1,4 +1,4 @@
-"""Calibration from points: of a soccer field with a prior, or of any object with a start from the DLT."""
+"""Calibration from points: of a soccer field with a prior, or of any object from an initial camera by the DLT."""
 
 from __future__ import annotations
 
@@ -60,44 +60,44 @@ def calibrate_from_points(
 ) -> Calibration:
     """Calibrate a camera from points of one frame: `calibrate_from_segments` with a `Point` for each pixel.
 
-    With a prior the points are those of a soccer field, and starts come from where cameras stand there. Without one
-    they may be of any object, in any unit: the start is the best of many DLTs on few of the points, so that gross
-    errors do no harm, and the fit is that of the robust loss.
+    With a prior the points are those of a soccer field, and initial cameras come from its stands. Without one they may
+    be of any object, in any unit: the initial camera is the best of many DLTs on few of the points, which is robust to
+    gross errors, as is the final loss.
 
     Parameters
     ----------
     object_points : (N, 3) array_like
-        Points of the object. Of a field: metres, origin at the centre mark, y towards the main camera, z down. A single
-        view in OpenCV's shapes, (N, 1, 3) or (1, N, 3), is understood too.
+        Points of the object. For a field: metres, origin at the centre mark, y towards the main camera, z down. A
+        single view in OpenCV's shapes, (N, 1, 3) or (1, N, 3), is accepted too.
     image_points : (N, 2) array_like
-        Their pixels.
+        Pixels of the points.
     image_size : (int, int)
         Width and height in pixels.
     camera_matrix, dist_coeffs, rvec, tvec, criteria, loss, tau
         As in `calibrate_from_segments`.
     flags : int
-        As in `calibrate_from_segments`, but the lens is fixed too by default: few points do not tell it.
+        As in `calibrate_from_segments`, but by default the lens is fixed too: few points do not determine it.
     prior : str, CameraDistribution, an iterable of them, or None
-        As in `calibrate_from_segments`; None for any object that is no soccer field. Four points on a plane or six in
-        space are then needed, unless `rvec` and `tvec` give the start.
+        As in `calibrate_from_segments`; None for any object other than a soccer field. Four points on a plane or six in
+        space are then needed, unless `rvec` and `tvec` give the initial pose.
     weights : float or (N,) array_like, optional
-        What the points count against others, as in `calibrate_from_segments`: one over the variance of the pixels, in
-        units of that of a point of weight 1. A point of weight 2 counts as two, one of weight 0 is left out.
+        Weights of the points, as in `calibrate_from_segments`: one over the variance of the pixels, in units of that of
+        a point of weight 1. A point of weight 2 counts as two, one of weight 0 is left out.
 
     Returns
     -------
     Calibration
-        `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... as given, without those of
-        weight 0. Without any start there is no camera. Where the verdict is not good and the points of a field fill
-        only a part of the image, or lie beyond it, the message asks whether they are of an image of another size.
+        `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... in the given order, without
+        points of weight 0. Without an initial camera there is no camera. If the verdict is not good and the points of a
+        field fill only a part of the image, or lie beyond it, the message asks whether they are of an image of another
+        size.
 
     Raises
     ------
     ValueError
-        As `calibrate_from_segments`; or if points, pixels and weights are no lists of one length, or, with the default
-        prior, points lie outside any soccer field; or if, of a field, they lie on its markings only if their origin is
-        a corner or their unit is another (yards, feet, centimetres). Where that is likely and no more, there is a
-        warning.
+        As in `calibrate_from_segments`; or if points, pixels and weights differ in length; or if, with the default
+        prior, points lie outside any soccer field; or if points of a field lie on its markings only with a corner as
+        origin or in another unit (yards, feet, centimetres). If that is only likely, there is a warning.
 
     Examples
     --------
@@ -136,11 +136,11 @@ class Points:
 
     names: tuple[str, ...]
     X: Array
-    """(N, 3)."""
+    """Points of the object, (N, 3)."""
     xy: Array
-    """(N, 2)."""
+    """Pixels, (N, 2)."""
     weights: Array
-    """(N,)."""
+    """Weights, (N,)."""
 
     @property
     def seen(self) -> Points:
@@ -194,7 +194,7 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
 
 
 def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | CameraDistribution, ...] | None:
-    """The prior; an iterable as a tuple, since it is read more than once."""
+    """The prior; an iterable is turned into a tuple, since it is read more than once."""
     if prior is None or isinstance(prior, str | CameraDistribution):
         return prior
     try:
@@ -207,7 +207,7 @@ def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | Cam
 
 
 def _on_field(prior: Prior) -> bool:
-    """Whether the points are of a field: a stand that is given by its name is one of a field."""
+    """Whether the points are of a field: stands that are given by name are stands of a field."""
     members = prior if isinstance(prior, tuple) else (prior,)
     return any(isinstance(member, str) for member in members)
 
@@ -217,7 +217,7 @@ def _calibrated(points: Points, task: Task, image_size: tuple[int, int]) -> Cali
 
 
 def _started(task: Task, start: Camera) -> Task:
-    """The task with a camera to start from."""
+    """The task with an initial camera."""
     flags = int(task.flags or 0)
     if flags & CalibrationFlags.CALIB_FIX_ROTATION and task.given.rvec is not None:
         R = Camera.from_opencv(task.given.rvec, np.zeros(3), start.K, None, start.image_size).R
@@ -227,10 +227,10 @@ def _started(task: Task, start: Camera) -> Task:
 
 
 def _calibrate_on_field(points: Points, task: Task, options: Options) -> Calibration:
-    """The calibration from where cameras stand; if that misses points, the better of it and of one from the DLT.
+    """The calibration from the stands; if that misses points, the better one of it and of the one from the DLT.
 
-    With a fifth of the points anywhere in the image, the second start brings the cameras that are more than 10 % off
-    from 7 to 4 %.
+    With a fifth of the points at random pixels, the second start reduces the cameras that are more than 10 % off from 7
+    to 4 %.
     """
     found = _calibrated(points, task, options.image_size)
     misses = max(found.per_segment_errors.values(), default=0.0) > options.wide_loss.scale
@@ -256,7 +256,7 @@ def _median(values: Array, weights: Array) -> float:
 
 
 def _calibrate_without_prior(points: Points, task: Task, options: Options) -> Calibration:
-    """The calibration of any object, from the given pose or from the DLT."""
+    """The calibration on any object, from the given pose or from the DLT."""
     size, given = options.image_size, task.given
     if not len(points.X):
         return _calibrated(points, task, size)
@@ -277,16 +277,15 @@ def _calibrate_without_prior(points: Points, task: Task, options: Options) -> Ca
 
 
 def _calibrated_nearby(points: Points, task: Task, pose: Camera) -> Calibration:
-    """The calibration from a known pose, of an object of any size.
+    """The calibration from an initial pose, on an object of any size.
 
-    The object is moved for the solver, ``X' = scale turn (X - origin)``, so that it has about the size of a field and
-    is looked at horizontally: the solver's steps are made for metres, and its angles for cameras that do not look
-    straight down.
+    The object is transformed for the solver, ``X' = scale turn (X - origin)``, to about the size of a field seen
+    horizontally: the solver's steps are scaled for metres, and its angles for cameras that do not look straight down.
     """
     origin = points.X.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum(np.square(points.X - origin), axis=1))))
     scale = SOLVED_SIZE / size if size else 1.0
-    # a roll that is kept is one about the object's own axes
+    # a fixed roll is relative to the object's own axes
     keeps_roll = int(task.flags or 0) & CalibrationFlags.CALIB_FIX_ROLL
     turn = np.eye(3) if keeps_roll else HORIZONTAL.T @ pose.R
     start = Camera(np.eye(3), pose.R @ turn.T, scale * turn @ (pose.C - origin), pose.image_size)
@@ -302,21 +301,21 @@ def _calibrated_nearby(points: Points, task: Task, pose: Camera) -> Calibration:
 
 
 def _moved_back(solved: Solved, camera: Camera, points: Points, scale: float) -> Solved:
-    """The solved problem with the given points in place of those that were moved for the solver."""
+    """The solved problem with the given points instead of those transformed for the solver."""
     observations = pack(points.segments, [points.pixels], camera.image_size, [points.pixel_weights])
     problem = replace(solved.evaluation.problem, observations=observations)
     unit = solved.unit.copy()
-    unit[:, CENTER] = unit[:, CENTER].max() / scale  # in any direction
+    unit[:, CENTER] = unit[:, CENTER].max() / scale  # the same in all directions
     return Solved(evaluate(problem, problem.layout.theta(camera)[None]), unit)
 
 
 def _start(points: Points, options: Options) -> Camera | None:
-    """The camera of `resect` with what is known of it, or None."""
+    """The camera of `resect` with the known parameters, or None."""
     known, size, layout = options.known, options.image_size, options.layout
     d = points.xy - known[PRINCIPAL_POINT]
     d[:, 1] /= np.exp(known[LOG_ASPECT])
     u = layout.lens.undistort(d.T, known[layout.lens_block, None]).T
-    seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches the others
+    seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches other pixels
     focal_length = float(np.exp(known[LOG_F]))
     found = resect(points.X[seen], u[seen], options.wide_loss, size[0], focal_length, points.weights[seen])
     if found is None:

@@ -1,10 +1,10 @@
-"""Calibration from labelled pixels: the whole flow from labels to a camera with a verdict.
+"""Calibration from labelled pixels: all steps from labels to a camera with a verdict.
 
-    checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
+    checked pixels -> initial cameras -> wide loss from all of them -> the best plausible camera -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
 
-Many frames (`fieldcalib.solve.batch`) are solved by the batched Levenberg-Marquardt; one frame is finished by
-SciPy's `least_squares` from there. Both minimise the same cost.
+Many frames (`fieldcalib.solve.batch`) are solved by the batched Levenberg-Marquardt; a single frame is then finished by
+SciPy's `least_squares`. Both minimise the same cost.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
-from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.aspect import with_likely_aspect
 from fieldcalib.solve.auto_lens import with_lens_as_called_for
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
 from fieldcalib.solve.label_ends import with_border_asked
@@ -50,8 +50,8 @@ from fieldcalib.solve.search import find_cameras
 from fieldcalib.solve.symmetry import other_side, repeats
 from fieldcalib.solve.task import Task
 
-NOISY = 4.0  # times the usual noise: of 755 good cameras of annotated frames none misses its labels by more than 2.7
-POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
+NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
+POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 REPEATS = "labels that are all {:g} m off along the field fit as well: nothing labelled here tells where that is"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
@@ -100,47 +100,49 @@ def calibrate_from_segments(
     camera_matrix : (3, 3) array_like, optional
         Start or known value of K, with `CALIB_USE_INTRINSIC_GUESS` or `CALIB_FIX_FOCAL_LENGTH`.
     dist_coeffs : (2..14,) array_like, optional
-        Known lens (k1, k2, 0, ...) at the focal length of `camera_matrix`. If the focal length changes, the lens bends
-        the image as before: k1 f^-2 is kept.
+        Known lens (k1, k2, 0, ...) at the focal length of `camera_matrix`. If the focal length changes, the distortion
+        of the image is kept: k1 f^-2 is constant.
     rvec, tvec : (3,) array_like, optional
-        Start of the pose, with `CALIB_USE_EXTRINSIC_GUESS`, or what is known of it, with `CALIB_FIX_POSITION` or
-        `CALIB_FIX_ROTATION`. What flags fix is in the result to the last bit.
+        Initial pose, with `CALIB_USE_EXTRINSIC_GUESS`, or known position or rotation, with `CALIB_FIX_POSITION` or
+        `CALIB_FIX_ROTATION`. Values that flags fix are returned to the last bit.
     flags : int, optional
-        `CalibrationFlags`; equal in value to cv2's. They replace the default, which is `DEFAULT_FLAGS`; without a prior
-        that fixes the principal point too.
+        `CalibrationFlags`, equal in value to cv2's. They replace the default, `DEFAULT_FLAGS`; without a prior the
+        default fixes the principal point too.
     criteria : (int, int, float)
         cv2's (type, max_count, eps) of the final stage; eps is the relative decrease of the cost.
     prior : str, CameraDistribution, an iterable of them, or None
-        Where the camera may stand: weak prior, and where starts come from. "all" tries the stands of the field, for
-        `soccer` the main stand's centre, left and right, the opposite stand and behind both goals; the name of one,
-        like "main center", says that the kind of camera is known. An object that knows no stands needs a distribution
-        of its own. None starts everywhere and solves without a prior.
+        Stands where the camera may be: a weak prior and the source of initial cameras. "all" tries all stands of the
+        field, for `soccer` the main stand's centre, left and right, the opposite stand and behind both goals; the name
+        of one, like "main center", restricts the search to it. An object without stands needs a distribution of its
+        own. None takes initial cameras from all stands and solves without a prior.
     loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
         Robust loss of the final stage.
     tau : float, optional
-        Reject if the loss in NDC is above; the paper's is 0.019. The camera is given all the same.
+        Threshold of the loss in NDC above which the camera is rejected, but still returned; the paper's is 0.019.
     trust_labels : bool
-        Take every label for right: quicker, where pixels were found for known segments, as lines in an image are.
+        Take every label as right: faster, for pixels that were searched along known segments, as lines in an image.
     weights : mapping of str to float or (N,) array_like, optional
-        What labels, or each of their pixels, count against others; 1 where nothing is said. 0 leaves a pixel out.
+        Weights of labels, or of each of their pixels, relative to others; by default 1. Weight 0 leaves a pixel out.
     paint : float
-        Standard deviation, in metres, of where a line is painted as a whole. It is in the uncertainty: many pixels on
-        one line do not average it out.
+        Standard deviation, in metres, of the position of a painted line as a whole. It enters the uncertainty: many
+        pixels on one line do not average it out.
     estimate_aspect : bool
-        Whether a picture of another shape than 16:9 may have been squashed from it: it is calibrated as it is and as it
-        would be shown, and what the labels make more likely is given, with the aspect ratio of its pixels. Where they
-        do not tell, the verdict is "check". A `camera_matrix` says the aspect ratio: then nothing is estimated.
+        Whether a picture of another shape than 16:9 may have been squashed from it: it is calibrated as it is and
+        stretched, and the calibration that the labels make more likely is returned, with the aspect ratio of its
+        pixels. If neither is much more likely, the verdict is "check". A `camera_matrix` gives the aspect ratio: then
+        it is not estimated.
 
     Returns
     -------
     Calibration
-        Unpacks to ``rms, K, dist, rvec, tvec``. Data that cannot be calibrated is no error: see `status` and `message`.
+        Unpacks to ``rms, K, dist, rvec, tvec``. Data that cannot be calibrated raises no error: see `status`,
+        `message`.
 
     Raises
     ------
     ValueError
-        Arguments that cannot be right: unknown labels, pixels that are not finite or look normalised, a swapped image
-        size, flags without the values that they need.
+        If arguments are invalid: unknown labels, pixels that are not finite or look normalised, a swapped image size,
+        flags without the values that they need.
 
     References
     ----------
@@ -164,7 +166,7 @@ def calibrate_from_segments(
         return [calibrate_frame(task, frames[0], size, weights)]
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
+    return with_likely_aspect(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 
 def calibrate_frame(
@@ -183,14 +185,14 @@ def calibrate_frame(
 def checked_frame(
     object_segments: ObjectSegments, frame: ImageSegments, weights: Weights | None, image_size: tuple[int, int]
 ) -> tuple[Pixels, PixelWeights | None]:
-    """The pixels of one frame and what each weighs, or a ValueError that says what is wrong with them."""
+    """The checked pixels and weights of one frame."""
     return check_weights(object_segments, check_segments(object_segments, frame, image_size), weights)
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
-    """One frame by both solvers: SciPy's `least_squares` goes on from where Levenberg-Marquardt ends.
+    """Solve one frame by both solvers: SciPy's `least_squares` starts where Levenberg-Marquardt ends.
 
-    Neither takes a last step that lowers the cost by less than the share `tolerance`. So where SciPy finds no better
+    Neither takes a last step that lowers the cost by less than the share `tolerance`. So unless SciPy finds a better
     minimum, the camera is that of `calibrate_batch`.
     """
     near = levenberg_marquardt(start, max_iterations=max_iterations, tolerance=tolerance)
@@ -205,9 +207,9 @@ def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Sol
 def calibrate_checked(
     pixels: PixelTable, options: Options, solve: Solver, given: Array | None = None
 ) -> list[Calibration]:
-    """Calibrate checked frames that all have pixels, from `given` cameras (B, n) if there are.
+    """Calibrate checked frames that all have pixels, from cameras `given` (B, n) if these are not None.
 
-    `solve` finds the final optimum.
+    `solve` computes the final optimum.
     """
     observations = Observations.of(options.object_segments, pixels, options.image_size, options.motion)
     found = find_cameras(observations, options, given)
@@ -231,16 +233,16 @@ def calibrate_checked(
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """B frames and the cameras that they were solved for."""
+    """B solved frames."""
 
     observations: Observations
-    """Labels as given."""
+    """The given labels."""
     relabelled: Relabelled
     """The labels that they were solved with."""
     solution: Solution
     options: Options
     freed: tuple[str, ...] = ()
-    """Lens coefficients that were estimated beyond those of the flags."""
+    """Lens coefficients estimated in addition to those of the flags."""
 
     @property
     def evaluation(self) -> Evaluation:
@@ -249,7 +251,7 @@ class _Frames:
 
     @property
     def errors_as_given(self) -> Array:
-        """Root mean square distances of the labels as given, (B, L)."""
+        """Root mean square distances of the given labels, (B, L)."""
         if not any(self.relabelled.suspects):
             return rms_by_label(self.evaluation)
         problem = replace(self.evaluation.problem, observations=self.observations)
@@ -257,9 +259,9 @@ class _Frames:
 
 
 def _judged(frames: _Frames) -> list[Calibration]:
-    """Cameras, errors and verdicts of solved frames.
+    """Calibrations of solved frames.
 
-    Errors are those of the labels that were given; the verdict is on the labels that were solved with.
+    Errors are those of the given labels; the verdict rests on the labels that the frames were solved with.
     """
     options, relabelled, evaluation, given = frames.options, frames.relabelled, frames.evaluation, frames.observations
     cameras = options.layout.cameras(evaluation.theta)
@@ -303,7 +305,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     errors, rms = rms_by_label(evaluation), rms_of_labels(evaluation)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, sigma)
-    # ends are seen from the camera that was found: they confirm it wherever it is
+    # ends were chosen by the camera itself: they confirm any camera
     count = evaluation.r.shape[1] - evaluation.problem.observations.ends.xy.shape[1]
     without_ends = replace(
         labels, matrix=evaluation.information_of(slice(0, count)) * sigma[:, :, None] * sigma[:, None]
@@ -331,7 +333,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
 def _complaints(
     errors: Mapping[str, float], suspects: Sequence[SuspectLabel], alternatives: Sequence[Camera], far: float
 ) -> tuple[str, ...]:
-    """Complaints of the labels of one frame about a camera that most of them agree with."""
+    """Evidence of one frame's labels against a camera that agrees with most of them."""
     suspected = {suspect.label for suspect in suspects}
     missed = [label for label, error in errors.items() if error > far and label not in suspected]
     found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []
@@ -340,14 +342,14 @@ def _complaints(
 
 
 def _misfit(rms: float, options: Options) -> tuple[str, ...]:
-    """The complaint about a camera that misses most of its labels by a little."""
+    """Complaint about a camera that misses most of its labels by more than their noise."""
     if not rms > NOISY * options.noise:
         return ()
     return (f"the labels lie {rms:.0f} px off: check the size of field and image, and what was given of the camera",)
 
 
 def _lens_is_prior(labels: Information, options: Options) -> BoolArray:
-    """Which frames (B,) have a k1 that is determined by the prior, as the labels hardly tell it."""
+    """Mask (B,) of the frames whose k1 comes from the prior, as the labels hardly determine it."""
     is_k1 = np.flatnonzero(options.layout.free) == options.layout.lens_block.start
     if not (options.use_prior and np.any(is_k1)):
         return np.zeros(len(labels.matrix), dtype=bool)

@@ -1,4 +1,4 @@
-"""The camera as far as the user knows it, and results that keep known values to the last bit."""
+"""Values of the camera that the user gives, and results that keep known values to the last bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _F = CalibrationFlags
 
 
 class GivenCamera(NamedTuple):
-    """Values of a camera in OpenCV's terms; flags say which of them are known and which are a start."""
+    """Values of a camera in OpenCV's terms; flags say which of them are known and which are initial."""
 
     camera_matrix: ArrayLike | None = None
     dist_coeffs: ArrayLike | None = None
@@ -41,7 +41,7 @@ NOTHING_GIVEN = GivenCamera()
 
 
 def check_of_clip(flags: int) -> None:
-    """A ValueError if the flags fix the rotation of a clip's camera, which differs from frame to frame."""
+    """Raise a ValueError if the flags fix the rotation of a clip's camera, which differs from frame to frame."""
     if flags & (_F.CALIB_FIX_ROTATION | _F.CALIB_USE_EXTRINSIC_GUESS):
         raise ValueError(
             "a rotation is of one frame, and the camera of a clip turns: CALIB_FIX_ROTATION and "
@@ -52,8 +52,8 @@ def check_of_clip(flags: int) -> None:
 def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], flags: int) -> list[Calibration]:
     """Calibrations whose cameras have exactly the given values that the flags fix.
 
-    A solver's parameters are logarithms and angles: the way there and back changes the last bits. Values are given for
-    all alike, or by one camera for each.
+    The solver's parameters are logarithms and angles: conversion to them and back changes the last bits. `given` is for
+    all calibrations, or a camera for each.
     """
     if not flags & (_F.CALIB_FIX_FOCAL_LENGTH | _F.CALIB_FIX_POSITION | _F.CALIB_FIX_ROTATION):
         return found

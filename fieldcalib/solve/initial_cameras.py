@@ -30,7 +30,7 @@ from fieldcalib.problem.layout import (
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
-SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
+SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short segments, depth of the nearest one
 ON_GROUND = 1e-9  # metres
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
@@ -50,21 +50,20 @@ class InitialCameras:
 def initial_cameras(
     observations: Observations, stands: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
 ) -> InitialCameras:
-    """Initial cameras of every frame: from each stand, and by the DLT where four ground lines or more allow it.
+    """Initial cameras of every frame: from each stand, and by the DLT if there are at least four ground lines.
 
-    A known position makes for a single one.
+    If the position is known, there is a single one.
 
     Parameters
     ----------
     observations : Observations
         T frames, each with at least one pixel.
     stands : GaussianPrior
-        Where the camera may stand, (K, n). A camera that comes from elsewhere belongs to the stand that it is nearest
-        to, by z-score.
+        Priors (K, n) of the stands. A camera of the DLT belongs to the nearest stand, by z-score.
     known : (n,) array
-        Parameters that the user gave; NaN where nothing is known.
+        Parameters given by the user; NaN for unknown ones.
     scale : float
-        Size of what is usually in view, metres.
+        Size of the part of the object that is usually in view, metres.
     """
     T, K = len(observations), len(stands.mean)
     if np.isnan(known[CENTER]).any():
@@ -84,12 +83,12 @@ def initial_cameras(
 
 
 def given_cameras(theta: Array, stands: GaussianPrior) -> InitialCameras:
-    """Initial cameras (T, n) that are known already, one for each frame."""
+    """Initial cameras from given ones (T, n), one for each frame."""
     return InitialCameras(theta, np.arange(len(theta)), stands.take(_nearest_stand(theta, stands)))
 
 
 def _nearest_stand(theta: Array, stands: GaussianPrior) -> IntArray:
-    """Index (N,) of the stand that each camera (N, n) is nearest to, by z-score."""
+    """Index (N,) of the stand that is nearest to each camera (N, n), by z-score."""
     z = stands.z_scores(theta[:, None])[..., POSE_AND_ZOOM]
     return np.asarray(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
@@ -97,11 +96,11 @@ def _nearest_stand(theta: Array, stands: GaussianPrior) -> IntArray:
 def pointed_camera(
     observations: Observations, prior: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
 ) -> Array:
-    """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, n).
+    """Cameras at the mean position of a prior, turned and zoomed towards the labelled segments, (T, n).
 
-    The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
-    centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero. Of K priors,
-    means and sigmas (K, n), the cameras are (K, T, n).
+    The middles of the labelled segments, weighted towards short ones, are matched to their pixels: their centroid gives
+    pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero. For K priors, means and sigmas
+    (K, n), the cameras are (K, T, n).
     """
     X, xy, weight = _segment_middles(observations, SHORT * scale)
     start = np.where(np.isnan(known), prior.mean, known)
@@ -118,7 +117,7 @@ def pointed_camera(
         mean, margin = prior.mean[..., LOG_F, None], DEVIATIONS * prior.sigma[..., LOG_F, None]
         theta[..., LOG_F] = np.clip(log_f, mean - margin, mean + margin)
     if np.isnan(known[PAN]):
-        # the target shall not appear in the middle of the image but where the pixels are
+        # the target is to appear at the pixels, not in the middle of the image
         offset = np.sum(weight * xy, axis=1) - theta[..., PRINCIPAL_POINT]
         angle = np.arctan(offset / exp_of(theta, LOG_F)[..., None])
         theta[..., PAN] -= angle[..., 0] / np.maximum(np.sin(theta[..., TILT]), 0.3)
@@ -127,9 +126,10 @@ def pointed_camera(
 
 
 def _segment_middles(observations: Observations, short: float) -> tuple[Array, Array, Array]:
-    """Middle of each pixel's segment (T, N, 3), the pixel (T, N, 2), and its weight (T, N, 1), summing to 1 a frame.
+    """Middle of each pixel's segment (T, N, 3), the pixel (T, N, 2), and its weight (T, N, 1), with sum 1 in each
+    frame.
 
-    Of a long segment only a part is in view, and nobody knows which: weights fall with the square of the length.
+    An unknown part of a long segment is in view: weights decrease with the square of the length.
     """
     X, xy, weight = [], [], []
     for rows in observations.rows:
@@ -138,7 +138,7 @@ def _segment_middles(observations: Observations, short: float) -> tuple[Array, A
         middle, length = rows.extent
         X.append(middle)
         xy.append(rows.xy)
-        weight.append(rows.weight / np.square(length + short))  # short segments do not outweigh each other
+        weight.append(rows.weight / np.square(length + short))  # short segments weigh alike
     w = np.concatenate(weight, axis=1)
     w /= np.sum(w, axis=1, keepdims=True)
     return np.concatenate(X, axis=1), np.concatenate(xy, axis=1), w[..., None]
@@ -153,7 +153,7 @@ def _spread(x: Array, weight: Array) -> Array:
 def camera_from_lines(observations: Observations, known: Array, scale: float = SOCCER_SCALE) -> tuple[Array, BoolArray]:
     """Cameras from the homography of the ground's lines by the DLT, (T, n), and which frames have one, (T,).
 
-    The homography is decomposed with the known principal point, else the image's centre.
+    The homography is decomposed with the known principal point or, if unknown, the image's centre.
     """
     T, rows = len(observations), observations.of_kind(LineRows)
     theta = np.broadcast_to(np.where(np.isnan(known), 0.0, known), (T, len(known))).copy()
@@ -163,7 +163,7 @@ def camera_from_lines(observations: Observations, known: Array, scale: float = S
     H, found = ground_homographies(observations, principal_point, scale)
     if not found.any():
         return theta, found
-    # a point of the ground in view: where the pixels' centroid lies on the field
+    # a ground point in view: that of the pixels' centroid
     on_ground = _ground_rows(rows)
     pixel = np.sum(on_ground[..., None] * rows.xy, axis=1) / np.maximum(np.sum(on_ground, axis=1), 1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -183,23 +183,23 @@ def ground_homographies(
 ) -> tuple[Array, BoolArray]:
     """Homographies of the ground from its lines, by the DLT.
 
-    Lines are fitted to the pixels of each segment and weigh as much as they are long in the image.
+    Lines are fitted to the pixels of each segment, with their lengths in the image as weights.
 
     Parameters
     ----------
     observations : Observations
         T frames.
     principal_point : (2,) array
-        Around it the image is normalised, in pixels.
+        Origin of normalised image coordinates, pixels.
     scale : float
-        Brings the field's coordinates to about unit size, metres.
+        Unit of normalised field coordinates, metres.
 
     Returns
     -------
     H : (T, 3, 3) array
-        Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
+        Map field points (x, y, 1) in metres to pixels, up to scale and sign; NaN for frames without one.
     found : (T,) bool array
-        Which frames have one: those with four lines on the ground that are longer than a point.
+        Mask of the frames with one: those with four lines on the ground, each labelled at two different pixels.
     """
     T, rows = len(observations), observations.of_kind(LineRows)
     on_ground = _ground_rows(rows)
@@ -214,7 +214,7 @@ def ground_homographies(
     extent = np.max(np.where(inside, x, -np.inf), axis=2) - np.min(np.where(inside, x, np.inf), axis=2)
     length = np.where(member.any(axis=-1), np.linalg.norm(extent, axis=-1), 0.0)
 
-    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
+    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # every row of a label has its segment
     start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
     field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
     to_unit_field = np.diag([1.0 / scale, 1.0 / scale, 1.0])

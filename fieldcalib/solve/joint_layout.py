@@ -10,19 +10,19 @@ import numpy as np
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.solve.sequence_problem import SequenceProblem
 
-# Parameters that each part of the zoom law changes: unless these are shared, it is fixed.
+# Parameters that each part of the zoom law changes: the part is fixed unless these are shared.
 CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}
 
 
 def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collection[str]) -> Layout:
-    """Layout of a frame whose shared parameters are those of all frames; what the flags fix stays fixed.
+    """Layout of a frame with the shared parameters of all frames; parameters that the flags fix stay fixed.
 
     Parameters
     ----------
     reference : float
-        log f at which the zoom law begins.
+        Reference log f of the zoom law.
     fixed_sizes : collection of str
-        Which of length and width are kept at their uncertain value.
+        Those of length and width that are kept at an uncertain value.
     """
     base = problem.options.layout
     law = ZoomLaw(reference) if "zoom law" in problem.shared and base.free[LOG_F] else None
@@ -38,14 +38,14 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
         roles[index[name]] = Role.CONSIDERED
     if law is not None:
         unshared = [part for part, of in CHANGED.items() if of not in index or roles[index[of]] != Role.SHARED]
-        is_known = problem.moves or not np.any(base.free[CENTER])  # a known centre is that of projection
+        is_known = problem.moves or not np.any(base.free[CENTER])  # a known centre is the centre of projection
         for name in (*unshared, *(("axis offset",) if is_known else ())):
             roles[index[name]] = Role.FIXED
     return replace(layout, roles=roles)
 
 
 def _free_size(problem: SequenceProblem) -> SizeBlock | None:
-    """Length and width with the prior for fields whose size is estimated; None if the size is no parameter."""
+    """Length and width, with the prior for fields of estimated size; None if the size is not a parameter."""
     field = problem.options.field
     if problem.options.layout.field_size is None or field is None:
         return None

@@ -23,9 +23,9 @@ def joint_evaluation(
 ) -> Evaluation:
     """Evaluate the labelled pixels of T frames as one group at the cameras theta (T, n).
 
-    All but the observations is that of `problem`. Pixels past the end of a segment are not treated separately:
-    annotators place ends with too little care to tell what is shared. The prior (T, n) of the parameters `once` (n,)
-    counts once for all frames: what is known of the place of one camera is no news in the second frame.
+    All but the observations is taken from `problem`. Pixels past the end of a segment get no second residual:
+    annotators place ends too carelessly for estimates of shared parameters. The prior (T, n) of the parameters `once`
+    (n,) counts once for all frames: the prior of one camera's position must not count again in every frame.
     """
     layout, prior, count = problem.layout, problem.prior, pixels.count
     if prior is not None:

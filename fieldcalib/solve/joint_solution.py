@@ -19,9 +19,9 @@ from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.joint_start import Start, joint_start
 from fieldcalib.solve.sequence_problem import SequenceProblem
-from fieldcalib.solve.tripod import KnownTripod, PixelNoise
+from fieldcalib.solve.shared_parameters import PixelNoise, SharedParameters
 
-TELLS_SIZE = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle reach 0.2
+LARGEST_SIZE_SIGMA = 0.4  # m: of a size that is estimated; clips of a penalty area and the middle reach 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +37,23 @@ class JointSolution:
     fixed_sizes: Mapping[str, float]
     """Variances of length and width where these are not estimated."""
     left_out: Mapping[int, float] = field(default_factory=dict)
-    """Frames whose labels contradict the others, and their misfit, pixels."""
+    """Misfit, pixels, of the frames whose labels contradict the others."""
     alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Other centres that explain the labels as well, (A, 3)."""
+    """Other centres that explain the labels equally well, (A, 3)."""
 
     @property
     def layout(self) -> Layout:
-        """Layout of their parameters."""
+        """Layout of the parameters of a frame."""
         return self.evaluation.problem.layout
 
     @cached_property
     def misfit(self) -> Misfit:
-        """Misfit of their labels."""
+        """Misfit of the labels."""
         return misfit(self.evaluation)
 
     @property
     def labelled(self) -> int:
-        """How many of them have labels that took part."""
+        """Number of frames whose labels were used."""
         return int(np.count_nonzero(np.any(self.evaluation.problem.observations.weight > 0.0, axis=1)))
 
     @property
@@ -85,8 +85,8 @@ class JointSolution:
         """Parameters of the frames that are tied, by number."""
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
-    def tripod(self, problem: SequenceProblem) -> KnownTripod:
-        """The shared parameters as known ones, with their covariance, to calibrate other frames with."""
+    def shared_parameters(self, problem: SequenceProblem) -> SharedParameters:
+        """The shared parameters as known ones, with their covariance, for the calibration of further frames."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
         if size is not None and pitch is not None:
@@ -100,11 +100,11 @@ class JointSolution:
             object_segments=object_segments,
             considered=self.considered.covariance,
         )
-        return KnownTripod(options, self.noise)
+        return SharedParameters(options, self.noise)
 
 
 def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
-    """Solve frames together, without length or width where these are fixed at an uncertain value."""
+    """Solve frames together; those of length and width in `fixed_sizes` are kept at their uncertain values."""
     options = problem.options
     index, evaluation = joint_start(problem, start, fixed_sizes)
     solved = levenberg_marquardt(
@@ -116,16 +116,16 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
 
 
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
-    """Solve frames together, without length or width where the frames hardly tell it."""
+    """Solve frames together; length and width are estimated only if the frames determine them."""
     found = solved_together(problem, start, problem.fixed_sizes)
-    hardly_told = _hardly_told(found)
-    return solved_together(problem, start, {**problem.fixed_sizes, **hardly_told}) if hardly_told else found
+    uncertain = _uncertain_sizes(found)
+    return solved_together(problem, start, {**problem.fixed_sizes, **uncertain}) if uncertain else found
 
 
 def _considered(
     problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
 ) -> Considered:
-    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors they follow."""
+    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors affect them."""
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
@@ -155,10 +155,10 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
     return np.diag(np.minimum(known, [fixed_sizes.get(layout.names[k], np.inf) for k in index]))
 
 
-def _hardly_told(joint: JointSolution) -> dict[str, float]:
-    """Length and width that the frames hardly determine: if estimated, they would absorb errors of lens and zoom.
+def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
+    """Length and width if the frames hardly determine them: as estimates they would absorb errors of lens and zoom.
 
-    The values are mean square distances from the given size, as the frames tell them.
+    The values are mean square differences from the given size according to the frames.
     """
     layout, theta = joint.layout, joint.evaluation.theta[0]
     if layout.field_size is None:
@@ -169,5 +169,5 @@ def _hardly_told(joint: JointSolution) -> dict[str, float]:
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)
         for k, given in zip(block, layout.field_size.given, strict=True)
-        if layout.free[k] and sigma[k] > TELLS_SIZE
+        if layout.free[k] and sigma[k] > LARGEST_SIZE_SIGMA
     }

@@ -24,7 +24,7 @@ from fieldcalib.solve.ties import with_tied
 
 
 class Start(NamedTuple):
-    """Cameras of some frames, from which they are solved together."""
+    """Initial cameras of some frames for a joint solution."""
 
     layout: Layout
     theta: Mapping[int, Array]
@@ -34,7 +34,7 @@ class Start(NamedTuple):
 
     @classmethod
     def of(cls, found: Mapping[int, Calibration]) -> Start | None:
-        """Start from frames that were calibrated by themselves; None without any."""
+        """Start from frames that were calibrated by themselves; None if there are none."""
         parts = {t: c.solved for t, c in found.items() if c.solved is not None}
         if not parts:
             return None
@@ -43,7 +43,7 @@ class Start(NamedTuple):
         return cls(layout, theta, {t: part.pixels for t, part in parts.items()})
 
     def moved(self, centre: Array, size: tuple[float, float]) -> Start:
-        """Start from another centre (3,), with a field whose length and width are so much larger."""
+        """The start with another centre (3,), and a field whose length and width are larger by `size`."""
         theta, model = {t: one.copy() for t, one in self.theta.items()}, self.layout.field_size
         for one in theta.values():
             one[CENTER] = centre
@@ -59,12 +59,12 @@ class Start(NamedTuple):
 
     @property
     def reference(self) -> float:
-        """Reference log f of the zoom law: that of the layout if it has one, otherwise the median over the frames."""
+        """Reference log f of the zoom law: the layout's if it has one, otherwise the median over the frames."""
         law = self.layout.zoom_law
         return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
 
     def in_layout(self, layout: Layout, count: int) -> Array:
-        """Cameras (count, n) in a joint layout, 0 where there is none; shared parameters are medians."""
+        """Cameras (count, n) in a joint layout, 0 for missing ones; shared parameters are medians."""
         index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
         theirs = np.array([self.theta[t] for t in index.tolist()])
         theta = np.zeros((count, layout.size))
@@ -80,7 +80,7 @@ class JointStart(NamedTuple):
     """Frames at the start of a joint solution."""
 
     frames: IntArray
-    """Their numbers, (B,)."""
+    """Numbers of the frames, (B,)."""
     evaluation: Evaluation
 
 
@@ -92,16 +92,16 @@ def joint_start(
     among: IntArray | None = None,
     agreeing: bool = True,
 ) -> JointStart:
-    """Set up the joint problem of frames that have a camera, or are tied to one that has.
+    """Set up the joint problem of frames that have a camera, or are tied to a frame with one.
 
     Parameters
     ----------
     fixed_sizes : mapping of str to float
         As for `joint_layout`.
     among : int array, optional
-        Numbers of the frames that may be in it where frames are tied; by default those of the problem.
+        If frames are tied, numbers of the frames to choose from; by default those that are solved together.
     agreeing : bool
-        Whether labels count only of frames whose cameras the ties do not contradict.
+        Whether to use labels only of frames whose cameras the ties do not contradict.
     """
     options, ties = problem.options, problem.ties
     layout = joint_layout(problem, start.reference, fixed_sizes)
@@ -136,11 +136,10 @@ def joint_start(
 def _without_contradicted(
     problem: SequenceProblem, theta: Array, known: BoolArray, some: IntArray, layout: Layout
 ) -> tuple[Array, BoolArray, BoolArray]:
-    """Remove known cameras that the ties contradict, and add those of tied frames.
+    """Remove known cameras that the ties contradict, and add cameras of tied frames.
 
-    The result is the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,).
-
-    Ties to other known frames, or to frames that these tie, reveal a wrong camera.
+    Returned are the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,). Ties to
+    other known frames, or to frames that are tied to these, reveal wrong cameras.
     """
     right = problem.ties.agreeing(theta, known, layout)
     while True:

@@ -1,7 +1,7 @@
-"""Labels that all end at one column: the border of the picture that they were set in, perhaps not of the size given.
+"""Labels that all end at one column: the border of the annotated picture, which may be smaller than the given size.
 
-Annotators follow a marking to the border of the picture. Labels of a picture of 960 x 540 that is said to have
-1280 x 720 pixels end at column 959, though their segments go on in the picture.
+Annotators follow a marking to the border of the picture. Labels of a picture of 960 x 540 pixels for which 1280 x 720
+is given end at column 959, although their segments continue in the picture.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
-NEAR = 0.004  # of a side: labels that end there end at one border,
-APART = 0.03  # if that far from one another, as two that meet in a corner of the field are not
-AWAY = 0.02  # of a side, from the picture's own border; labels that end at one run towards it by as much
-# Widths of pictures; a single label that ends at the last column of one, to half a pixel, ends there by chance once in
-# a few hundred frames.
+NEAR = 0.004  # of a side: labels whose ends differ by less end at one border,
+APART = 0.03  # if they are this far from one another: labels that meet in a corner of the field are nearer
+AWAY = 0.02  # of a side: least distance of that border from the picture's own, and least extent of labels towards it
+# Usual widths of pictures; in one of a few hundred frames a single label ends by chance within half a pixel of the last
+# column of one.
 WIDTHS = (480, 512, 640, 720, 854, 960, 1024, 1280, 1366, 1600, 1920, 2560, 3840)
 ROUNDED = 0.6  # px
 SPACING = 1.0  # m, of points on a segment
@@ -27,7 +27,7 @@ ENDS = "the labels end at column"
 
 
 def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
-    """Replace the complaint of `other_border` about a calibration; only labels set by hand are complained about."""
+    """The calibration with the complaint of `other_border` replaced; only for labels that were set by hand."""
     others = tuple(one for one in calibration.complaints if not one.startswith(ENDS))
     if calibration.camera is not None and calibration.are_annotated:
         said = other_border(object_segments, frame, calibration.camera.image_size, calibration.camera)
@@ -38,10 +38,10 @@ def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibratio
 def other_border(
     object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], camera: Camera | None
 ) -> str | None:
-    """Complaint that the labels of a frame end at a border which is not that of its picture; None if they do not.
+    """Complaint that the labels of a frame end at a border other than that of its picture; None if they do not.
 
-    On 756 annotated frames of SoccerNet and WC14 it says so of none; on 96 % of those whose width is said to be a third
-    larger or smaller than it is. Only labels count whose segments go on in the picture of the `camera` found.
+    It complains about none of 756 annotated frames of SoccerNet and WC14, and about 96 % of them if their given width
+    is a third too large or too small. Only labels count whose segments continue in the picture of the `camera` found.
 
     Examples
     --------
@@ -78,6 +78,6 @@ def other_border(
 
 
 def _goes_on(segment: Segment, camera: Camera, column: float) -> bool:
-    """Whether a segment goes on to the right of a column, in the picture or beside it."""
+    """Whether a segment continues to the right of a column, in the picture or beside it."""
     x = camera.project(segment.sample(SPACING))[:, 0]
     return bool(np.any(x > column + APART * camera.image_size[0]))  # false for NaN

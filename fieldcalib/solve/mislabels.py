@@ -1,20 +1,20 @@
-"""Mislabelled segments: which segments of a frame carry a name that the others contradict, and which name would fit.
+"""Mislabelled segments: segments whose label the rest of their frame contradicts, and the label that would fit.
 
-A few percent of annotated segments are called by a wrong name: a line of the other half, the other post, another
-circle. Every camera explains each segment in the cheapest of three ways,
+A few percent of annotated segments have a wrong label: a line of the other half, the other post, another circle. Every
+camera explains each segment in the cheapest of three ways,
 
     the label is right      c                              c = 1/2 sum_i w_i rho(r_i^2) / noise^2 over its pixels
     another label is        c' + log((1 - e) / e) + log n  wrong with probability e, and then any of n others
-    no label is             c(far) + log((1 - e) / e)      what a segment costs that is missed by `far` pixels
+    no label is             c(far) + log((1 - e) / e)      the cost of a segment that is missed by `far` pixels
 
-which are negative log-likelihoods up to one constant. A label whose segment is not in view where the pixels are is not
-right, however close the infinite line runs. The sum over the segments, with that of the prior, is what a camera costs
-as an explanation of its frame; the cheapest wins. A label is suspect if every explanation that keeps it is much more
-expensive, and its frame is calibrated again under the label that fits.
+with costs that are negative log-likelihoods up to a common constant. A label is not right if its segment does not
+extend to the pixels, however near the infinite line is. The cost of a camera as an explanation of its frame is the sum
+over the segments and the cost of the prior; the cheapest camera wins. A label is suspect if every explanation that
+keeps it is much more expensive; its frame is then calibrated again with the label that fits.
 
-Only frames are looked into whose camera misses a segment by more than another label would cost. More cameras are tried,
-each without one of the segments, only where the one at hand explains its frame worse than by giving up a segment. The
-cameras of all such frames are solved together.
+Only frames are examined whose camera misses a segment by more than the cost of another label. Further cameras, each
+without one of the segments, are tried only if the present one explains its frame worse than giving up a segment would.
+The cameras of all such frames are solved together.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from fieldcalib.solve.search import find_cameras
 
 WRONG = 0.035  # share of labels that are wrong: 3 to 4 % of SoccerNet's test annotations
 LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))
-OVERSHOOT = 1.0 / 40.0  # of what is in view: what annotators draw beyond the end of a segment, 1 m on a soccer field
-ROUNDS = 3  # of solving without the mislabelled segments and asking again which ones they are
-ITERATIONS, TOLERANCE = 20, 1e-4  # of these solutions: they are compared, the last one is solved to the end
-PIXELS = 8  # of a segment, compared with all other labels: densely labelled ones bring no more
+OVERSHOOT = 1.0 / 40.0  # of the scale: how far annotators draw beyond the end of a segment, 1 m on a soccer field
+ROUNDS = 3  # of solving without the mislabelled segments and searching for these again
+ITERATIONS, TOLERANCE = 20, 1e-4  # of these solutions: good enough to compare; the last one is solved to the end
+PIXELS = 8  # of a segment, compared with all other labels: more pixels add nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class Relabelled:
     """T frames solved without the mislabelled segments."""
 
     evaluation: Evaluation
-    """Under the labels that were solved with: suspects renamed, or absent if no label fits."""
+    """The frames with the labels that they were solved with: suspects are renamed, or left out if no label fits."""
     prior: GaussianPrior
-    """Means and sigmas (T, n) of the stand where each camera is, also where the problem has no prior."""
+    """Means and sigmas (T, n) of the stand where each camera is, even if the problem has no prior."""
     suspects: list[tuple[SuspectLabel, ...]]
     """Mislabelled segments of each frame."""
 
@@ -62,25 +62,25 @@ class Relabelled:
 
 
 def without_mislabels(evaluation: Evaluation, prior: GaussianPrior, options: Options) -> Relabelled:
-    """Find the mislabelled segments, and the cameras of their frames again.
+    """Find the mislabelled segments, and solve their frames again.
 
     Parameters
     ----------
     evaluation : Evaluation
         T frames, solved as if all labels were right.
     prior : GaussianPrior
-        Of the stand that each camera belongs to, (T, n).
+        Prior of the stand that each camera belongs to, (T, n).
     options : Options
-        What the frames were solved with.
+        Options with which the frames were solved.
 
     Returns
     -------
     Relabelled
-        What was given, where nothing contradicts.
+        Frames without mislabelled segments are unchanged.
 
     Examples
     --------
-    A post of a goal under the name of the other one:
+    A goal post with the label of the other one:
 
     >>> from fieldcalib import Camera, calibrate_from_segments, soccer
     >>> camera = Camera.from_angles(-0.7, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
@@ -102,7 +102,7 @@ def without_mislabels(evaluation: Evaluation, prior: GaussianPrior, options: Opt
     if not len(index):
         return Relabelled(evaluation, prior, suspects)
 
-    # frames with suspects are calibrated from the beginning, as if they had been labelled so
+    # frames with suspects are calibrated from the beginning with the new labels
     observations = _without(evaluation.problem.observations, suspects)
     found = find_cameras(observations.take(index), options)
     solution = levenberg_marquardt(
@@ -118,7 +118,7 @@ def without_mislabels(evaluation: Evaluation, prior: GaussianPrior, options: Opt
 
 
 def _without(observations: Observations, suspects: Sequence[Sequence[SuspectLabel]]) -> Observations:
-    """The pixels of suspects under the labels that fit, without those that none fits."""
+    """The observations with suspects under the labels that fit; those that no label fits are left out."""
     number = {label: index for index, label in enumerate(observations.labels)} | {None: -1}
     believed = np.tile(np.arange(len(observations.labels)), (len(observations), 1))
     for t, of_frame in enumerate(suspects):
@@ -132,16 +132,17 @@ class _Costs:
     """Costs of the explanations of an object's L labels, in units of the solver's cost."""
 
     renamed: Array
-    """(L,) of another label, to which what its segment costs is added."""
+    """Cost of renaming each label, (L,), to be added to the cost under the new label."""
     missed: float
     """Cost of a segment that no label fits."""
     low: Array
-    """Boxes around the segments, larger by what annotators overshoot, (L, 3) metres."""
+    """Least coordinates of boxes around the segments, enlarged by the annotators' overshoot, (L, 3) metres."""
     high: Array
+    """Largest coordinates of these boxes, (L, 3) metres."""
 
     @classmethod
     def of(cls, evaluation: Evaluation, options: Options) -> _Costs:
-        """Costs under the loss and the noise of a problem."""
+        """The costs for the loss and the noise of a problem."""
         problem, object_segments = evaluation.problem, options.object_segments
         is_point = np.array([segment.is_point for segment in problem.observations.segments])
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
@@ -152,8 +153,8 @@ class _Costs:
         return cls(LOG_ODDS + np.log(np.maximum(others, 1)), missed, low - reach, high + reach)
 
     def of_given(self, evaluation: Evaluation) -> Array:
-        """Costs of the labels as they were given, (B, L); 0 for labels that a frame does not have."""
-        # a segment that is elsewhere has no pixel here: at least as bad as one that is missed
+        """Costs of the given labels, (B, L); 0 for labels that a frame does not have."""
+        # a segment that does not extend to the pixels costs at least as much as a missed one
         elsewhere = self.share_on_segment(evaluation) == 0.0
         costs = evaluation.problem.observations.by_label(evaluation.costs)
         costs[np.isnan(costs)] = np.inf
@@ -162,7 +163,7 @@ class _Costs:
     def share_on_segment(self, evaluation: Evaluation) -> Array:
         """Share of each label's pixels whose closest points are in front of the camera and on the segment, (B, L).
 
-        On the segment is what lies within the box around it; NaN for labels without pixels.
+        Points within the box around a segment count as on it; NaN for labels without pixels.
         """
         observations = evaluation.problem.observations
         X, label = evaluation.world_points, observations.label
@@ -179,15 +180,15 @@ class _Explanations:
     frame: IntArray
     """Frame that each camera explains, (K,)."""
     theta: Array
-    """(K, n)."""
+    """Parameters of the cameras, (K, n)."""
     cost: Array
-    """(K,); infinite if the camera is implausible, or if it cannot become the cheapest of its frame."""
+    """Cost of each camera, (K,); infinite if it is implausible, or cannot become the cheapest of its frame."""
     given: Array
     """Cost of each label if it is kept, (K, L)."""
     cheapest: Array
     """Cost of the cheapest explanation of each label, (K, L)."""
     fits: IntArray
-    """(K, L) label of the cheapest explanation, -1 if that is none."""
+    """Label of the cheapest explanation, (K, L); -1 if no label fits."""
     errors: Array
     """Root mean square distance to the segment of the given label, (K, L) pixels."""
 
@@ -211,7 +212,7 @@ class _Search:
 
     costs: _Costs
     evaluation: Evaluation
-    """The frames solved as if all labels were right."""
+    """The frames, solved as if all labels were right."""
     options: Options
 
     @property
@@ -222,13 +223,12 @@ class _Search:
     def __len__(self) -> int:
         return len(self.evaluation.theta)
 
-    @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
+    @np.errstate(over="ignore", invalid="ignore")  # pixels of left-out labels may be where an extreme lens has no image
     def suspects(self) -> list[tuple[SuspectLabel, ...]]:
         """The mislabelled segments of each frame.
 
-        By the camera at hand, if that explains the rest well: cheaper than to give up a segment. Otherwise it may be
-        the wrong camera altogether: then others are searched for, without each label in turn that the rest can do
-        without.
+        The present camera decides if it explains the rest more cheaply than by giving up a segment. Otherwise it may be
+        wrong altogether: then others are searched without one label at a time, if the rest suffices for a camera.
         """
         at_hand = self._at_hand()
         needy = []
@@ -240,7 +240,7 @@ class _Search:
         return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self))]
 
     def _at_hand(self) -> _Explanations:
-        """Explanations by the cameras at hand, and by the same solved without the labels that these give up."""
+        """Explanations by the present cameras, and by these solved again without the labels that they give up."""
         frame = np.arange(len(self))
         first = self._explained(frame, self.evaluation, self.evaluation)
         problem = self.evaluation.problem
@@ -249,7 +249,7 @@ class _Search:
         return _Explanations.joined([first, self._explained(frame, again.of(problem), again)])
 
     def _from_anew(self, needy: list[int]) -> list[_Explanations]:
-        """Explanations of `needy` frames by cameras that are searched without one of their labels."""
+        """Explanations of the frames `needy` by cameras that are searched without one of the labels."""
         labels = self.observations.labels
         left_out = [
             (t, index)
@@ -272,7 +272,7 @@ class _Search:
         return disagreement(self.observations.labels_in(t), labels, self.options.unknowns) is None
 
     def _refined(self, frame: IntArray, problem: Problem, theta: Array, wrong: BoolArray) -> list[_Explanations]:
-        """Explanations by K cameras, solved without labels `wrong` (K, L), then without those that these give up."""
+        """Explanations by K cameras, solved without the labels `wrong` (K, L), then without those that they give up."""
         finished = []
         for turn in range(ROUNDS):
             # the lens comes second: a free lens would absorb mislabelled segments
@@ -296,7 +296,7 @@ class _Search:
     def _explained(self, frame: IntArray, evaluation: Evaluation, believed: Evaluation) -> _Explanations:
         """The cheapest explanation of every segment by each of K cameras of some frames.
 
-        `evaluation` has all labels, `believed` at the same cameras those that they were solved with.
+        `evaluation` has all labels, `believed` only those that the cameras were solved with.
         """
         costs, observations = self.costs, evaluation.problem.observations
         given = costs.of_given(evaluation)
@@ -304,7 +304,7 @@ class _Search:
         own = evaluation.prior_cost.copy()
         own[np.any(list(wrong.values()), axis=0)] = np.inf
 
-        # between these bounds the explanations end, whatever other labels cost: some cannot become the cheapest
+        # bounds of the final costs, whatever other labels cost: some cameras cannot become the cheapest
         least = own + np.sum(np.minimum(given, costs.renamed), axis=1)
         most = np.full(len(self), np.inf)
         np.minimum.at(most, frame, own + np.sum(np.minimum(given, costs.missed), axis=1))
@@ -326,11 +326,11 @@ class _Search:
     def _other_labels(self, frame: IntArray, evaluation: Evaluation, label: IntArray) -> tuple[Array, IntArray]:
         """The cheapest other label for pixels of `label` (P,) under P cameras: its cost, infinite if none, and index.
 
-        All pixels must lie on the other segment itself, not only on the line that prolongs it.
+        All pixels must lie on the other segment itself, not only on its infinite line.
         """
         table, is_point = self.observations.pixels, np.array([one.is_point for one in self.observations.segments])
         pairs, which = np.unique(np.column_stack([frame, label]), axis=0, return_inverse=True)
-        as_all_others = []  # frames in which the pixels of one segment carry every other label
+        as_all_others = []  # frames in which the pixels of one segment have every other label
         for t, index in pairs:
             own = np.flatnonzero((table.frame == t) & (table.label == index))
             some = own[np.linspace(0, len(own) - 1, min(len(own), PIXELS)).round().astype(int)]
@@ -348,7 +348,7 @@ class _Search:
         return cost[np.arange(len(best)), best], best
 
     def _suspects(self, t: int, found: _Explanations) -> tuple[SuspectLabel, ...]:
-        """The mislabelled segments of one frame by its best explanation."""
+        """The mislabelled segments of one frame according to its best explanation."""
         labels = self.observations.labels
         best = int(np.argmin(found.cost))
         if not np.isfinite(found.cost[best]):

@@ -1,6 +1,7 @@
-"""Flags and priors that users choose from, and the options of a solver, which `fieldcalib.solve.task` makes of them.
+"""Flags and priors that users choose from, and the options of the solver, which `fieldcalib.solve.task` derives.
 
-`CalibrationFlags` share name and value with cv2's where cv2 has them; `criteria` is cv2's (type, max_count, eps).
+`CalibrationFlags` have the names and values of cv2's flags where these exist; `criteria` is cv2's (type, max_count,
+eps).
 """
 
 from __future__ import annotations
@@ -25,27 +26,27 @@ Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution]
 Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
-CERTAIN = float(np.log(20.0))  # log odds from which on a frame is said to show something: 19 of 20 times it is right
-PAINT = 0.03  # m: standard deviation of where a line is painted, a quarter of its width
+CERTAIN = float(np.log(20.0))  # log odds from which on evidence counts as certain: right in 19 of 20 cases
+PAINT = 0.03  # m: standard deviation of the position of a painted line, a quarter of its width
 APPROACH_TOLERANCE = 3e-2  # relative decrease of the cost at which the stages before the last end
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-6)
 
-# Pixels are those of an image of this size; other images scale them with the diagonal, so that a frame and its enlarged
+# Lengths in pixels are for an image of this size and scale with the image's diagonal, so that a frame and its enlarged
 # copy have the same camera.
 REFERENCE_SIZE = (960, 540)
 NOISE = 1.0  # px: standard deviation of pixels that annotators and networks label
-WIDE_SCALE = 20.0  # px: from a far start a narrow loss has no gradient
+WIDE_SCALE = 20.0  # px: far from the solution a narrow loss has no gradient
 # AC@5 / @10 on SoccerNet's annotations are 84.9 / 94.2 with 3 px, 85.6 / 94.5 with 6, 85.6 / 94.3 with 12.
 NARROW_SCALE = 6.0
 
 
 class CalibrationFlags(IntFlag):
-    """What is known and what is estimated.
+    """Flags that say which parameters are known and which are estimated.
 
-    As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under
-    its prior. By default the aspect ratio and all of the lens but k1 are fixed. (cv2 has one flag for every tangential
-    coefficient, and none that fixes k1 of its rational model alone; of k4 and beyond nothing is estimated here.)
+    As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, for example, the aspect ratio is estimated,
+    under its prior. By default the aspect ratio and all lens coefficients but k1 are fixed. (cv2 has one flag for both
+    tangential coefficients; k4 and beyond are never estimated here.)
     """
 
     CALIB_USE_INTRINSIC_GUESS = 1
@@ -57,9 +58,9 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_FOCAL_LENGTH = 16
     """Keep the focal length of `camera_matrix`."""
     CALIB_FIX_K1 = 32
-    """Keep k1: 0, or that of `dist_coeffs`, scaled with the focal length so that it bends the image alike."""
+    """Keep k1: 0, or that of `dist_coeffs`, scaled with the focal length so that the distortion stays the same."""
     CALIB_FIX_K2 = 64
-    """Keep k2 likewise; a barrel lens has as much as keeps the image from folding back (`fieldcalib.geometry.lens`)."""
+    """Keep k2 likewise; a barrel lens keeps the k2 that prevents folding (`fieldcalib.geometry.lens`)."""
     CALIB_FIX_K3 = 128
     """Keep k3 likewise."""
     CALIB_FIX_TANGENT_DIST = 1 << 21
@@ -68,12 +69,12 @@ class CalibrationFlags(IntFlag):
     """Start from `rvec` and `tvec`."""
     CALIB_FIX_POSITION = 1 << 28
     """Keep the camera centre ``-R^T t`` of `rvec` and `tvec`, as of a tripod that was measured. The rotation is
-    estimated, from `rvec` on only with CALIB_USE_EXTRINSIC_GUESS. If only the centre C is known, give rvec = 0 and
-    tvec = -C."""
+    estimated; `rvec` is its initial value only with CALIB_USE_EXTRINSIC_GUESS. If only the centre C is known, give
+    rvec = 0 and tvec = -C."""
     CALIB_FIX_ROLL = 1 << 29
     """Keep the roll of `rvec`, or 0."""
     CALIB_AUTO_LENS = 1 << 30
-    """Estimate as much of the lens as the labels call for: k2, then k3 and the tangential coefficients, are freed where
+    """Estimate the lens coefficients that the labels require: k2, then k3 and the tangential coefficients, are freed if
     that makes the labels much more likely. The message says so."""
     CALIB_FIX_ROTATION = 1 << 27
     """Keep the rotation of `rvec`, as of a tripod head that measures it."""
@@ -100,7 +101,7 @@ DEFAULT_FLAGS = (
 )
 PINHOLE_FLAGS = (
     DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-)  # of the intrinsics f alone is estimated
+)  # f is the only intrinsic parameter that is estimated
 KNOWN_INTRINSICS_FLAGS = PINHOLE_FLAGS | CalibrationFlags.CALIB_FIX_FOCAL_LENGTH  # K and dist are known
 GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 WHOLE_LENS = (
@@ -119,7 +120,7 @@ class Options:
     """The calibration object."""
     flags: CalibrationFlags
     known: Array
-    """(n,) parameters that the user gave or that have a default; NaN where nothing is known."""
+    """Parameters (n,) that the user gave or that have a default; NaN for unknown ones."""
     layout: Layout
     """Blocks of theta, and which of its parameters are estimated."""
     distributions: tuple[CameraDistribution, ...]
@@ -130,11 +131,11 @@ class Options:
     """Relative decrease of the cost at which the last stage ends."""
     tau: float | None = None
     paint: float = 0.0
-    """Standard deviation, in metres, of where a line is painted as a whole."""
+    """Standard deviation, in metres, of the position of a painted line as a whole."""
     trust_labels: bool = False
-    """Whether every label is taken for right."""
+    """Whether every label is taken as right."""
     considered: Array | None = None
-    """Covariance of the parameters that the layout considers; None for what is known a priori of a field's size."""
+    """Covariance of the parameters that the layout considers; None for that of the prior of the field's size."""
 
     @property
     def field(self) -> Field | None:
@@ -148,12 +149,12 @@ class Options:
 
     @property
     def auto_lens(self) -> bool:
-        """Whether more of the lens is freed where the labels call for it."""
+        """Whether further lens coefficients are freed where the labels require them."""
         return bool(self.flags & CalibrationFlags.CALIB_AUTO_LENS)
 
     @property
     def motion(self) -> Array | None:
-        """Motion of the segments with the size of the field (`Field.motion`); None where the size is no parameter."""
+        """Motion of the segments with the size of the field (`Field.motion`); None if the size is not a parameter."""
         return None if self.field is None or self.layout.field_size is None else self.field.motion
 
     @cached_property
@@ -163,7 +164,7 @@ class Options:
 
     @property
     def left_to_labels(self) -> BoolArray:
-        """Mask (P,) of the free parameters that the labels must determine, since no prior is good enough for them."""
+        """Mask (P,) of the free parameters that the labels must determine, since no prior is narrow enough."""
         free = np.flatnonzero(self.layout.free)
         known_enough = self.use_prior & (free >= POSE_AND_ZOOM.stop)  # principal point, aspect and lens
         return np.asarray(~known_enough)
@@ -175,10 +176,7 @@ class Options:
 
     @property
     def may_be_inside(self) -> bool:
-        """Whether the camera may stand on the field: the user says so, or only points of the field are known.
-
-        Users say so by the camera's position, or by where it may be.
-        """
+        """Whether the camera may stand on the field: by the user's position or stands, or if only points are known."""
         if self.field is None or not self.field.markings or not np.isnan(self.known[CENTER]).any():
             return True
         half = self.field.length / 2.0, self.field.width / 2.0
@@ -186,7 +184,7 @@ class Options:
 
     @property
     def scale(self) -> float:
-        """Size of what is usually in view, metres."""
+        """Size of the part of the object that is usually in view, metres."""
         return SOCCER_SCALE if self.field is None else self.field.scale
 
     @property
@@ -211,7 +209,7 @@ def pixel_unit(image_size: tuple[int, int]) -> float:
 
 
 def default_flags(prior: Prior) -> CalibrationFlags:
-    """Flags of a user who gives none: the principal point is estimated only under a prior."""
+    """The default flags: the principal point is estimated only under a prior."""
     return DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 
 
@@ -220,7 +218,7 @@ def checked_prior(
 ) -> tuple[CameraDistribution, ...]:
     """Camera distributions, given as one or several names or distributions; a ValueError lists the known names.
 
-    "all" stands for the stands of the field; an object without stands raises.
+    "all" means all stands of the field; for an object without stands it raises the error.
     """
     named = DISTRIBUTIONS if field is None else field.named_stands
     members = tuple(prior) if isinstance(prior, Iterable) and not isinstance(prior, str) else (prior,)

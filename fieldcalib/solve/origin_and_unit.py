@@ -1,8 +1,8 @@
-"""Recognise field points that were not given in metres from the centre mark, by the markings that they should lie on.
+"""Recognition of field points that are not in metres from the centre mark, by the markings that they should lie on.
 
-Whatever the size of a field, across it the markings lie at fixed distances from its middle, and along it at fixed
-distances from its goal lines. Points whose origin is a corner, or whose unit is the yard, lie on none of them as they
-are, and on all of them once moved and scaled.
+On fields of any size the markings lie at fixed distances from the middle across the field, and at fixed distances from
+the goal lines along it. Points with a corner as origin, or in yards, lie on none of them, but on all of them once they
+are moved and scaled.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPT
 MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
 ROBOFLOW_SIZE = (120.0, 70.0)
 SIZES = ((105.0, 68.0), ROBOFLOW_SIZE, (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
-NEAR = 0.07  # metres: yards of a field that is measured in metres, and edges in place of middles of lines
-LEAST_POINTS, MOST_POINTS = 4, 60  # different ones; more say no more
-LEAST_EXTENT = 5.0  # metres: within less, anything lies near the markings
+NEAR = 0.07  # metres: allows for rounding to yards, and for edges instead of middles of lines
+LEAST_POINTS, MOST_POINTS = 4, 60  # different points; more add nothing
+LEAST_EXTENT = 5.0  # metres: within less, all points are near markings
 EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
-LEAST_EVIDENCE = 4  # different coordinates that lie on markings, less two for each dimension of the field that was free
+LEAST_EVIDENCE = 4  # different coordinates on markings, minus two for each dimension of the field that was fitted
 
 MAIN_STAND_X = 25.0  # metres from the halfway line: main cameras of the World Cup 2014
-MUCH_LESS = 0.8  # share of the ground in view that is field, as given against from the corner
-BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands reach 110, from a corner 160 yards
+MUCH_LESS = 0.8  # ratio of the shares of field in the ground in view: as given, and with the origin at the corner
+BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands reach 110, in yards from a corner 160
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Reading:
 def check_coordinates(X: Array, *, anywhere: bool) -> None:
     """Raise a ValueError, or warn, if field points (N, 3) seem not to be metres from the centre mark.
 
-    Beyond any field they may only be if they may be `anywhere`: where cameras stand is known then.
+    Points beyond any field are allowed only if they may be `anywhere`.
     """
     reading = other_reading(X)
     if reading is not None:
@@ -138,11 +138,11 @@ def other_reading(X: Array) -> Reading | None:
 
 
 def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
-    """Whether a camera stands with the main cameras, and sees more of the field, if its origin was the far left corner.
+    """Whether, with the origin at the far left corner, a camera would be among the main ones and see more of the field.
 
-    This is true of none of 666 cameras of the World Cup 2014 and of SoccerNet. With their origin moved to that corner
-    407 homographies are accepted, and it is true of 350 of them. It may also be true of a camera at the right end of
-    the main stand that looks past the field.
+    This is true of none of 666 cameras of the World Cup 2014 and of SoccerNet. With their origin moved to that corner,
+    407 homographies are accepted, and it is true of 350 of them. It may be true of a camera at the right end of the
+    main stand that looks past the field.
     """
     corner = np.array([field.length / 2.0, field.width / 2.0])
     x, y = camera.C[:2] - corner
@@ -156,9 +156,9 @@ def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
 
 
 def reading_of_camera(camera: Camera, field: Field) -> tuple[str, bool] | None:
-    """Unit, and whether the origin is the far left corner, with which a camera beyond the stands is a main camera.
+    """Unit and origin (whether it is the far left corner) with which a camera beyond the stands is a main camera.
 
-    None for a camera that could stand where it is: yards are too similar to metres to be recognised by its place.
+    None for a camera in a possible position: yards are too similar to metres to be recognised by the position.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def _best(x: Array, *, corner: bool) -> tuple[int, int, tuple[float, float]]:
     lengths = _candidates(x[:, 0], corner, 0)
     widths = _candidates(x[:, 1], corner, 1)
     found = [_score(x, corner, size, free=0) for size in SIZES]
-    # along and across are independent: each dimension by itself
+    # each dimension by itself
     length = max(lengths, key=lambda value: int(_along(x[:, 0], value, corner).sum()), default=SIZES[0][0])
     width = max(widths, key=lambda value: int(_across(x[:, 1], value, corner).sum()), default=SIZES[0][1])
     for free_length, free_width in ((length, SIZES[0][1]), (SIZES[0][0], width), (length, width)):

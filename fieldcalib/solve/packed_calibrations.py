@@ -1,4 +1,4 @@
-"""Calibrations on their way from another process: solver state that several of them share is pickled once."""
+"""Calibrations packed for transfer from another process: solver state that several of them share is pickled once."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class PackedCalibrations:
     """Calibrations without solver state; the shared state is stored once."""
 
     calibrations: Sequence[Calibration]
-    """Without solver state and field."""
+    """The calibrations without solver state and field."""
     states: Mapping[int, tuple[Evaluation, Array]]
     """Solver states, each with the unit of its parameters."""
     places: Sequence[tuple[int, int] | None]
-    """State of each calibration and its frame in that; None without one."""
+    """Index of each calibration's state and of its frame therein; None without solver state."""
 
     @classmethod
     def of(cls, calibrations: Sequence[Calibration]) -> PackedCalibrations:
-        """Pack calibrations of one field, as `calibrate_batch` gives them."""
+        """Pack calibrations of one field, as `calibrate_batch` returns them."""
         solved = [one.solved for one in calibrations]
         return cls(
             [replace(one, errors=NoErrors(), field=None) for one in calibrations],
@@ -35,7 +35,7 @@ class PackedCalibrations:
         )
 
     def unpacked(self, field: Field | None) -> list[Calibration]:
-        """The calibrations as they were."""
+        """The calibrations with solver state and field."""
         return [
             replace(
                 one,

@@ -1,4 +1,4 @@
-"""All frames of a sequence, from those that were solved together: the others follow, each by itself."""
+"""All frames of a sequence, given those that were solved together: the others are solved one by one."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from fieldcalib.solve.centres import KnownCentres, expected_centres, near_path
 from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras, without_camera
 from fieldcalib.solve.joint_solution import JointSolution
 from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.shared_parameters import SharedParameters
 from fieldcalib.solve.ties import contradicted, with_tied
-from fieldcalib.solve.tripod import KnownTripod
 
 OFF_PATH = "its centre is not where the frames around it let it be"
 
@@ -32,54 +32,54 @@ class InitialFrames:
     theta: Array
     """Initial cameras, (T, n)."""
     known: BoolArray
-    """Mask (T,) of the frames that have one."""
+    """Mask (T,) of the frames that have an initial camera."""
     alone: Mapping[int, Calibration]
     """Calibrations of labelled frames by themselves."""
 
 
 def with_remaining_frames(
-    problem: SequenceProblem, joint: JointSolution, tripod: KnownTripod, before: SequenceCalibration | None = None
+    problem: SequenceProblem, joint: JointSolution, shared: SharedParameters, before: SequenceCalibration | None = None
 ) -> FrameTable:
-    """Make the table of all frames: those that were solved together, and the others with the same tripod.
+    """Make the table of all frames: those that were solved together, and the others with the same shared parameters.
 
-    Frames that are tied start from their cameras of `before`, if they had any.
+    Tied frames start from their cameras in `before`, if there are any.
     """
-    table = table_without_cameras(tripod, len(problem))
+    table = table_without_cameras(shared, len(problem))
     done = np.zeros(len(problem), dtype=bool)
     if problem.is_linked:
-        table = table.replaced(joint.index, solved_rows(tripod, _each(joint, tripod), largest_error=LARGEST_ERROR))
+        table = table.replaced(joint.index, solved_rows(shared, _each(joint, shared), largest_error=LARGEST_ERROR))
         done[joint.index] = True
-    initial = _initial_frames(problem, tripod, table, done, before)
+    initial = _initial_frames(problem, shared, table, done, before)
     if problem.moves:
-        initial = _on_path(initial, KnownCentres.of(table, done, tripod.considered))
+        initial = _on_path(initial, KnownCentres.of(table, done, shared.considered))
     unlinked = {t: c for t, c in initial.alone.items() if not initial.known[t]}
-    # where nothing links the frames, one that is accepted by itself needs no more
-    table = with_frames_alone(table, tripod, unlinked, LARGEST_ERROR if problem.is_linked else np.inf)
+    # if nothing links the frames, one that is accepted by itself is done
+    table = with_frames_alone(table, shared, unlinked, LARGEST_ERROR if problem.is_linked else np.inf)
     while len(layer := _next(problem, done, initial.known)):
         for part in np.array_split(layer, -(-len(layer) // CHUNK)):
-            table = table.replaced(part, _followed(problem, tripod, table, done, initial, part))
+            table = table.replaced(part, _followed(problem, shared, table, done, initial, part))
         done = done | np.isin(np.arange(len(done)), layer)
     excess = dict(zip(joint.index.tolist(), joint.misfit.excess.tolist(), strict=True))
     return table.with_misfit({**excess, **joint.left_out})
 
 
-def _each(joint: JointSolution, tripod: KnownTripod) -> SolvedFrames:
+def _each(joint: JointSolution, shared: SharedParameters) -> SolvedFrames:
     """The frames that were solved together, each as its own problem with its own errors."""
-    linked = joint.evaluation.of(replace(joint.evaluation.problem, layout=tripod.options.layout, group=None))
+    linked = joint.evaluation.of(replace(joint.evaluation.problem, layout=shared.options.layout, group=None))
     each = linked.of(replace(linked.problem, background=None, path=None))
-    return SolvedFrames(each, tripod.errors(linked), joint.is_tied)
+    return SolvedFrames(each, shared.errors(linked), joint.is_tied)
 
 
 def _initial_frames(
     problem: SequenceProblem,
-    tripod: KnownTripod,
+    shared: SharedParameters,
     table: FrameTable,
     done: BoolArray,
     before: SequenceCalibration | None,
 ) -> InitialFrames:
     """Initial cameras of frames that are tied to solved ones, and calibrations of labelled frames by themselves."""
     theta, known = table.theta.copy(), done.copy()
-    options = tripod.options
+    options = shared.options
     if problem.is_linked:
         if before is not None:
             again = before.usable & ~done & problem.ties.some_tie
@@ -95,7 +95,7 @@ def _initial_frames(
 
 
 def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFrames:
-    """Start untied frames from their cameras by themselves if these are on the path; reject the other ones."""
+    """Add the cameras of untied frames by themselves if these are on the path; reject the others."""
     accepted = {t: c for t, c in initial.alone.items() if c.accepted and not initial.known[t]}
     near = near_path(accepted, known_centres)
     off_path = Calibration.without_camera(Status.IMPROBABLE, OFF_PATH)
@@ -107,56 +107,56 @@ def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFram
 
 
 def with_frames_alone(
-    table: FrameTable, tripod: KnownTripod, alone: Mapping[int, Calibration], largest_error: float
+    table: FrameTable, shared: SharedParameters, alone: Mapping[int, Calibration], largest_error: float
 ) -> FrameTable:
-    """Fill in frames that nothing ties, as they were calibrated by themselves."""
+    """The table with untied frames filled in as they were calibrated by themselves."""
     table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
-    parts: dict[int, list[int]] = {}  # those that were solved at once
+    parts: dict[int, list[int]] = {}  # frames that were solved at once
     for t, calibration in alone.items():
         if calibration.solved is not None:
             parts.setdefault(id(calibration.solved.evaluation), []).append(t)
     for members in parts.values():
         solved = [one for t in members if (one := alone[t].solved) is not None]
         evaluation = solved[0].evaluation.take(np.array([one.frame for one in solved]))
-        untied = SolvedFrames(evaluation, tripod.errors(evaluation), np.zeros(len(members), dtype=bool))
-        rows = solved_rows(tripod, untied, {k: alone[t] for k, t in enumerate(members)}, largest_error)
+        untied = SolvedFrames(evaluation, shared.errors(evaluation), np.zeros(len(members), dtype=bool))
+        rows = solved_rows(shared, untied, {k: alone[t] for k, t in enumerate(members)}, largest_error)
         table = table.replaced(np.array(members), rows)
     return table
 
 
 def _next(problem: SequenceProblem, done: BoolArray, known: BoolArray) -> IntArray:
-    """Numbers of the frames to be solved next: tied to solved ones or, when none is left, on the path only."""
+    """Numbers of the frames to be solved next: those tied to solved ones or, if none is left, those on the path."""
     tied = problem.ties.reached(done, ~known)
     return tied if len(tied) or not problem.moves else np.flatnonzero(known & ~done)
 
 
 def _followed(
     problem: SequenceProblem,
-    tripod: KnownTripod,
+    shared: SharedParameters,
     table: FrameTable,
     done: BoolArray,
     initial: InitialFrames,
     part: IntArray,
 ) -> FrameTable:
-    """Solve frames `part` (B,) from their labels and from solved frames; the result is their rows."""
+    """Solve frames `part` (B,) from their labels and from solved frames; returns their rows."""
     pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
     fitted = [problem.fitted(t, alone.get(k)) for k, t in enumerate(part.tolist())]
     pixels = PixelTable.joined(problem.pixels.labels, fitted)
     theta = initial.theta[part]
-    prior = tripod.prior(theta)
+    prior = shared.prior(theta)
     if problem.moves:
-        centres = expected_centres(KnownCentres.of(table, done, tripod.considered), part)
+        centres = expected_centres(KnownCentres.of(table, done, shared.considered), part)
         prior = centres.of_prior(prior, theta.shape[1])
-    solved = tripod.solved(theta, pixels, pairs, prior)
-    errors = tripod.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
+    solved = shared.solved(theta, pixels, pairs, prior)
+    errors = shared.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
     is_tied = np.isin(np.arange(len(part)), pairs.second)
-    return solved_rows(tripod, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
+    return solved_rows(shared, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
 
 
 def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
-    """Numbers of the frames whose camera by themselves is contradicted by most of their ties."""
+    """Numbers of the frames whose own camera is contradicted by most of their ties."""
     solved = {k: one for k, t in enumerate(index.tolist()) if t in alone and (one := alone[t].solved) is not None}
     if not solved:
         return set()

@@ -1,6 +1,6 @@
-"""A camera from points and their images by the DLT, whatever some of the points are: the start where nothing is known.
+"""A camera from points and their images by the DLT, robust to outliers: the initial camera if nothing is known.
 
-Images are offsets from the principal point, (x, y) in pixels, lens taken out, of square pixels.
+Images are offsets from the principal point, (x, y) in square pixels, undistorted.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 
 LEAST_ON_PLANE, LEAST_IN_SPACE = 4, 6  # points that the DLT needs
-FLAT = 1e-6  # of the extent: what is thinner is a line, or a plane
-DRAWS = 200  # subsets: of six points with a third of gross errors among all, one draw in twelve has none
-SCORED, FINALISTS = 1000, 5  # points that all draws are tried on; the best draws are tried on all points
-FARTHEST = 1e6  # px: what an image behind the camera counts as
+FLAT = 1e-6  # of the extent: thinner sets of points are a line, or a plane
+DRAWS = 200  # random subsets: if a third of the points are gross errors, one subset of six in twelve has none
+SCORED, FINALISTS = 1000, 5  # points on which all draws are scored; the best draws are scored on all points
+FARTHEST = 1e6  # px: largest distance; also for points behind the camera
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class Cameras:
     """n cameras with square pixels."""
 
     f: Array
-    """(n,); NaN where there is no camera."""
+    """Focal lengths, (n,); NaN for missing cameras."""
     R: Array
-    """(n, 3, 3)."""
+    """Rotations, (n, 3, 3)."""
     C: Array
-    """(n, 3)."""
+    """Centres, (n, 3)."""
 
     def joined(self, other: Cameras) -> Cameras:
-        """These and the others."""
+        """The cameras followed by the other ones."""
         return Cameras(
             np.concatenate([self.f, other.f]), np.concatenate([self.R, other.R]), np.concatenate([self.C, other.C])
         )
@@ -48,12 +48,12 @@ class Cameras:
         return np.asarray(np.minimum(error, FARTHEST**2) + 0.0 * self.f[:, None])  # NaN stays NaN
 
     def costs(self, X: Array, u: Array, weight: Array, loss: RobustLoss) -> Array:
-        """Robust cost of each camera, (n,), for points with weights (N,); infinity where there is none."""
+        """Robust cost of each camera, (n,), for points with weights (N,); infinite for missing cameras."""
         cost = np.sum(weight * loss.evaluate(self.squared_errors(X, u))[0], axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def cheapest(self, X: Array, u: Array, weight: Array, loss: RobustLoss, count: int) -> Cameras:
-        """The `count` best of them, the best first."""
+        """The `count` best cameras, the best first."""
         best = np.argsort(self.costs(X, u, weight, loss), kind="stable")[:count]
         return Cameras(self.f[best], self.R[best], self.C[best])
 
@@ -61,25 +61,26 @@ class Cameras:
 def resect(
     X: Array, u: Array, loss: RobustLoss, width: float, focal_length: float = np.nan, weight: Array | None = None
 ) -> Cameras | None:
-    """The camera that fits most points best, among many DLTs.
+    """The camera of least robust cost among many DLTs.
 
-    DLTs of all points, and of many subsets that a few gross errors do not reach: on the plane next to the points and,
-    if there are enough of them off it, in space. The one of the least robust cost wins.
+    The DLTs are of all points, and of many random subsets, some of which have no gross errors: on the plane nearest to
+    the points and, if enough of them are off it, in space.
 
     Parameters
     ----------
     X : (N, 3) array
         Points of the object in any unit.
     u : (N, 2) array
-        Their images, offsets from the principal point in pixels.
+        Images of the points, offsets from the principal point in pixels.
     loss : RobustLoss
-        A wide one.
+        A wide loss.
     width : float
-        Of the image, pixels: no focal length is far from it, and where all do alike (a plane seen head-on) it is taken.
+        Width of the image, pixels: focal lengths are of its order, and equal to it if all fit alike (a plane seen
+        head-on).
     focal_length : float
-        If it is known, pixels; NaN if not.
+        Known focal length, pixels; NaN if unknown.
     weight : (N,) array, optional
-        What each point adds to the cost; 1 each by default.
+        Weight of each point in the cost; by default 1.
 
     Returns
     -------
@@ -131,9 +132,9 @@ def resect(
 
 
 def _cameras_of_plane(x: Array, u: Array, f: float) -> Cameras:
-    """Cameras of points (n, N, 3) near the plane z = 0, as if they were on it."""
+    """Cameras from points (n, N, 3) near the plane z = 0, treated as on it."""
     H = homography_from_points(x[..., :2], u, np.ones(x.shape[:2]))
-    centroid = np.mean(x[..., :2], axis=-2)  # in front of a camera that sees all
+    centroid = np.mean(x[..., :2], axis=-2)  # in front of a camera that sees all points
     if np.isnan(f):
         return Cameras(*decompose_homography(H, np.zeros(2), centroid))
     R, C = pose_from_homography(np.diag([1.0 / f, 1.0 / f, 1.0]) @ H, centroid)
@@ -141,10 +142,10 @@ def _cameras_of_plane(x: Array, u: Array, f: float) -> Cameras:
 
 
 def _cameras_of_space(x: Array, u: Array, f: float) -> Cameras:
-    """Cameras of points (n, N, 3) in space: from ``P = K R [I | -C]``.
+    """Cameras from points (n, N, 3) in space, by ``P = K R [I | -C]``.
 
     With the rows m_i of ``M = K R``, scaled so that |m3| = 1, ``|m1 x m3|`` and ``|m2 x m3|`` are the focal lengths
-    along the two axes (Hartley & Zisserman, section 6.2.4, for K without skew); their geometric mean is taken.
+    along the two axes (Hartley & Zisserman, section 6.2.4, for K without skew); f is their geometric mean.
     """
     P = projection_from_points(x, u, np.ones(x.shape[:2]))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

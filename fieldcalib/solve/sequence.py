@@ -1,7 +1,7 @@
 """`calibrate_sequence`: frames of one camera, whose shared parameters are estimated from all of them together.
 
-Constant over a shot are the law by which principal point and lens follow the zoom, the size of the field and, on a
-tripod, the centre. The steps are in `fieldcalib.solve.sequence_solver`.
+The law by which principal point and lens follow the zoom, the size of the field and, on a tripod, the centre are
+constant over a shot. The steps are in `fieldcalib.solve.sequence_solver`.
 """
 
 from __future__ import annotations
@@ -37,44 +37,44 @@ def calibrate_sequence(
     matches: Matched | None = None,
     start: SequenceCalibration | None = None,
 ) -> SequenceCalibration:
-    """Calibrate frames of one camera, which share the law of its zoom and, on a tripod, its centre.
+    """Calibrate frames of one camera, which share its zoom law and, on a tripod, its centre.
 
     Parameters
     ----------
     object_segments : mapping of str to segment
         The calibration object, e.g. `soccer()`.
     frames : iterable of mappings of str to (N, 2) array_like
-        Pixels of each frame, in any order unless the camera moves; frames without labels have a camera if `matches` tie
+        Pixels of each frame, in any order unless the camera moves; frames without labels get a camera if `matches` tie
         them to others.
     image_size : (int, int)
         Width and height of every frame, pixels.
     flags, prior, loss, trust_labels, weights
-        As in `calibrate_batch`. By default k2 is estimated too: frames together tell it.
+        As in `calibrate_batch`. By default k2 is estimated too: frames together determine it.
     shared : sequence of str
-        What the frames share, of ``"centre"``, ``"principal point"``, ``"lens"``, ``"zoom law"`` and ``"field size"``
-        (unless that is said to be known, or the frames hardly tell it). What they do not share is each frame's own,
-        under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is the given one, as
-        well as it is known a priori. Without the centre the camera moves, on a smooth path: the frames must be in
-        order, evenly spaced in time, about 25 a second.
+        Names of the shared parameters: ``"centre"``, ``"principal point"``, ``"lens"``, ``"zoom law"`` and ``"field
+        size"`` (unless that is known, or the frames hardly determine it). Others belong to each frame, under their
+        prior; without a zoom law no parameter follows the zoom, and a size that is not shared is the given one, with
+        its prior uncertainty. Without the centre the camera moves on a smooth path: the frames must be in order, evenly
+        spaced in time, at about 25 per second.
     paint : float
-        Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
+        Standard deviation, in metres, of the position of a painted line as a whole, the same in all frames.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.match_background`; None where there are none. They tie frames without labels to those that
-        have some. Frames that come first in a pair are solved together; the others follow from them.
+        `fieldcalib.match_background`; None for a pair without matches. They tie frames without labels to those that
+        have some. Frames that come first in a pair are solved together; the others are solved from them.
     start : SequenceCalibration, optional
-        Of the same frames, before more pixels were found: nothing is searched. The labels must be trusted.
+        Calibration of the same frames from fewer pixels: no cameras are searched. The labels must be trusted.
 
     Returns
     -------
     SequenceCalibration
-        A calibration for each frame, and what they share. Where no place of the tripod is found, the frames are
+        A calibration for each frame, and the shared parameters. If no position of the tripod is found, the frames are
         calibrated one by one and share nothing.
 
     Raises
     ------
     ValueError
-        As `calibrate_batch`, for names of nothing that can be shared, and for matches between frames that do not exist.
+        As in `calibrate_batch`, for unknown names in `shared`, and for matches between frames that do not exist.
 
     References
     ----------

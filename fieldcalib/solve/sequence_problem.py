@@ -19,9 +19,9 @@ from fieldcalib.solve.ties import Matched, Ties
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
-MOST_TOGETHER = 400  # frames that are solved together,
-MOST_TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a moving camera
+MOST_TOGETHER = 400  # largest number of frames that are solved together,
+MOST_TIED_TOGETHER = 100  # and if matches tie them, which couples all of them in one system
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class SequenceProblem:
     ties: Ties
     options: Options
     shared: tuple[str, ...]
-    """Names of what the frames share, of `SHARED`."""
+    """Names of the shared parameters, of `SHARED`."""
 
     @classmethod
     def of(
@@ -70,25 +70,25 @@ class SequenceProblem:
 
     @property
     def is_linked(self) -> bool:
-        """Whether frames depend on one another beside what they share: by matches, or on one path."""
+        """Whether frames are linked by more than shared parameters: by matches, or by a path."""
         return self.moves or len(self.ties) > 0
 
     @property
     def fixed_sizes(self) -> dict[str, float]:
-        """Variances of length and width where these are not estimated: infinite, as they are only known a priori."""
+        """Variances of length and width if these are not estimated: infinite, as only their prior is known."""
         is_estimated = SIZE in self.shared or self.options.layout.field_size is None
         return {} if is_estimated else dict.fromkeys(FIELD_SIZE, np.inf)
 
     @cached_property
     def solved_together(self) -> IntArray:
-        """Numbers of the frames that are solved together: those that others are tied to, and labelled ones."""
+        """Numbers of the frames that are solved together: those to which others are tied, and labelled ones."""
         most = MOST_TIED_TOGETHER if self.is_linked else MOST_TOGETHER
         hubs = np.unique(self.ties.pairs.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), MOST_TOGETHER), endpoint=False, dtype=int)]
         return np.union1d(hubs, self.spread(most - len(hubs))) if len(hubs) < most else hubs
 
     def spread(self, count: int) -> IntArray:
-        """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
+        """Up to `count` labelled frames: the one with most labels in each of `count` equal parts of the sequence."""
         frame, _ = np.unique(np.column_stack([self.pixels.frame, self.pixels.label]), axis=0).T
         labels = np.bincount(frame, minlength=len(self))
         parts = np.array_split(np.arange(len(labels)), min(count, max(len(labels), 1)))
@@ -98,7 +98,7 @@ class SequenceProblem:
     def calibrate_alone(
         self, index: IntArray, options: Options, given: Mapping[int, Array] | None = None
     ) -> dict[int, Calibration]:
-        """Calibrate labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
+        """Calibrate labelled frames by themselves, from given cameras; without one, the camera is searched."""
         found: dict[int, Calibration] = {}
         given = given or {}
         labelled = index[self.pixels.has_pixels[index]].tolist()

@@ -1,13 +1,13 @@
 """Frames of one camera, calibrated together.
 
-    frames one by one -> the place of the tripod -> every frame from there -> all together -> every frame again
+    frames one by one -> position of the tripod -> frames from there -> all together -> every frame again
 
-A camera that moves has a smooth path instead of one place (`fieldcalib.solve.centres`).
+A moving camera has a smooth path instead of one position (`fieldcalib.solve.centres`).
 
-What frames share are blocks that stand once (`fieldcalib.problem.layout`); pan, tilt, roll and zoom are each frame's
-own, and eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames tell what is shared as well as all
-of them, since paint and lens law are wrong by more than noise leaves; the others follow, each by itself. So the time is
-linear in the number of frames.
+Shared parameters are estimated once for all frames (`fieldcalib.problem.layout`); pan, tilt, roll and zoom belong to
+each frame, and are eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames determine the shared
+parameters as well as all frames would, since errors of paint and zoom law then exceed those of noise; the other frames
+are solved one by one. So the time is linear in the number of frames.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from fieldcalib.solve.joint_start import Start
 from fieldcalib.solve.options import Options
 from fieldcalib.solve.remaining_frames import with_frames_alone, with_remaining_frames
 from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.shared_parameters import PixelNoise, SharedParameters
 from fieldcalib.solve.shared_starts import best_of_other_starts
-from fieldcalib.solve.tripod import KnownTripod, PixelNoise
 
-FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
-ROUNDS = 3  # of solving together, and every frame again
+FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
+ROUNDS = 3  # of solving all together, and every frame again
 
 
 class SolvedSequence(NamedTuple):
-    """The calibration of all frames, and what they share to calibrate further ones with."""
+    """The calibration of all frames, and the shared parameters for the calibration of further ones."""
 
     calibration: SequenceCalibration
-    tripod: KnownTripod | None
-    """None where the frames share nothing."""
+    shared: SharedParameters | None
+    """The shared parameters; None if the frames share nothing."""
 
 
 def solve_sequence(problem: SequenceProblem, before: SequenceCalibration | None = None) -> SolvedSequence:
@@ -68,7 +68,7 @@ def solve_from_cameras(
 ) -> SolvedSequence:
     """Calibrate all frames from cameras (n,) of some of them in the layout of an earlier solution; labels are trusted.
 
-    Frames that follow from those that are solved together start from their cameras of `before`.
+    Frames that are not solved together start from their cameras in `before`.
     """
     labels = {t: problem.fitted(t) for t in cameras if problem.pixels.has_pixels[t]}
     some = [t for t in problem.solved_together.tolist() if t in cameras]
@@ -88,17 +88,17 @@ def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
         probability, sigma = options.layout.field_size.possibilities_with_crown
         np.fill_diagonal(variance, probability @ np.square(sigma))
     noise = np.median([(one.bent_sigma, one.curvature) for one in found], axis=0) if found else np.ones(2)
-    tripod = KnownTripod(replace(options, considered=variance), PixelNoise(*noise.tolist()))
-    table = table_without_cameras(tripod, len(problem))
+    shared = SharedParameters(replace(options, considered=variance), PixelNoise(*noise.tolist()))
+    table = table_without_cameras(shared, len(problem))
     if found:
-        table = with_frames_alone(table, tripod, alone, np.inf)
+        table = with_frames_alone(table, shared, alone, np.inf)
     return SequenceCalibration(table, field=options.field, layout=options.layout, considered=variance)
 
 
 def _first_start(problem: SequenceProblem) -> tuple[Start | None, Mapping[int, Calibration]]:
-    """Cameras of some frames, from the place that they agree on or along a path, None if there is none.
+    """Cameras of some frames, at the position on which they agree or along a path; None if there is none.
 
-    With them come the frames by themselves that voted for that place.
+    Also returned are the calibrations by themselves of the frames that voted for that position.
     """
     if not problem.finds_centre:
         return _start_of(problem, problem.calibrate_alone(problem.solved_together, problem.options)), {}
@@ -111,7 +111,7 @@ def _first_start(problem: SequenceProblem) -> tuple[Start | None, Mapping[int, C
 
 
 def _with_known_centre(options: Options, centre: Array) -> Options:
-    """Options with a known centre (3,), and nothing else of the pose known that is to be estimated."""
+    """Options with a known centre (3,); unknown parameters of the pose stay unknown."""
     is_pose = np.arange(len(options.known)) < CENTER.stop
     known = np.where(is_pose & options.layout.free, np.nan, options.known)
     known[CENTER] = centre
@@ -121,16 +121,16 @@ def _with_known_centre(options: Options, centre: Array) -> Options:
 def _start_of(
     problem: SequenceProblem, alone: Mapping[int, Calibration], left_out: Mapping[int, float] | None = None
 ) -> Start | None:
-    """Cameras of frames that were accepted by themselves, of a camera that moves those on its path."""
+    """Cameras of frames that were accepted by themselves; for a moving camera, of those on its path."""
     found = {t: c for t, c in alone.items() if c.accepted and c.solved is not None and t not in (left_out or {})}
     return Start.of(on_path(found) if problem.moves else found)
 
 
 def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSolution:
-    """Solve again with the labels of frames that were not accepted before the tripod was known."""
+    """Solve again with the labels of frames that are accepted only since the tripod is known."""
     for _ in range(ROUNDS - 1):
-        tripod, some = joint.tripod(problem), problem.solved_together
-        alone = problem.calibrate_alone(some, tripod.options, joint.tied_cameras)
+        shared, some = joint.shared_parameters(problem), problem.solved_together
+        alone = problem.calibrate_alone(some, shared.options, joint.tied_cameras)
         start = _start_of(problem, alone, joint.left_out)
         if start is None:
             break
@@ -145,18 +145,18 @@ def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSo
 def _finished(
     problem: SequenceProblem, joint: JointSolution, before: SequenceCalibration | None = None
 ) -> SolvedSequence:
-    """All frames from those that were solved together."""
-    tripod = joint.tripod(problem)
+    """The calibration of all frames, given those that were solved together."""
+    shared = joint.shared_parameters(problem)
     is_shared = joint.layout.roles == Role.SHARED
     calibration = SequenceCalibration(
-        with_remaining_frames(problem, joint, tripod, before),
+        with_remaining_frames(problem, joint, shared, before),
         tuple(np.array(joint.layout.names)[is_shared].tolist()),
         joint.evaluation.theta[0, is_shared],
         joint.covariance,
-        tripod.options.field,
+        shared.options.field,
         len(joint.index),
-        tripod.options.layout,
-        tripod.considered.covariance,
+        shared.options.layout,
+        shared.considered.covariance,
         joint.alternatives,
     )
-    return SolvedSequence(calibration, tripod)
+    return SolvedSequence(calibration, shared)

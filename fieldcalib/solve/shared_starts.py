@@ -1,8 +1,8 @@
-"""Joint solutions from several starts: the best one wins; other centres that fit as well are kept as alternatives.
+"""Joint solutions from several starts: the best one wins; other centres that fit equally well are alternatives.
 
-Place of the tripod, size of the field and lens trade off, so that frames together have several minima. Labels that
-contradict a start are outliers to a narrow loss and never pull the solution out of its minimum. A wide loss lets them,
-so the loss is wide at first and becomes narrow.
+Position of the tripod, size of the field and lens trade off, so that the joint problem has several minima. Labels that
+contradict a start are outliers under a narrow loss and cannot move the solution out of its minimum. Under a wide loss
+they can, so the loss is wide at first and then narrowed.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from fieldcalib.solve.joint_solution import JointSolution, solved_together, solv
 from fieldcalib.solve.joint_start import JointStart, Start, joint_start
 from fieldcalib.solve.sequence_problem import SequenceProblem
 
-WIDTHS = (25.0, 5.0)  # times the loss, one after the other: wrong starts leave lines 20 to 100 px off
-FEW = 30  # iterations with each,
-APPROACHED = 1e-3  # or share of the cost, at which the next loss takes over
-HELD = 1e-6  # standard deviation, in any unit, of what is to stay
-SAME = 0.3  # m: centres that are this near are the same minimum
+WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
+FEW = 30  # iterations with each of them,
+APPROACHED = 1e-3  # and relative decrease of the cost at which the next one takes over
+HELD = 1e-6  # standard deviation, in any unit, of parameters that are to stay
+SAME = 0.3  # m: nearer centres belong to the same minimum
 APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
 AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
-MOST_CENTRES = 2  # that frames vote for, from which they are solved together
-GIVEN_SIZE = (0.0, 0.0)  # m: length and width of starts, beside the given ones
+MOST_CENTRES = 2  # centres with most votes from which frames are solved together
+GIVEN_SIZE = (0.0, 0.0)  # m: length and width of starts, minus the given ones
 OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
-RUNS = 4  # of frames; without one of them the others may agree
+RUNS = 4  # of consecutive frames: if one of them is wrong, the others may agree without it
 
 
 def best_of_other_starts(
     problem: SequenceProblem, joint: JointSolution, alone: Mapping[int, Calibration]
 ) -> JointSolution:
-    """Solve from several places and sizes, and take the solution of least cost; `joint` if nothing can be started.
+    """Solve from several positions and sizes, and take the solution of least cost; `joint` if there is no other start.
 
-    Places are those that frames calibrated `alone` vote for, and those of all frames but a run of them.
+    Positions are those that frames calibrated `alone` vote for, and those of all frames but a run of them.
     """
     accepted = {t: c for t, c in alone.items() if c.accepted}
     voters = Start.of(accepted)
@@ -110,7 +110,7 @@ def _cost(evaluation: Evaluation) -> float:
 
 
 def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, tolerance: float) -> Evaluation:
-    """Solve frames together, first with losses that are `widths` times as wide."""
+    """Solve frames together, first with losses whose scales are larger by the factors `widths`."""
     problem, found = start.problem, start
     for width in widths:
         wide = replace(problem, loss=replace(problem.loss, scale=width * problem.loss.scale))
@@ -124,7 +124,7 @@ def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, 
 
 
 def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
-    """Solve for the frames' own parameters; shared ones stay."""
+    """Solve for the frames' own parameters; shared ones are kept."""
     layout, theta = start.problem.layout, start.theta
     prior = start.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
     held = layout.roles == Role.SHARED
@@ -133,7 +133,7 @@ def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
 
 
 def _elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
-    """Centres (3,) of other solutions that fit as well as the best one, whose centre has the covariance (3, 3)."""
+    """Other centres (3,) of solutions that fit as well as the best one; `covariance` (3, 3) is of the best centre."""
     others: list[Array] = []
     least, V = _cost(best), covariance + SAME**2 * np.eye(3)
     for one in sorted(found, key=_cost):

@@ -1,7 +1,7 @@
-"""Cameras that see the same: across the field, or a few steps along it.
+"""Cameras with the same image: across the field, or a few steps along it.
 
-A field turned by 180 degrees is the same field: a frame that shows nothing but the middle line and the centre circle
-fits a camera and the one across the field alike. And where lines repeat, as yard lines do, one may have miscounted.
+A field turned by 180 degrees is the same field: a frame that shows only the middle line and the centre circle fits a
+camera and the one across the field equally well. And where lines repeat, as yard lines do, labels may be miscounted.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class OtherSide:
     """B cameras turned by 180 degrees about the centre mark."""
 
     theta: Array
-    """(B, n)."""
+    """Parameters of the turned cameras, (B, n)."""
     prior: GaussianPrior
     """Prior of the stands where the turned cameras are, (B, n); meaningless if none fits."""
     fits: BoolArray
-    """Whether the labels say nothing against them, and the prior hardly more than against the others, (B,)."""
+    """Whether labels do not contradict the turned cameras, and the prior hardly more than the others, (B,)."""
 
 
 def other_side(observations: Observations, theta: Array, options: Options) -> OtherSide:
@@ -48,9 +48,9 @@ def other_side(observations: Observations, theta: Array, options: Options) -> Ot
 def on_main_side(
     observations: Observations, theta: Array, prior: GaussianPrior, options: Options
 ) -> tuple[Array, GaussianPrior]:
-    """Cameras (B, n) and their priors; those that may as well stand on the main side, as broadcasters do, are turned.
+    """Cameras (B, n) and their priors; those that fit equally well on the main side, the usual one, are turned to it.
 
-    Skipped if the position is given.
+    Cameras are not turned if the position is given.
     """
     if not np.isnan(options.known[CENTER]).any():
         return theta, prior
@@ -63,9 +63,9 @@ def on_main_side(
 
 
 def repeats(labels: Iterable[str], options: Options) -> bool:
-    """Whether a frame that is labelled like that looks the same a step of `Field.repeats` along the field.
+    """Whether a frame with these labels looks the same one step of `Field.repeats` along the field.
 
-    Then labels that are all a step off fit as well. Not so if the position is given.
+    Then labels that are all one step off fit equally well. False if the position is given.
     """
     if options.field is None or not np.all(options.layout.free[CENTER]):
         return False

@@ -1,4 +1,4 @@
-"""The task that all methods of calibration share: their common arguments, checked and translated for the solver."""
+"""The common arguments of all methods of calibration, checked and translated into options of the solver."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ SUPPORTED = sum(F)
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """The arguments of `calibrate_from_segments` that do not depend on the frame, as the user gave them."""
+    """The arguments of `calibrate_from_segments` that do not depend on the frame, as given by the user."""
 
     object_segments: ObjectSegments
     given: GivenCamera = NOTHING_GIVEN
@@ -77,9 +77,9 @@ class Task:
         return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
 
     def options(self, image_size: tuple[int, int]) -> Options:
-        """The options for frames of one size; a ValueError says which arguments do not fit together.
+        """The options for frames of one size; a ValueError names arguments that do not fit together.
 
-        Without a prior, initial cameras come from the stands of the field, or from all sides where it knows none.
+        Without a prior, initial cameras come from the stands of the field or, if it has none, from all sides.
         """
         image_size = checked_image_size(image_size)
         flags = _checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
@@ -123,7 +123,7 @@ class Task:
 
     @property
     def _size_block(self) -> SizeBlock | None:
-        """Length and width as parameters, where they are not known and there is a prior for them."""
+        """Length and width as parameters, if they are unknown and have a prior; else None."""
         field = self.field
         model = field.size_model if field is not None and field.moves_with_size else None
         if field is None or model is None or self.prior is None or field.size_known:
@@ -154,12 +154,12 @@ def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
             f"criteria must be (type, max_count, eps) with type TERM_CRITERIA_COUNT (1), _EPS (2) or their sum, "
             f"max_count >= 1 and eps > 0, got {criteria!r}"
         )
-    # without a count the iterations are bounded all the same, without an eps only rounding ends them
+    # without a count the number of iterations is bounded too, without an eps they end at rounding
     return (int(max_count) if kind & COUNT else 1000), (max(float(eps), 1e-15) if kind & EPS else 1e-15)
 
 
 def _check_given(given: GivenCamera, flags: CalibrationFlags) -> None:
-    """A ValueError if flags and values of the camera do not go together."""
+    """Raise a ValueError if flags and given values of the camera do not fit together."""
     wants_intrinsics = bool(flags & (F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_FIX_FOCAL_LENGTH))
     if wants_intrinsics != (given.camera_matrix is not None):
         raise ValueError(
@@ -183,7 +183,7 @@ def _check_given(given: GivenCamera, flags: CalibrationFlags) -> None:
 
 
 def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlags) -> Array:
-    """Parameters (n,) that were given or that have a default; NaN where nothing is known."""
+    """Parameters (n,) that were given or that have a default; NaN for unknown ones."""
     known = np.full(layout.size, np.nan)
     known[PRINCIPAL_POINT] = np.array(layout.image_size) / 2.0
     known[layout.lens_block] = known[LOG_ASPECT] = 0.0
@@ -212,9 +212,9 @@ def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlag
 def _layout(
     image_size: tuple[int, int], dist_coeffs: ArrayLike | None, flags: CalibrationFlags, size: SizeBlock | None
 ) -> Layout:
-    """Blocks of theta, with the smallest lens that has what is known and what is estimated, and roles by the flags.
+    """The layout, with roles by the flags and the smallest lens that has all known and estimated coefficients.
 
-    The size of a field that is not known is considered: kept, with its uncertainty in that of the camera.
+    An unknown size of the field is considered: it is kept, and its uncertainty enters that of the camera.
     """
     rho = float(np.hypot(*image_size) / 2.0)
     freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}

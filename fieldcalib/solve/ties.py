@@ -26,16 +26,16 @@ from fieldcalib.solve.options import Options, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture
-NOISE = 0.75  # px: standard deviation of a coordinate of a cell: flow errs by 0.1 to 0.3, the law of the lens by more
-LOSS_SCALE = 2.5  # px: cells that are farther off are no background
-DISAGREE = 6.0  # px: median distance at which the cameras of two frames contradict what ties them
+NOISE = 0.75  # px: standard deviation of a coordinate of a cell: flow is off by 0.1 to 0.3, the zoom law by more
+LOSS_SCALE = 2.5  # px: cells that are farther off are not background
+DISAGREE = 6.0  # px: median distance at which the cameras of two frames contradict their tie
 BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands around it
-LEAST_CELLS = 5  # that make a tie
-APPROACHED = 1e-3  # of the cost: cameras that are tied are where others begin
+LEAST_CELLS = 5  # smallest number for a tie
+APPROACHED = 1e-3  # relative decrease of the cost at which tied cameras are good enough as initial ones
 MOST_ITERATIONS = 50
-POINT_MOVES = 0.1  # of width and height: so far a window goes from a frame to one that is tied to it
-DAMPING = 1e-4  # share of the diagonal
-FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
+POINT_MOVES = 0.1  # of width and height: motion of a window from a frame to one that is tied to it
+DAMPING = 1e-4  # share of the Hessian's diagonal
+FROM_AFAR = RobustLoss("linear", 1.0)  # tied frames may be far apart, where a robust loss has no gradient
 
 Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike] | None]
 
@@ -50,7 +50,7 @@ class Ties:
 
     @classmethod
     def of(cls, object_segments: ObjectSegments, matches: Matched, count: int, image_size: tuple[int, int]) -> Ties:
-        """Thin out matches between some of `count` frames, a mapping of pairs of frames to their pixels.
+        """Thin out matches between some of `count` frames, a mapping from pairs of frames to pixels.
 
         Raises
         ------
@@ -84,21 +84,21 @@ class Ties:
         return np.isin(np.arange(self.count), [self.pairs.first, self.pairs.second])
 
     def among(self, frames: IntArray) -> BackgroundPairs | None:
-        """The pairs within some frames, numbered by their place among these; None if there are none."""
+        """The pairs within some frames, renumbered by position in `frames`; None if there are none."""
         number = self._numbers(frames)
         first, second = number[self.pairs.first], number[self.pairs.second]
         inside = (first >= 0) & (second >= 0)
         return replace(self.pairs.at(inside), first=first[inside], second=second[inside]) if np.any(inside) else None
 
     def towards(self, frames: IntArray, theta: Array, known: BoolArray) -> BackgroundPairs:
-        """The pairs from frames with `known` (T,) cameras theta (T, n) to some others, numbered by their place."""
+        """The pairs from frames with `known` (T,) cameras theta (T, n) to `frames`, renumbered by position in these."""
         number = self._numbers(frames)
         ways = [one.at(known[one.first] & (number[one.second] >= 0)) for one in (self.pairs, self.pairs.swapped)]
         pairs = BackgroundPairs.joined(*ways)
         return replace(pairs, second=number[pairs.second], known=theta[pairs.first])
 
     def _numbers(self, frames: IntArray) -> IntArray:
-        """Places of all frames (T,) among some; -1 for the others."""
+        """Position of each of all frames, (T,), in `frames`; -1 for the others."""
         number = np.full(self.count, -1)
         number[frames] = np.arange(len(frames))
         return number
@@ -113,7 +113,7 @@ class Ties:
     def agreeing(self, theta: Array, known: BoolArray, layout: Layout) -> BoolArray:
         """Mask (T,) of frames with known cameras whose ties do not contradict one another.
 
-        As long as some do, the frame with the most contradictions is left out.
+        Frames with the most contradictions are left out one by one.
         """
         kept, frames = known.copy(), np.arange(len(known))
         pairs = self.among(frames[known])
@@ -151,9 +151,10 @@ def _checked_match(
 
 
 def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """Average matched pixels (N, 2) over the cells of the first frame; doing it twice changes nothing.
+    """Average matched pixels (N, 2) over the cells of the first frame; it is idempotent.
 
-    Points of the second frame are averaged about a quadratic map between the frames, which bends within a cell.
+    Pixels of the second frame are averaged relative to a quadratic map between the frames, which is not linear in a
+    cell.
 
     Examples
     --------
@@ -189,14 +190,14 @@ def with_tied(
 ) -> tuple[Array, BoolArray]:
     """Add cameras of frames that are tied, directly or through others, to those with known cameras.
 
-    Of the T frames, theta (T, n) has the cameras and `known` (T,) says which are known; both are returned anew.
+    theta (T, n) are the cameras of all frames, `known` (T,) masks the known ones; new arrays of both are returned.
 
     Parameters
     ----------
     wanted : (B,) int array
-        Only these frames are looked at.
+        Frames to which cameras are added.
     layout : Layout
-        Layout in which pan, tilt, roll and zoom are the frames' own and all the rest is known.
+        Layout in which pan, tilt, roll and zoom are the frames' own and all other parameters are known.
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
@@ -220,9 +221,9 @@ def with_tied(
 
 
 def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
-    """A prior of principal points near those of cameras (B, n): static points hardly tell a turn from a shift.
+    """Prior of principal points near those of cameras (B, n): static points hardly distinguish a turn from a shift.
 
-    It is None where frames have no principal point of their own.
+    It is None if frames have no principal point of their own.
     """
     if not np.any(layout.free[PRINCIPAL_POINT]):
         return None
@@ -232,9 +233,10 @@ def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
 
 
 def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array, BoolArray]:
-    """Move cameras (B, n) by one Gauss-Newton step; also which of them most of their ties contradict then, (B,).
+    """Move cameras (B, n) by one Gauss-Newton step; also returns which of them most of their ties then contradict,
+    (B,).
 
-    They must be off by some pixels only: distances after the step are those of the linear model.
+    They may be off by a few pixels only: distances after the step are those of the linear model.
     """
     background = BackgroundTerm(pairs, layout, theta)
     hessian, diagonal = background.hessian.copy(), np.arange(background.hessian.shape[1])
@@ -248,12 +250,12 @@ def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array
 
 
 def contradicted(background: BackgroundTerm) -> BoolArray:
-    """Mask (B,) of the frames whose cameras most of their ties contradict."""
+    """Mask (B,) of the frames whose cameras are contradicted by most of their ties."""
     return _contradicted(background.pairs, disagreeing(background), len(background.theta))
 
 
 def disagreeing(background: BackgroundTerm) -> BoolArray:
-    """Mask (K,) of the pairs whose points the cameras of their frames do not bring together."""
+    """Mask (K,) of the pairs whose points do not coincide under the cameras of their frames."""
     return _disagreeing(background.pairs, background.layout, background.r)
 
 

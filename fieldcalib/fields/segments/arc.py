@@ -139,7 +139,7 @@ class Arc(Segment):
 
     @property
     def middle_of_curvature(self) -> Vector:
-        """Its centre."""
+        """Centre of the arc."""
         return self.center
 
     def equations(self, pixels: int) -> int:

@@ -19,7 +19,7 @@ class Parts(NamedTuple):
     """Equal parts of a segment, N of them."""
 
     X: Array
-    """Their middles, (N, 3)."""
+    """Middles of the parts, (N, 3)."""
     along: Array
     """Unit vectors along the segment there, (N, 3)."""
     share: Array

@@ -14,7 +14,7 @@ LINE_WIDTH = 0.05
 SERVICE_LINE = 6.95  # from the net to the edge towards it: the other edge is 3 m from the back wall
 OVERLAP = 0.20  # of the central service line beyond the service line
 NET_CENTRE, NET_POSTS = 0.88, 0.92  # height
-WALL, STEEL = 0.10, "#30363c"  # what is seen of the walls from above; colour
+WALL, STEEL = 0.10, "#30363c"  # thickness of the walls as seen from above; colour
 GLASS, FENCE = 3.0, 4.0  # heights of the back walls: glass, and wire mesh above it
 # Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field padel`.
 PROBABILITY = ProbabilityModel((1.66, -3.04, -0.73, -0.35, -0.16))

@@ -17,7 +17,7 @@ from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens.opencv import opencv_vector, shortest_opencv_vector
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
-from fieldcalib.io.files import BrokenFileError, read_regular_file
+from fieldcalib.io.files import BrokenFileError, named_in_errors, read_regular_file
 
 # "%YAML:1.0", which OpenCV 4 reads too: by default OpenCV 5 begins a file with "%YAML 1.2"
 YAML = getattr(cv2, "FILE_STORAGE_FORMAT_YAML_1_0", cv2.FILE_STORAGE_FORMAT_YAML)
@@ -101,10 +101,8 @@ def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
     >>> found.camera_matrix[0], found.dist_coeffs, found.image_size
     (array([1500.,    0.,  480.]), array([0., 0., 0., 0., 0.]), None)
     """
-    try:
+    with named_in_errors(path):
         return parse_opencv(read_regular_file(Path(path)))
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from error.__cause__
 
 
 def parse_opencv(content: bytes | str) -> OpenCVCalibration:

@@ -17,7 +17,7 @@ from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import shared_size
-from fieldcalib.solve.told_size import on_told_size
+from fieldcalib.solve.size_from_labels import with_size_from_labels
 
 FIELD = soccer()
 WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch
@@ -26,8 +26,8 @@ POSSIBLE, LIMITS = FIELD.size_model.possibilities, FIELD.size_model.limits
 ROOM = LIMITS - np.array([105.0, 68.0])
 
 
-def told(pitch, camera, rng, noise=0.5, field=FIELD):
-    """A frame of a pitch, calibrated on a field, and then on the one that it tells."""
+def with_size(pitch, camera, rng, noise=0.5, field=FIELD):
+    """A frame of a pitch, calibrated on a field, and then on a field of the size from its labels."""
     frame = observe(pitch, camera, rng, noise, per_line=9, per_curve=12)
     (found,) = calibrate_batch(field, [frame], SIZE)
 
@@ -35,13 +35,13 @@ def told(pitch, camera, rng, noise=0.5, field=FIELD):
         (one,) = calibrate_batch(field, [frame], SIZE, cameras=[start])
         return one
 
-    return found, on_told_size(found, again)
+    return found, with_size_from_labels(found, again)
 
 
 @settings(max_examples=8)
 @given(generators(), numbers(97.0, 112.0), numbers(62.0, 74.0))
 def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
-    given, found = told(soccer(length, width), WIDE, rng)
+    given, found = with_size(soccer(length, width), WIDE, rng)
     assert found.accepted
     off = np.array([found.field.length - length, found.field.width - width])
     assert np.all(np.abs(off) < 1.5) or found is given  # the given size, where that is likely
@@ -58,14 +58,14 @@ def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
 def test_the_usual_size_is_left_alone():
     rng = np.random.default_rng(0)
     for _ in range(5):
-        given, found = told(FIELD, WIDE, rng)
+        given, found = with_size(FIELD, WIDE, rng)
         assert found is given
-    given, found = told(soccer(100.0, 64.0), WIDE, rng, field=soccer(size_known=True))
+    given, found = with_size(soccer(100.0, 64.0), WIDE, rng, field=soccer(size_known=True))
     assert found is given
 
 
 def test_what_a_frame_does_not_tell_stays_as_it_is_given():
-    given, found = told(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
+    given, found = with_size(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
     assert found.field.length == 105.0
     assert abs(found.field.width - 62.0) < 1.0
     assert found.rms < given.rms
@@ -73,7 +73,7 @@ def test_what_a_frame_does_not_tell_stays_as_it_is_given():
 
 
 def test_calibrations_with_a_size_of_their_own_survive_json():
-    _, found = told(soccer(100.0, 64.0), WIDE, np.random.default_rng(2))
+    _, found = with_size(soccer(100.0, 64.0), WIDE, np.random.default_rng(2))
     assert found.field.length < 102.0
     back = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
     np.testing.assert_allclose(back.covariance, found.covariance, rtol=1e-6, atol=1e-12)

@@ -1,4 +1,4 @@
-"""The known shared parameters of the frames of one camera, and the cameras of further frames from them."""
+"""The known shared parameters of the frames of one camera, and the solution of further frames with them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.options import Options
 
-FOLLOWED = 1e-4  # of the cost, at which a frame that follows is done: a hundredth of its standard deviation
+FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is done: a hundredth of a standard deviation
 
 
 class PixelNoise(NamedTuple):
@@ -31,11 +31,11 @@ class PixelNoise(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class KnownTripod:
+class SharedParameters:
     """Shared parameters of the frames of one camera, with their covariance."""
 
     options: Options
-    """Options in which what is shared is known, the size of the object too, and considered with its covariance."""
+    """Options with the shared parameters as known and considered ones, and an object of the known size."""
     noise: PixelNoise
 
     @property
@@ -51,7 +51,7 @@ class KnownTripod:
         return Considered(layout, np.zeros((size, size)) if covariance is None else covariance)
 
     def prior(self, theta: Array) -> GaussianPrior | None:
-        """Prior of frames with cameras near theta (B, n); None without."""
+        """Prior of frames with cameras near theta (B, n); None without a prior."""
         return given_cameras(theta, self.options.stands).prior if self.options.use_prior else None
 
     def solved(
@@ -86,5 +86,5 @@ class KnownTripod:
         ).evaluation
 
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
-        """Errors of solved frames; `of_first` are those of the first frame of each pair, where that is known."""
+        """Errors of solved frames; `of_first` are those of the first frame of each pair, if its camera is known."""
         return own_errors(solved, *self.noise, of_first)

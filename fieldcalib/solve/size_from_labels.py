@@ -1,9 +1,9 @@
-"""The size of the field as a single frame tells it, estimated together with its camera.
+"""The size of the field from the labels of a single frame, estimated together with its camera.
 
 A frame is calibrated on a field of the given size, and its evidence for another size is known to first order
-(`fieldcalib.assess.size_evidence`). Where the given size is improbable, length and width, or the one of them that the
-frame determines, become free parameters: solved from several starts under the prior of sizes, within those that the
-rules allow. What the frame does not determine stays as it is given.
+(`fieldcalib.assess.size_evidence`). If the given size is improbable, length and width, or the one of them that the
+frame determines, become free parameters: they are solved from several starts under the prior of sizes, within the legal
+ones. A dimension that the frame does not determine stays as given.
 """
 
 from __future__ import annotations
@@ -25,14 +25,12 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import DEFAULT_CRITERIA
 
-LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
-TELLS_SIZE = (
-    2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
-)
+LIKELY = 0.5  # probability of the given size from which on it is kept
+LARGEST_SIGMA = 2.0  # m: of a length or width that counts as determined; less than the prior's standard deviations
 
 
-def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
-    """Calibrate a frame anew on a field of the size that it tells; the given calibration where that size is likely.
+def with_size_from_labels(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
+    """Calibrate a frame again on a field of the size that its labels determine, unless the given size is likely.
 
     Parameters
     ----------
@@ -41,21 +39,21 @@ def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Cali
     again : callable
         Function that calibrates the frame on another field, from a camera that fits its lines there.
     """
-    told = _ToldSize.of(calibration)
-    if told is None or calibration.solved is None:
+    size = _SizeFromLabels.of(calibration)
+    if size is None or calibration.solved is None:
         return calibration
-    sized = told.solved(calibration.solved, told.starts)
+    sized = size.solved(calibration.solved, size.starts)
     found = again(sized.field, sized.camera)
     if not found.accepted or found.solved is None or found.solved is calibration.solved:
         return calibration
-    sized = told.solved(found.solved, sized.size[None])
+    sized = size.solved(found.solved, sized.size[None])
     unit = np.where(sized.layout.free, sized.prior_sigma, 0.0)[None]
     return replace(found, camera=sized.camera, field=sized.field, errors=Solved(sized.evaluation, unit))
 
 
 @dataclass(frozen=True, eq=False)
 class _Sized:
-    """A frame that was solved with a free size of its field."""
+    """A frame that was solved together with the size of its field."""
 
     like: Field
     evaluation: Evaluation
@@ -66,7 +64,7 @@ class _Sized:
 
     @property
     def size(self) -> Array:
-        """(length, width)."""
+        """Length and width, (2,) metres."""
         return np.asarray(self.evaluation.theta[0, self.layout.field_size_block])
 
     @property
@@ -84,14 +82,14 @@ class _Sized:
 
 
 @dataclass(frozen=True, eq=False)
-class _ToldSize:
+class _SizeFromLabels:
     """Evidence of one frame for the size of its field, to first order."""
 
     field: Field
     """Field of the given size."""
     size: SizeBlock
     evidence: SizeEvidence
-    told: BoolArray
+    determined: BoolArray
     """Whether the frame determines length and width, (2,)."""
     wide: BoolArray
     """Mask (K,) of the possibilities under which length and width are both uncertain."""
@@ -99,8 +97,8 @@ class _ToldSize:
     """Second moment of the crown, (1,); (0,) where all fields are level."""
 
     @classmethod
-    def of(cls, calibration: Calibration) -> _ToldSize | None:
-        """Take the evidence of a calibration; None where the given size is likely, or no other one is possible."""
+    def of(cls, calibration: Calibration) -> _SizeFromLabels | None:
+        """The evidence of a calibration; None if the given size is likely, or no other one is possible."""
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
@@ -108,34 +106,34 @@ class _ToldSize:
         size = problem.layout.field_size
         if evidence is None or size is None or problem.prior is None or evidence.as_given > LIKELY:
             return None
-        told = np.sqrt(np.diagonal(evidence.covariance)) < TELLS_SIZE
+        determined = np.sqrt(np.diagonal(evidence.covariance)) < LARGEST_SIGMA
         wide = np.all(size.possibilities[1] > 0.0, axis=1)
         with_crown = solved.uncertainty.with_crown
         of_crown = np.zeros(0) if with_crown is None else with_crown.moment[2:, 2]
-        return cls(field, size, evidence, told, wide, of_crown) if np.any(told) and np.any(wide) else None
+        return cls(field, size, evidence, determined, wide, of_crown) if np.any(determined) and np.any(wide) else None
 
     @property
     def starts(self) -> Array:
-        """Sizes (3, 2): the given one, the one that fits best to first order, and the expected one."""
+        """Sizes (3, 2): the given one, the one of the best fit to first order, and the expected one."""
         return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
 
     def solved(self, solved: Solved, starts: Array) -> _Sized:
-        """Solve the frame with the size that it determines free, from several sizes (S, 2): least cost wins."""
+        """Solve the frame together with the size that it determines, from several sizes (S, 2); least cost wins."""
         alone = solved.alone.evaluation
         layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
         assert prior is not None
-        for role, which in ((Role.FRAME, self.told), (Role.CONSIDERED, ~self.told)):
+        for role, which in ((Role.FRAME, self.determined), (Role.CONSIDERED, ~self.determined)):
             some = np.zeros(layout.size, dtype=bool)
             some[block] = which
             layout = layout.with_roles_of(some, role)
         likely = int(np.argmax(np.where(self.wide, self.evidence.weights[:-1], -1.0)))
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
         mean[:, block], sigma[:, block] = self.size.given, self.size.possibilities[1][likely]
-        kept = np.append(np.diagonal(self.evidence.moment)[~self.told], self.of_crown)
+        kept = np.append(np.diagonal(self.evidence.moment)[~self.determined], self.of_crown)
         considered = np.diag(kept) if len(kept) else None
         problem = replace(alone.problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=considered)
         theta = np.repeat(alone.theta, len(starts), axis=0)
-        theta[:, block] = np.where(self.told, np.clip(starts, *self.size.limits), self.size.given)
+        theta[:, block] = np.where(self.determined, np.clip(starts, *self.size.limits), self.size.given)
         start = evaluate(problem.take(np.zeros(len(starts), dtype=np.intp)), theta)
         _, iterations, tolerance = DEFAULT_CRITERIA
         found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
