@@ -158,9 +158,7 @@ def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Netw
     return [
         None
         if one.solved is None
-        else KeyframeLabels(
-            one.solved.pixels, one.accepted, one.accepted or are_consistent(one.solved.alone.evaluation)
-        )
+        else KeyframeLabels(one.solved.pixels, one.accepted, are_consistent(one.solved.alone.evaluation))
         for one in options.calibrate_alone(images, network)
     ]
 

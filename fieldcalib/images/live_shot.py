@@ -88,23 +88,19 @@ class LiveShot:
     def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
         """The problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
+        labels = {key: self.labels[key] for key in keys}
+        matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
         return ShotProblem(
-            ClipProblem(
-                options,
-                image_size,
-                keys,
-                {key: self.labels[key] for key in keys},
-                {pair: cells for pair, cells in self.matches.items() if set(keys).issuperset(pair)},
-            ),
+            ClipProblem(options, image_size, keys, labels, matches),
             new,
             tuple(self.pairs.values()),
             None if self.solved is None else self.solved.layout,
             {key: one.theta for key, one in self.known.items() if key in keys},
         )
 
-    def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
+    def with_solution(self, solution: ShotSolution) -> LiveShot:
         """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
-        labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
+        labels = {**self.labels, **solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
         if solution.solved is None:

@@ -97,8 +97,8 @@ class ShotProblem:
 class ShotSolution(NamedTuple):
     """The result of solving the keyframes of a shot."""
 
-    labels: PixelTable | None
-    """Labels of the new keyframe; None if they stay as they were."""
+    labels: Mapping[int, PixelTable]
+    """Labels that the network found in the new keyframe, by its number; empty if they stay as they were."""
     matches: Mapping[tuple[int, int], Cells]
     """New matches between keyframes."""
     tried: Sequence[tuple[int, int]]
@@ -123,12 +123,12 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
         for pair in shot.pairs
         if (found := pair.matches()) is not None and (cells := cells_of(found, problem.image_size)) is not None
     }
-    labels = None
+    labels = {}
     if segmented is not None:
         (keyframe,) = label_keyframes(problem.options, [segmented.image], segmented)
-        labels = keyframe.labels if keyframe is not None and keyframe.accepted else None
-    known = problem.labels if labels is None else {**problem.labels, shot.new: labels}
-    problem = replace(problem, labels=known, matches={**problem.matches, **matches})
+        if keyframe is not None and keyframe.accepted:
+            labels = {shot.new: keyframe.labels}
+    problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})
     tried = [pair.indices for pair in shot.pairs]
     return ShotSolution(labels, matches, tried, _solved(problem, shot.layout, shot.cameras))
 

@@ -269,4 +269,4 @@ class Tracker:
     def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
         """Take the solution of a keyframe, unless its shot is over."""
         if keyframe.shot == self._shot.identity:
-            self._shot = self._shot.with_solution(keyframe.index, solution)
+            self._shot = self._shot.with_solution(solution)
