@@ -11,15 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array
-from fieldcalib._types import Float32 as Float32  # re-exported
+from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
+from fieldcalib.io.image import Image
 
 WHITE: Colour = (242, 248, 244)
 BOARDS = (6.5, 0.95)  # m: distance behind the lines, height
