@@ -4,14 +4,20 @@ Hypothesis draws the same examples on every run of CI. Property tests have the m
 HYPOTHESIS_PROFILE=thorough they draw five times as many examples.
 """
 
+import gc
 import os
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-# of NumPy's BLAS and of PyTorch, read when they are imported: tests run side by side, and small matrices gain nothing
+# Read when NumPy, PyTorch and OpenCV are imported: tests run side by side, and small matrices gain nothing.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+
+# Where nothing may be written beside the sources, processes that tests start would compile them again and again.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    os.environ["PYTHONPYCACHEPREFIX"] = str(Path(__file__).parents[1] / ".pytest_cache" / "compiled")
 
 settings.register_profile(
     "local",
@@ -31,6 +37,12 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
             item.add_marker("property")
+
+
+def pytest_collection_finish():
+    """Let the garbage collector pass over what was collected: thousands of tests, which stay."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+from pictures import KeptByCamera
 from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
@@ -38,14 +39,16 @@ def probabilities(maps, rng=None, noise=0.0):
     """Class probabilities (K, h, w) of band maps, with noise in the logits that neighbouring pixels share."""
     edge = 1.0 / (1.0 + np.exp(MOST_LOGIT))
     share = np.clip(maps, edge, 1.0 - edge)
-    logits = np.log(share / (1.0 - share))
-    logits[0] = 0.0
+    odds = share / (1.0 - share)
+    odds[0] = 1.0
     if noise:
-        for plane in logits:
+        for plane in odds:
             wave = cv2.GaussianBlur(rng.standard_normal(plane.shape, dtype=np.float32), (0, 0), 1.0)
-            plane += noise * wave / wave.std()
-    p = np.exp(logits - logits.max(axis=0))
-    return p / p.sum(axis=0)
+            plane *= np.exp(noise * wave / wave.std())
+    return odds / odds.sum(axis=0)
+
+
+seen_by = KeptByCamera(lambda camera, grid: probabilities(band_maps(camera, grid)), most=16)  # of 6 MB each
 
 
 class KnownCameras:
@@ -54,7 +57,7 @@ class KnownCameras:
     classes = CLASSES
 
     def __init__(self, cameras, grid=GRID):
-        self.maps = [probabilities(band_maps(camera, grid)) if camera else self.nothing(grid) for camera in cameras]
+        self.maps = [seen_by(camera, grid) if camera else self.nothing(grid) for camera in cameras]
 
     def nothing(self, grid):
         maps = np.zeros((len(CLASSES), grid[1], grid[0]), np.float32)

@@ -5,7 +5,7 @@ values do not matter.
 """
 
 import numpy as np
-from hypothesis import assume
+from hypothesis import assume, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from synthetic import displaced, distorted
@@ -14,6 +14,7 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import theta_from_camera
 
+costly = settings(max_examples=settings().max_examples // 2)  # for properties of which an example takes long
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
 

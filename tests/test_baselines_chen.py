@@ -175,7 +175,7 @@ def test_a_database_finds_its_own_cameras(database):
 
 
 def test_refinement_brings_the_homography_home(database):
-    cameras = central(24, 11)
+    cameras = central(12, 11)
     views = edge_images(cameras.homographies, PIECES)
     by_recipe = {}
     for name, recipe in (("published", PUBLISHED), ("wider", WIDER)):
@@ -195,7 +195,9 @@ def test_no_line_no_homography(database):
     assert homography(database, np.zeros((180, 320), np.uint8), IMAGE_SIZE) is None
 
 
-@pytest.mark.parametrize("extract", [None, Siamese.shipped()], ids=["hog", "siamese"])
+@pytest.mark.parametrize(
+    "extract", [pytest.param(None, marks=pytest.mark.slow), Siamese.shipped()], ids=["hog", "siamese"]
+)
 def test_a_database_is_read_back(extract, tmp_path):
     made = Database.made(FIELD, "uniform", DRAWS["uniform"], extract, count=700, seed=2)
     made.write(tmp_path / "some.npz")

@@ -127,6 +127,7 @@ def test_a_dissolve_belongs_to_neither_shot(two_tripods):
     assert max(off(found[end + 1 :], cameras[end + 1 :])) < 0.8
 
 
+@pytest.mark.slow
 def test_a_shot_that_shows_no_pitch_has_no_tripod(one_tripod):
     crowd = np.random.default_rng(0).integers(0, 255, (27, 48, 3), np.uint8)
     wide = cv2.resize(crowd, (600, 300), interpolation=cv2.INTER_CUBIC)

@@ -39,15 +39,6 @@ def dotted_names(text):
     return {*DOTTED.findall(text), *(f"fieldcalib.{name}" for name in INSIDE.findall(text) if name not in FILES)}
 
 
-def named_in(find):
-    """What the pages and sources name -> the files that do."""
-    files = {}
-    for path in (*PAGES, *SOURCES):
-        for name in find(prose(path)):
-            files.setdefault(name, []).append(str(path.relative_to(ROOT)))
-    return files
-
-
 def exists(name):
     """Whether a dotted name is a module, or an attribute or a field of a dataclass that is found from one."""
     parts = name.split(".")
@@ -57,7 +48,7 @@ def exists(name):
             value = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-                raise  # a package of an extra: conftest.py skips the test
+                raise  # a package of an extra
             continue
         for part in parts[count:]:
             if not hasattr(value, part):
@@ -67,17 +58,18 @@ def exists(name):
     return False
 
 
-NAMES, PATHS = named_in(dotted_names), named_in(PATH.findall)
-
-
-@pytest.mark.parametrize("name", sorted(NAMES))
-def test_a_name_can_be_imported(name):
-    assert exists(name), f"{name} is named in {NAMES[name]}"
-
-
-@pytest.mark.parametrize("name", sorted(PATHS))
-def test_a_path_exists(name):
-    assert (ROOT / name).is_file(), f"{name} is named in {PATHS[name]}"
+@pytest.mark.parametrize("path", [*PAGES, *SOURCES], ids=lambda path: str(path.relative_to(ROOT)))
+def test_what_a_file_names_is_there(path):
+    text, wrong, extra = prose(path), [], None
+    for name in sorted(dotted_names(text)):
+        try:
+            wrong += [] if exists(name) else [name]
+        except ModuleNotFoundError as error:
+            extra = error
+    assert wrong == []
+    assert [name for name in PATH.findall(text) if not (ROOT / name).is_file()] == []
+    if extra is not None:
+        raise extra  # conftest.py skips the test: this name alone could not be looked for
 
 
 def test_wrong_names_are_seen():

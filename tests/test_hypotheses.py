@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from pictures import picture
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.hypotheses import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
@@ -35,7 +35,7 @@ def names(table, is_chosen):
 
 
 def consensus(found, image=None):
-    image = render_field(TRUTH, FIELD) if image is None else image
+    image = picture(TRUTH, seed=None) if image is None else image
     return calibrate_from_consensus(Task(FIELD, flags=DEFAULT_FLAGS), image, found)
 
 

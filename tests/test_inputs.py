@@ -24,7 +24,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoReader
 
-TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540))
+TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270))
 SMALL = np.zeros((36, 64, 3), np.uint8)
 
 
@@ -324,7 +324,7 @@ sys.exit(code)
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux has them")
 def test_one_thread_is_one_that_computes(tmp_path, picture):
-    write_video(tmp_path / "a.mp4", [picture] * 12)
+    write_video(tmp_path / "a.mp4", [picture] * 4)
     command = [sys.executable, "-c", COUNTING, "run", tmp_path / "a.mp4", "--out", tmp_path / "out", "--threads", "1"]
     environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     folder = Path(fieldcalib.__file__).parents[1]

@@ -42,7 +42,15 @@ def shot(count, seed=0, pan=0.1, zoom=1.002):
     return [np.clip(p + rng.normal(scale=2.0, size=p.shape), 0, 255).astype(np.uint8) for p in pictures]
 
 
-ONE, OTHER = shot(50), shot(45, seed=1)  # of one motion, so that a mixture of both moves like a scene
+@pytest.fixture(scope="module")
+def one():
+    return shot(50)
+
+
+@pytest.fixture(scope="module")
+def other():
+    """Of the same motion, so that a mixture of both moves like a scene."""
+    return shot(45, seed=1)
 
 
 def dissolved(one, other, count):
@@ -77,8 +85,8 @@ def untied(found):
     return [tie.index for tie in found if not tie.ties and not tie.is_key]
 
 
-def test_frames_are_tied_to_keyframes_and_these_to_earlier_ones():
-    found = tied(ONE)
+def test_frames_are_tied_to_keyframes_and_these_to_earlier_ones(one):
+    found = tied(one)
     assert keys(found) == [0, 12, 24, 36, 48]
     assert [[key for key, _ in found[index].ties] for index in keys(found)] == [
         [],
@@ -88,7 +96,7 @@ def test_frames_are_tied_to_keyframes_and_these_to_earlier_ones():
         [36, 24, 0],
     ]
     assert untied(found) == []
-    assert median_distance(found, motions(len(ONE))) < 0.3  # from the keyframe: no drift
+    assert median_distance(found, motions(len(one))) < 0.3  # from the keyframe: no drift
 
 
 def test_keyframes_come_earlier_where_the_view_changes():
@@ -100,17 +108,17 @@ def test_keyframes_come_earlier_where_the_view_changes():
 
 
 @pytest.mark.parametrize("at", [5, 12])
-def test_a_cut_begins_a_piece(at):
-    found = tied([*ONE[:at], *OTHER[:20]])
+def test_a_cut_begins_a_piece(one, other, at):
+    found = tied([*one[:at], *other[:20]])
     assert starts(found) == [at]
     assert found[at].is_key
     assert untied(found) == []
 
 
-@pytest.mark.parametrize(("count", "every"), [(8, EVERY), (25, EVERY), (25, 4)])
-def test_no_tie_goes_through_a_dissolve(count, every):
+@pytest.mark.parametrize(("count", "every"), [(8, EVERY), pytest.param(25, EVERY, marks=pytest.mark.slow), (25, 4)])
+def test_no_tie_goes_through_a_dissolve(one, other, count, every):
     """Nor in small steps: four frames of 25 change a sixth of the picture."""
-    found = tied(dissolved(ONE[: 10 + count], OTHER[: 20 + count], count), every=every)
+    found = tied(dissolved(one[: 10 + count], other[: 20 + count], count), every=every)
     before = {tie.piece for tie in found[:10]}
     after = {tie.piece for tie in found[10 + count :] if tie.ties}
     assert before == {0}
@@ -118,24 +126,24 @@ def test_no_tie_goes_through_a_dissolve(count, every):
     assert 0 not in after
 
 
-def test_last_frames_after_a_cut_are_a_piece_but_a_single_one_is_not():
-    three = tied([*ONE[:10], *OTHER[:3]])
+def test_last_frames_after_a_cut_are_a_piece_but_a_single_one_is_not(one, other):
+    three = tied([*one[:10], *other[:3]])
     assert starts(three) == [10]
     assert len(three[-1].ties) == 1
-    assert untied(tied([*ONE[:10], OTHER[0]])) == [10]
+    assert untied(tied([*one[:10], other[0]])) == [10]
 
 
 @pytest.mark.parametrize("count", [1, CONFIRMED + 4])
-def test_a_piece_goes_on_after_a_flash(count):
-    found = tied([*ONE[:20], *count * [WHITE], *ONE[20 + count : 40]])
+def test_a_piece_goes_on_after_a_flash(one, count):
+    found = tied([*one[:20], *count * [WHITE], *one[20 + count : 40]])
     assert starts(found) == []
     assert untied(found) == list(range(20, 20 + count))
     assert found[20].key == 12
 
 
-def test_a_piece_goes_on_after_a_short_graphic():
+def test_a_piece_goes_on_after_a_short_graphic(one, other):
     """Seven frames that match one another are not enough for a piece."""
-    found = tied([*ONE[:20], *OTHER[: CONFIRMED - 1], *ONE[20 + CONFIRMED - 1 : 40]])
+    found = tied([*one[:20], *other[: CONFIRMED - 1], *one[20 + CONFIRMED - 1 : 40]])
     assert starts(found) == []
     assert untied(found) == list(range(20, 20 + CONFIRMED - 1))
 
@@ -161,16 +169,16 @@ def test_a_graphic_before_a_plain_scene_does_not_hide_that_the_scene_is_the_same
     assert keys(found) == [0, 12]
 
 
-def test_a_frozen_stream_repeats_its_ties():
-    found = tied([*ONE[:16], *30 * [ONE[15]], *ONE[16:30]])
+def test_a_frozen_stream_repeats_its_ties(one):
+    found = tied([*one[:16], *30 * [one[15]], *one[16:30]])
     assert [tie.index for tie in found if tie.duplicate] == list(range(16, 46))
     assert all(tie.ties == found[15].ties for tie in found[16:46])
     assert keys(found) == [0, 12, 46, 58]
     assert untied(found) == []
 
 
-def test_every_second_frame_twice():
-    found = tied([ONE[i // 2 * 2] for i in range(40)])
+def test_every_second_frame_twice(one):
+    found = tied([one[i // 2 * 2] for i in range(40)])
     assert [tie.index for tie in found if tie.duplicate] == list(range(1, 40, 2))
     assert starts(found) == untied(found) == []
     assert keys(found) == [0, 12, 24, 36]
@@ -225,12 +233,12 @@ def test_nothing_to_follow():
     assert list(tied_frames([])) == []
 
 
-def test_no_more_than_a_few_pictures_are_held():
+def test_no_more_than_a_few_pictures_are_held(one, other):
     alive = []
     most = 0
 
     def video():
-        for picture in [*ONE[:30], *OTHER[:20]]:
+        for picture in [*one[:30], *other[:20]]:
             colour = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
             alive.append(weakref.ref(colour))
             yield colour
@@ -242,15 +250,15 @@ def test_no_more_than_a_few_pictures_are_held():
     assert most == CONFIRMED - 1
 
 
-def test_frames_of_several_sizes():
+def test_frames_of_several_sizes(one):
     with pytest.raises(ValueError, match="frame 3 has 320 x 180 pixels, those before it 640 x 360"):
-        list(tied_frames([*ONE[:3], ONE[3][::2, ::2]]))
+        list(tied_frames([*one[:3], one[3][::2, ::2]]))
 
 
-def test_pairs_of_keyframes_that_are_left():
+def test_pairs_of_keyframes_that_are_left(one):
     """They are those that are matched otherwise."""
     at_once, later = (
-        [tied for image in ONE for tied in tracker.update(image)]
+        [tied for image in one for tied in tracker.update(image)]
         for tracker in (KeyframeTracker(5), KeyframeTracker(5, leave_pairs=True))
     )
     keys = [tied for tied in at_once if tied.is_key]
@@ -286,6 +294,7 @@ def test_a_broadcast_with_a_dissolve(shared_data):
     assert untied(found)[0] in range(10, 15)
 
 
+@pytest.mark.slow
 def test_two_broadcasts_with_the_same_view(shared_data):
     """Both show the middle line, the circle and the stands above."""
     one, other = clip(shared_data, "chelsea-milan", 33, 54), clip(shared_data, "pan-to-goal", 150, 175)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from commands import lines_of, run
 from networks import FIELD, KnownCameras, looked_at
+from pictures import picture
 from views import camera
 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.result import Verdict
-from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
@@ -27,10 +27,6 @@ SIZE = (960, 540)
 WIDE, NARROW = camera(24, 78, 1400.1, (3.3, 68.2, -17.1), k=(0.06, 0.0)), camera(-2, 78, 2500.7, (3.3, 68.2, -17.1))
 ACROSS = camera(178, 78, 2500.7, (3.3, -68.2, -17.1))  # sees what is the same from the main side
 PLACE = F.CALIB_FIX_POSITION
-
-
-def picture(truth, field=FIELD):
-    return render_field(truth, field, rng=np.random.default_rng(0))
 
 
 def position(truth):
@@ -408,14 +404,9 @@ def test_a_live_camera_whose_place_is_known():
     assert largest_error(found, cameras) < 2.0
 
 
-@pytest.mark.parametrize("off", [(5.0, 0.0, 0.0), (0.0, 5.0, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
+@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (0.0, 5.0, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
 def test_paint_tells_a_position_that_is_wrong_by_five_metres(off):
     """What contradicts a given position is left out of the fit, and must not be forgotten."""
-    wrong = Camera(WIDE.K, WIDE.R, WIDE.C + off, SIZE, WIDE.dist)
-    verdicts = []
-    for given in (wrong, WIDE):
-        network, flags = KnownCameras([WIDE]), DEFAULT_FLAGS | PLACE
-        (found,) = calibrate_from_images(FIELD, [picture(WIDE)], network, **position(given), flags=flags)
-        verdicts.append(found.verdict)
-    assert verdicts[0] is not Verdict.GOOD
-    assert verdicts[1] is Verdict.GOOD
+    given, flags = Camera(WIDE.K, WIDE.R, WIDE.C + off, SIZE, WIDE.dist), DEFAULT_FLAGS | PLACE
+    (found,) = calibrate_from_images(FIELD, [picture(WIDE)], KnownCameras([WIDE]), **position(given), flags=flags)
+    assert (found.verdict is Verdict.GOOD) is (not any(off))

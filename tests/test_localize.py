@@ -105,6 +105,7 @@ def test_the_camera_is_recovered(truth):
     assert error(found_by(ridge_points, probabilities(band_maps(truth, (640, 360)))), truth) < 0.8
 
 
+@pytest.mark.slow
 def test_ridges_are_more_accurate_than_skeletons():
     rng = np.random.default_rng(0)
     ridges, skeletons = [], []

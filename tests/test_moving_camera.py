@@ -75,6 +75,7 @@ def test_every_frame_of_a_flight_is_calibrated(cameras, frames, matches):
     assert np.median(off(fixed, cameras)) > 3.0 * np.median(off(found, cameras))
 
 
+@pytest.mark.slow
 def test_a_path_tells_more_than_single_frames(cameras):
     labels = [frame.pixels for frame in labelled(cameras, FIELD, np.random.default_rng(5), 1.0)]
     on_a_path = calibrate_sequence(FIELD, labels, SIZE, shared=SHARED_IN_MOTION)

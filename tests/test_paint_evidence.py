@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pictures import picture
 from strategies import numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
@@ -14,7 +15,6 @@ from views import camera
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
@@ -30,10 +30,6 @@ from fieldcalib.solve.task import Task
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)
 PENALTY_AREA = camera(24, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
-
-
-def picture(truth, field=FIELD, seed=0):
-    return render_field(truth, field, rng=np.random.default_rng(seed))
 
 
 PICTURE = picture(PENALTY_AREA)
@@ -85,13 +81,17 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
 @settings(max_examples=15, deadline=None)
 @given(pan=numbers(-22.0, 22.0), tilt=numbers(-22.0, 22.0))
 def test_what_is_found_beside_markings_is_paint(pan, tilt):
-    """A camera that looks aside: all that is found lies where the true camera projects markings."""
+    """A camera that looks aside: all that is found lies where the true camera projects markings.
+
+    But for two pixels: the wrong camera's profiles cross the end of an arc, and where markings meet, at a slant.
+    """
     found = paint_evidence(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
     paint = PENALTY_AREA.project(np.concatenate([s.sample(0.1) for s in FIELD.markings.values()]))
     paint = paint[np.isfinite(paint).all(axis=1)]
     for label, xy in found.beside.by_label(0).items():
         distance = np.min(np.linalg.norm(xy[:, None] - paint, axis=-1), axis=1)
-        assert np.quantile(distance, 0.9) < 1.5, label  # where markings meet, a ridge is between them
+        assert np.sort(distance)[:-2].max() < 1.5, label
+        assert distance.max() < 5.0, label
 
 
 @settings(max_examples=10, deadline=None)

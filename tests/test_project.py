@@ -270,7 +270,7 @@ def test_feet_are_the_middle_of_the_lower_edge_in_pixels_from_the_first_ones_cen
         foot_points([1.0, 2.0])
 
 
-@pytest.mark.parametrize("pixel_sd", [0.0, 2.0])
+@pytest.mark.parametrize("pixel_sd", [pytest.param(0.0, marks=pytest.mark.slow), 2.0])
 def test_standard_deviations_are_those_of_drawn_cameras_and_pixels(rng, pixel_sd):
     layout = Layout.of(SIZE)
     theta = layout.theta(TRUTH)

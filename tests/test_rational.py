@@ -52,11 +52,16 @@ def test_projects_as_opencv_does(camera, places):
     np.testing.assert_allclose(camera.project(X), expected[:, 0], rtol=0, atol=1e-7)
 
 
-@given(camera=rational_cameras(), places=in_front)
-def test_projects_as_soccernets_evaluation_does(camera, places):
-    from SoccerNet.Evaluation import utils_calibration as calibration
+@pytest.fixture(scope="module")
+def soccernet():
+    from SoccerNet.Evaluation import utils_calibration
 
-    theirs = calibration.Camera(*camera.image_size)
+    return utils_calibration
+
+
+@given(camera=rational_cameras(), places=in_front)
+def test_projects_as_soccernets_evaluation_does(soccernet, camera, places):
+    theirs = soccernet.Camera(*camera.image_size)
     theirs.from_json_parameters(camera_to_record(camera))
     X = points_in_front(camera, places)
     expected = np.array([theirs.project_point(point)[:2] for point in X])

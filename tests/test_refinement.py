@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from pictures import picture
 from synthetic import observe, whole_circle_markings
 from views import SIZE, camera
 
@@ -37,10 +38,6 @@ VIEWS = {
     "close": camera(33, 81, 3000, (2, 70, -18)),
 }
 any_view = pytest.mark.parametrize("truth", VIEWS.values(), ids=VIEWS)
-
-
-def picture(truth, seed=0):
-    return render_field(truth, FIELD, rng=np.random.default_rng(seed))
 
 
 def calibrated(truth):
@@ -225,7 +222,7 @@ def test_profiles_cross_their_markings_at_the_width_of_the_paint(truth):
 @any_view
 def test_lines_are_found_to_a_fraction_of_a_pixel(truth):
     profiles = profiles_along(truth, MARKINGS)
-    offset = find_lines(render_field(truth, FIELD), profiles, 4.0)
+    offset = find_lines(picture(truth, seed=None), profiles, 4.0)
     found = np.isfinite(offset)
     assert np.mean(found) > 0.75
     assert np.sqrt(np.mean(np.square(offset[found]))) < 0.25
@@ -236,14 +233,14 @@ def test_a_line_wider_than_the_search_is_found():
     profiles = profiles_along(truth, MARKINGS)
     middle = profiles.member == MARKINGS.labels.index("Middle line")
     assert profiles.width[middle].min() > 7.0
-    offset = find_lines(render_field(truth, FIELD), profiles, 4.0)[middle]
+    offset = find_lines(picture(truth, seed=None), profiles, 4.0)[middle]
     assert np.mean(np.isfinite(offset)) > 0.7
     assert np.nanmax(np.abs(offset)) < 1.0
 
 
 def test_a_shifted_line_is_found_where_it_is():
     truth = VIEWS["midfield"]
-    image = np.roll(render_field(truth, FIELD), 6, axis=1)
+    image = np.roll(picture(truth, seed=None), 6, axis=1)
     profiles = profiles_along(truth, MARKINGS)
     middle = profiles.member == MARKINGS.labels.index("Middle line")
     offset = find_lines(image, profiles, 12.0)[middle]

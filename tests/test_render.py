@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from views import CAMERAS, SIZE, any_camera, camera, inside
 
 from fieldcalib.draw.scene import render_field
@@ -35,7 +36,7 @@ def test_rendered_lines_lie_where_the_camera_sees_them(name):
     X = np.column_stack([rng.uniform((-52, -33), (52, 33), (3000, 2)), np.zeros(3000)])
     samples = np.concatenate([s.sample(0.3) for s in FIELD.markings.values()])
     spots = np.array([point.X for point in FIELD.points.values()])
-    distance = np.min(np.linalg.norm(X[:, None, :2] - np.concatenate([samples, spots])[None, :, :2], axis=2), axis=1)
+    distance, _ = cKDTree(np.concatenate([samples, spots])[:, :2]).query(X[:, :2])
     beside = X[(distance > 3.0) & (np.abs(X[:, 0]) < 40.0)]  # the goals stand in front of what is behind them
     xy = CAMERAS[name].project(beside)
     xy = np.rint(xy[inside(np.nan_to_num(xy, nan=-1.0))]).astype(int)

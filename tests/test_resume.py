@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 from commands import calibrate, cameras_in, lines_of, run
-from killed import check_that_kills_change_nothing, content_of, finished
+from killed import check_that_kills_change_nothing, content_of
 from synthetic import random_frames
 
 from fieldcalib import read_results
@@ -42,7 +42,7 @@ def many(tmp_path_factory):
 def whole(many, tmp_path_factory):
     """The output of an uninterrupted run."""
     out = tmp_path_factory.mktemp("whole") / "out"
-    assert finished("calibrate", many, "--size", "960x540", "--out", out)[0] == 0
+    assert calibrate(out, many) == 0
     return out
 
 
@@ -52,12 +52,12 @@ def command(folder, *options):
 
 def test_kills_change_nothing(many, whole, tmp_path):
     rng = np.random.default_rng(0)
-    check_that_kills_change_nothing(command(many, "--jobs", 2), whole, tmp_path / "out", rng)
+    check_that_kills_change_nothing(command(many, "--jobs", 2), whole, tmp_path / "out", rng, kills=1)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 120))
-def test_twenty_kills_change_nothing(many, whole, tmp_path, seed):
+@pytest.mark.parametrize("seed", range(100, 106))
+def test_more_kills_change_nothing(many, whole, tmp_path, seed):
     rng = np.random.default_rng(seed)
     check_that_kills_change_nothing(command(many, "--jobs", 2), whole, tmp_path / "out", rng, kills=3)
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from commands import lines_of, run
 from networks import FIELD, KnownCameras, band_maps, probabilities
+from pictures import picture
 from views import camera
 
 from fieldcalib.assess.result import Status
 from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.draw.scene import render_field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io import images
 from fieldcalib.io.files import BrokenFileError
@@ -31,10 +31,6 @@ from fieldcalib.run_folder.images import Frame, ReadImage, opened
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
-
-
-def picture(truth):
-    return render_field(truth, FIELD, rng=np.random.default_rng(0))
 
 
 def encoded(image, suffix=".png"):

@@ -93,6 +93,7 @@ def test_a_sequence_survives_json():
         SequenceCalibration.from_dict({"version": 7})
 
 
+@pytest.mark.slow
 def test_more_frames_tell_more_until_paint_is_left():
     cameras, frames = clip(5, count=60)
     few = calibrate_sequence(FIELD, pixels(frames[::10]), SIZE)

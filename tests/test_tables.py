@@ -36,7 +36,7 @@ from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
 
-COUNT = 5
+COUNT = 4
 STEPS = ("--steps", "20")
 
 
@@ -172,10 +172,10 @@ def test_only_the_main_camera_counts_where_types_are_known(sncalib, tmp_path):
         json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})
     )
     dataset = read_dataset("SN-Calib-test-center", tmp_path, (960, 540))
-    assert list(dataset.annotations) == ["0", "2", "3", "4"]
+    assert list(dataset.annotations) == ["0", "2", "3"]
     statistics = tables.dataset_statistics(dataset)
-    assert statistics["images"] == 4
-    assert statistics["camera_types_percent"] == {"Main camera center": 80.0, "Main camera left": 20.0}
+    assert statistics["images"] == 3
+    assert statistics["camera_types_percent"] == {"Main camera center": 75.0, "Main camera left": 25.0}
 
 
 def test_broken_files_stop_it(sncalib, tmp_path, capsys):
@@ -244,7 +244,7 @@ def detections_of(camera):
 
 
 def test_pictures_and_detections_have_rows_of_their_own(wc14, tmp_path, capsys):
-    """Three of five frames have a picture, drawn and squashed; the table of pictures counts these alone."""
+    """Three of four frames have a picture, drawn and squashed; the table of pictures counts these alone."""
     _, cameras = random_frames(COUNT, seed=5, noise=0.5, stands=("main center",), image_size=(1280, 720))
     pictures, detections = tmp_path / "pictures", tmp_path / "detections"
     pictures.mkdir()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pictures import picture
 from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
@@ -28,7 +29,6 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -284,12 +284,12 @@ def test_changed_pictures_have_their_cameras():
     cv2.circle(image, tuple(np.rint(mark).astype(int).tolist()), 6, (255, 255, 255), -1)
     made = changed_image(image, CAMERA)
     assert {"letterboxed", "squashed to 3:2", "right two thirds", "upper left corner"} <= made.keys()
-    for picture, camera in made.values():
+    for shown, camera in made.values():
         x, y = camera.project((20.0, 0.0, 0.0))
         width, height = camera.image_size
-        assert picture.shape == (height, width, 3)
+        assert shown.shape == (height, width, 3)
         if 10 < x < width - 10 and 10 < y < height - 10:
-            assert picture[round(y), round(x)].min() > 128
+            assert shown[round(y), round(x)].min() > 128
 
 
 def test_a_squashed_picture_has_its_camera():
@@ -362,7 +362,7 @@ def bordered(image, border, noise=0):
 @pytest.mark.parametrize("border", [90, -160])
 @pytest.mark.parametrize("noise", [0, 8])
 def test_black_borders_are_seen(border, noise):
-    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
+    image = picture(CAMERA)
     shown = shown_part(bordered(image, border, noise))
     corner = (0, border) if border > 0 else (-border, 0)
     assert np.abs(np.add(shown.corner, corner)).max() <= 1
@@ -372,7 +372,7 @@ def test_black_borders_are_seen(border, noise):
 
 @pytest.mark.parametrize("where", ["sky", "stands", "all"])
 def test_a_dark_part_of_a_picture_is_no_border(where):
-    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
+    image = picture(CAMERA)
     rng = np.random.default_rng(0)
     if where == "sky":
         image[:150] = 3
