@@ -11,12 +11,10 @@ from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
-from fieldcalib.images.clip_keyframes import Keyframes, Shots
-from fieldcalib.images.clip_lines import ClipLines, find_clip_lines
+from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import finish, finish_again, off_paint
-from fieldcalib.images.keyframe_labels import KeyframeLabels, are_consistent
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish, finish_again, off_paint
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods

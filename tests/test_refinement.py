@@ -268,7 +268,7 @@ def test_room_is_half_the_distance_to_the_nearest_profile_of_another_marking():
 
 def test_images_refined_together_are_refined_as_alone():
     starts = [replace(calibrated(truth), camera=moved(truth, 5.0, seed=1)) for truth in VIEWS.values()]
-    given = [ToRefine(picture(truth), start, {}, {}) for truth, start in zip(VIEWS.values(), starts, strict=True)]
+    given = [ToRefine(picture(truth), start) for truth, start in zip(VIEWS.values(), starts, strict=True)]
     together = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, given)
     for one, found in zip(given, together, strict=True):
         alone = refine_on_image(FIELD, one.image, one.calibration)
