@@ -79,7 +79,7 @@ class ReducedSystem:
             np.sum(L @ hessian[:, :, shared], axis=0),
             np.sum(evaluation.gradient[:, shared], axis=0),
             spread,
-            (L @ evaluation.gradient_of_pixels[..., None])[..., 0],
+            (L @ evaluation.pixels.gradient[..., None])[..., 0],
         )
 
     def take(self, index: IntArray) -> ReducedSystem:

@@ -193,6 +193,11 @@ class Evaluation:
         """Cost of each residual, (B, M)."""
         return np.asarray(0.5 * self.problem.observations.weight * self._losses[0] / self.problem.noise**2)
 
+    @property
+    def pixels(self) -> PixelTerm:
+        """The labelled pixels as a term of the cost."""
+        return PixelTerm(self)
+
     @cached_property
     def prior(self) -> PriorTerm | None:
         """The prior as a term of the cost; None without a prior."""
@@ -214,8 +219,8 @@ class Evaluation:
 
     @property
     def terms(self) -> tuple[CostTerm, ...]:
-        """The terms of the cost beside the labelled pixels."""
-        return self.links if self.prior is None else (self.prior, *self.links)
+        """All terms of the cost."""
+        return (self.pixels, *((self.prior,) if self.prior is not None else ()), *self.links)
 
     @cached_property
     def cost(self) -> Array:
@@ -223,18 +228,13 @@ class Evaluation:
 
         Derivatives are meaningless where it is infinite.
         """
-        cost = _sum([np.sum(self.costs, axis=1), *(term.cost for term in self.terms)])
+        cost = _sum([term.cost for term in self.terms])
         return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
 
     @cached_property
     def gradient(self) -> Array:
         """Gradient of the cost, (B, P)."""
-        return _sum([self.gradient_of_pixels, *(term.gradient for term in self.terms)])
-
-    @property
-    def gradient_of_pixels(self) -> Array:
-        """Gradient of the cost of the pixels alone, (B, P)."""
-        return np.asarray((self.JT @ (self.pull * self.r)[..., None])[..., 0])
+        return _sum([term.gradient for term in self.terms])
 
     @cached_property
     def information(self) -> Array:
@@ -249,7 +249,7 @@ class Evaluation:
     @cached_property
     def hessian(self) -> Array:
         """Gauss-Newton approximation of the Hessian of the cost, (B, P, P)."""
-        return _sum([self.information, *(term.hessian for term in self.terms)])
+        return _sum([term.hessian for term in self.terms])
 
     @cached_property
     def links_hessian(self) -> Array:
@@ -301,6 +301,34 @@ class Evaluation:
         new = self.theta.copy()
         new[index] = theta
         return Evaluation(self.problem, new, self.points.replaced(index, points))
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTerm:
+    """The labelled pixels of an evaluation as a term of its cost."""
+
+    evaluation: Evaluation
+
+    @property
+    def cost(self) -> Array:
+        """Cost of the pixels of each frame, (B,)."""
+        return np.asarray(np.sum(self.evaluation.costs, axis=1))
+
+    @property
+    def gradient(self) -> Array:
+        """Gradient by the free parameters, (B, P)."""
+        of = self.evaluation
+        return np.asarray((of.JT @ (of.pull * of.r)[..., None])[..., 0])
+
+    @property
+    def hessian(self) -> Array:
+        """Gauss-Newton Hessian, (B, P, P)."""
+        return self.evaluation.information
+
+    @property
+    def coupling(self) -> None:
+        """None: pixels of different frames are independent."""
+        return None
 
 
 def _sum(parts: Sequence[Array]) -> Array:
