@@ -92,6 +92,7 @@ def test_one_place_that_holds_stays():
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
 
 
+@pytest.mark.slow
 def test_parts_have_places_of_their_own():
     cameras = panned(14, -0.45, 0.45)
     cameras = [*cameras[:6], *(moved(camera, (25.0, 0.0, 0.0)) for camera in cameras[6:])]
@@ -160,6 +161,7 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     assert "no line of it" in found[8].reason
 
 
+@pytest.mark.slow
 def test_a_window_that_stays_is_a_tripod():
     cameras = [seen_through(one, 60.0, 0.0, (540, 540)) for one in panned(16, -0.3, 0.3)]
     found = solved(clip_of(cameras))

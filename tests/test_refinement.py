@@ -82,6 +82,7 @@ def test_a_moved_camera_is_brought_back(truth, px):
     assert distance(refined.camera, truth) < 0.7
 
 
+@pytest.mark.slow
 def test_in_full_hd_twice_as_many_pixels():
     truth = VIEWS["penalty area"].scaled((1920, 1080))
     start = replace(calibrated(truth), camera=moved(truth, 15.0, seed=2))
