@@ -5,9 +5,11 @@
     SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
     SolvedTripods, frames  -> ClipLines         find_clip_lines  lines near the projected markings of every frame
     ClipLines              -> VideoCalibration  finish           all frames of each tripod together
+    VideoCalibration       -> VideoCalibration  finish_again     again, if more markings then lie on their paint
 
-The video is read twice: lines can be found in a frame only when its camera is known to some pixels, and that takes the
-other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines, keyframe by keyframe.
+The video is read twice, or once more to finish again: lines can be found in a frame only when its camera is known to
+some pixels, and that takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
+keyframe by keyframe.
 """
 
 from __future__ import annotations
