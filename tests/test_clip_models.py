@@ -218,7 +218,7 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
         ClipOptions,
         "calibrate_alone",
         lambda self, images, _: [
-            calibrate_from_segments(FIELD, clip.accepted[next(by_itself)][0], SIZE) for _ in images
+            calibrate_from_segments(FIELD, clip.accepted[next(by_itself)].by_label(0), SIZE) for _ in images
         ],
     )
     lines = find_clip_lines(found, images, None)
