@@ -133,12 +133,17 @@ class Observations:
 
     def in_order(self, t: int) -> list[int]:
         """Indices of the labels of frame t, in the order in which they were given."""
-        order: list[int] = np.argsort(self.rank[t], kind="stable").tolist()
-        return order[np.count_nonzero(self.rank[t] < 0) :]
+        return self._orders[t]
+
+    @cached_property
+    def _orders(self) -> list[list[int]]:
+        orders, absent = np.argsort(self.rank, axis=1, kind="stable").tolist(), np.sum(self.rank < 0, axis=1).tolist()
+        return [order[begin:] for order, begin in zip(orders, absent, strict=True)]
 
     def by_name(self, t: int, values: NDArray[Any]) -> dict[str, Any]:
         """Label -> its value, of `values` (L,), for the labels of frame t."""
-        return {self.labels[index]: values[index].item() for index in self.in_order(t)}
+        numbers = values.tolist()
+        return {self.labels[index]: numbers[index] for index in self.in_order(t)}
 
     def labels_in(self, t: int) -> FrameLabels:
         """The labels of frame t."""
