@@ -131,23 +131,20 @@ class Observations:
         table = PixelTable(self.labels, len(self), frame, label, xy, weight)
         return table.take(np.lexsort((self.rank[frame, label], frame)))
 
-    def in_order(self, t: int) -> list[int]:
-        """Indices of the labels of frame t, in the order in which they were given."""
-        return self._orders[t]
-
     @cached_property
-    def _orders(self) -> list[list[int]]:
+    def in_order(self) -> list[list[int]]:
+        """Indices of the labels of each frame, in the order in which they were given."""
         orders, absent = np.argsort(self.rank, axis=1, kind="stable").tolist(), np.sum(self.rank < 0, axis=1).tolist()
         return [order[begin:] for order, begin in zip(orders, absent, strict=True)]
 
     def by_name(self, t: int, values: NDArray[Any]) -> dict[str, Any]:
         """Label -> its value, of `values` (L,), for the labels of frame t."""
         numbers = values.tolist()
-        return {self.labels[index]: numbers[index] for index in self.in_order(t)}
+        return {self.labels[index]: numbers[index] for index in self.in_order[t]}
 
     def labels_in(self, t: int) -> FrameLabels:
         """The labels of frame t."""
-        segments = {self.labels[index]: self.segments[index] for index in self.in_order(t)}
+        segments = {self.labels[index]: self.segments[index] for index in self.in_order[t]}
         return FrameLabels(segments, self.by_name(t, self.equations[t]))
 
     @cached_property

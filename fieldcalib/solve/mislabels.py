@@ -254,7 +254,7 @@ class _Search:
         left_out = [
             (t, index)
             for t in needy
-            for index in self.observations.in_order(t)
+            for index in self.observations.in_order[t]
             if self._can_do_without(t, [labels[index]])
         ]
         if not left_out:
@@ -355,7 +355,7 @@ class _Search:
             return ()
         if_kept = np.min(found.cost[:, None] - found.cheapest + found.given, axis=0)
         suspect = found.wrong[best] & (if_kept > found.cost[best] + CERTAIN)
-        suspects = [index for index in self.observations.in_order(t) if suspect[index]]
+        suspects = [index for index in self.observations.in_order[t] if suspect[index]]
         if not self._can_do_without(t, [labels[index] for index in suspects]):
             return ()
         fits = {index: found.fits[best, index] for index in suspects}
