@@ -33,12 +33,10 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_keyframes import read_keyframes
-from fieldcalib.images.clip_lines import find_clip_lines
+from fieldcalib.images.clip_keyframes import KeyframeLabels, read_keyframes
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import finish
+from fieldcalib.images.finished_clip import find_clip_lines, finish
 from fieldcalib.images.frame import Frame
-from fieldcalib.images.keyframe_labels import KeyframeLabels
 from fieldcalib.images.keyframes import TiedFrame, tied_frames
 from fieldcalib.images.matches import Matches, match_background
 from fieldcalib.images.solved_shots import solve_shots
@@ -46,8 +44,7 @@ from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.localize.padding import Padded
+from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
 

@@ -4,7 +4,6 @@ Hypothesis draws the same examples on every run of CI. Property tests have the m
 HYPOTHESIS_PROFILE=thorough they draw five times as many examples.
 """
 
-import gc
 import os
 from pathlib import Path
 
@@ -37,12 +36,6 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
             item.add_marker("property")
-
-
-def pytest_collection_finish():
-    """Let the garbage collector pass over what was collected: thousands of tests, which stay."""
-    gc.collect()
-    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -262,6 +262,7 @@ def test_annotations_to_homographies_and_cameras(alignment, database, file, tmp_
     assert not (tmp_path / "out" / "post.homographyMatrix").exists()
 
 
+@pytest.mark.slow
 def test_jobs_give_the_same_homographies_but_for_rounding(file, tmp_path):
     (tmp_path / "in").mkdir()
     cameras = central(1, 22)

@@ -151,10 +151,11 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
 
 
 def test_densely_labelled_frames_are_solved_a_few_at_a_time():
+    from fieldcalib.problem.pixel_table import PixelTable
     from fieldcalib.solve.batch import CHUNK, CHUNK_PIXELS, _chunks
 
     frames = [{"Middle line": np.zeros((count, 2))} for count in [0, 3, 100, 5000, 20000, *[30] * 200]]
-    chunks = list(_chunks(FIELD, frames))
+    chunks = list(_chunks(FIELD, PixelTable.of(FIELD, frames)))
     assert sorted(np.concatenate(chunks).tolist()) == list(range(1, len(frames)))
     for chunk in chunks:
         assert len(chunk) <= CHUNK

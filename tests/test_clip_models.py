@@ -11,12 +11,10 @@ from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
-from fieldcalib.images.clip_keyframes import Keyframes, Shots
-from fieldcalib.images.clip_lines import ClipLines, find_clip_lines
+from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import finish, finish_again, off_paint
-from fieldcalib.images.keyframe_labels import KeyframeLabels, are_consistent
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish, finish_again, off_paint
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -94,6 +92,7 @@ def test_one_place_that_holds_stays():
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
 
 
+@pytest.mark.slow
 def test_parts_have_places_of_their_own():
     cameras = panned(14, -0.45, 0.45)
     cameras = [*cameras[:6], *(moved(camera, (25.0, 0.0, 0.0)) for camera in cameras[6:])]
@@ -162,6 +161,7 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     assert "no line of it" in found[8].reason
 
 
+@pytest.mark.slow
 def test_a_window_that_stays_is_a_tripod():
     cameras = [seen_through(one, 60.0, 0.0, (540, 540)) for one in panned(16, -0.3, 0.3)]
     found = solved(clip_of(cameras))
@@ -218,7 +218,7 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
         ClipOptions,
         "calibrate_alone",
         lambda self, images, _: [
-            calibrate_from_segments(FIELD, clip.accepted[next(by_itself)][0], SIZE) for _ in images
+            calibrate_from_segments(FIELD, clip.accepted[next(by_itself)].by_label(0), SIZE) for _ in images
         ],
     )
     lines = find_clip_lines(found, images, None)

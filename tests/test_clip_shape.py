@@ -16,11 +16,10 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.images import clip_shape, live_shape
-from fieldcalib.images.borders import within_borders
+from fieldcalib.images import clip_shape
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.clip_shape import ShapeEstimator, bright_frames, common_borders, shape_of_odds
-from fieldcalib.images.live_shape import LiveShape
+from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
+from fieldcalib.images.pictures import within_borders
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.solve.aspect import WAS_SQUASHED
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS
@@ -42,7 +41,6 @@ def clip():
 def often(monkeypatch):
     """Every other frame is looked at."""
     monkeypatch.setattr(clip_shape, "APART", 2)
-    monkeypatch.setattr(live_shape, "APART", 2)
 
 
 def letterboxed(image, bar=BAR):

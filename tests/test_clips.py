@@ -111,6 +111,7 @@ def dissolved(one, other, count):
     return [*one[:-count], *mixed, *other[count:]]
 
 
+@pytest.mark.slow
 def test_a_dissolve_belongs_to_neither_shot(two_tripods):
     """What is seen in pictures that nothing ties is of the second camera: it says nothing of the first shot."""
     mixed = 6

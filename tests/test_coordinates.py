@@ -175,6 +175,7 @@ def test_a_homography_in_yards_could_be_of_metres():
     assert "if H maps" not in message
 
 
+@pytest.mark.slow
 def test_real_homographies_from_a_corner(shared_data):
     said = accepted = 0
     paths = sorted((shared_data / "wc14-test").glob("*.homographyMatrix"))

@@ -193,6 +193,7 @@ def test_labels_without_noise_lie_on_the_markings(camera):
         assert len(np.unique(xy.round(3), axis=0)) == len(xy)
 
 
+@pytest.mark.slow
 def test_the_noise_is_as_asked_for():
     camera, offsets = pan_over_field(3)[0], []
     curve = camera.project(FIELD["Circle left"].sample(0.005))

@@ -92,9 +92,9 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     free = calibration.solved.evaluation.problem.free
     P = np.count_nonzero(free)
     np.testing.assert_array_equal(np.flatnonzero(together.problem.layout.shared), [P, P + 1])
-    np.testing.assert_allclose(together.prior_sigma[0, P:], SIGMA)
+    np.testing.assert_allclose(together.prior.sigma[0, P:], SIGMA)
 
-    prior = np.diag(1.0 / np.square(together.pulling_prior_sigma[0]))
+    prior = np.diag(1.0 / np.square(together.prior.effective_sigma[0]))
     noise = Noise(together)
     pull = together.pull * noise.relative_sigma
     A = known.curvature * together.information[0] + prior

@@ -10,11 +10,11 @@ from synthetic import observe, random_frames, whole_circle_markings
 from fieldcalib.assess.result import Verdict
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem import closest_points, compilation, evaluation
+from fieldcalib.problem import compilation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.processes.jobs import Processes
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
@@ -29,14 +29,13 @@ LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. l
 def searches(monkeypatch):
     """The searches of the closest points so far, of NumPy's way: of how many frames each was."""
     monkeypatch.setattr(compilation, "compiled", lambda: None)
-    found, search = [], closest_points.closest_points
+    found, search = [], Observations.closest_points
 
-    def counted(projection, observations):
+    def counted(observations, projection):
         found.append(len(observations))
-        return search(projection, observations)
+        return search(observations, projection)
 
-    assert evaluation.closest_points is search  # the one place that searches
-    monkeypatch.setattr(evaluation, "closest_points", counted)
+    monkeypatch.setattr(Observations, "closest_points", counted)
     return found
 
 
@@ -49,7 +48,7 @@ def test_everything_that_follows_from_one_search_is_computed_from_it(searches):
         getattr(found, name)
     found.of(problem)
     found.take(np.array([0, 0]))
-    found.replaced(np.array([0]), found)
+    found.replaced(np.array([0]), found.theta, found.points)
     assert searches == [1]
     assert found.JT is found.JT
 

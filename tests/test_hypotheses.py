@@ -9,7 +9,7 @@ from views import camera
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.hypotheses import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
-from fieldcalib.localize import Localization
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import DEFAULT_FLAGS
@@ -25,7 +25,13 @@ def labelled(mistaken_camera):
     """Right pixels of what is seen, with those of penalty areas where another camera would have them."""
     right, wrong = (observe(whole_circle_markings(FIELD), one) for one in (TRUTH, mistaken_camera))
     pixels = {label: right[label] for label in SEEN} | {label: wrong[label] for label in MISTAKEN if label in wrong}
-    return Localization(pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()})
+    weights = {label: np.full(len(xy), (1.1 if label in SEEN else 1.0) / len(xy) ** 2) for label, xy in pixels.items()}
+    return PixelTable.of(FIELD, [pixels], [weights])
+
+
+def names(table, is_chosen):
+    """The labels of a table that are chosen by their index."""
+    return {label for label, chosen in zip(table.labels, is_chosen, strict=True) if chosen}
 
 
 def consensus(found, image=None):
@@ -36,7 +42,7 @@ def consensus(found, image=None):
 @pytest.mark.parametrize("pan", [12, 20])
 def test_segments_that_are_something_else_are_left_out(pan):
     labels = labelled(camera(pan, 75, 1000, (-2, 66, -16)))
-    misled = calibrate_from_segments(FIELD, labels.pixels, TRUTH.image_size, weights=labels.weights, trust_labels=True)
+    misled = calibrate_from_segments(FIELD, labels.by_label(0), TRUTH.image_size, trust_labels=True)
     found = consensus(labels)[0]
     assert camera_difference(misled.camera, TRUTH, FIELD).reprojection > 100.0
     assert camera_difference(found.camera, TRUTH, FIELD).reprojection < 8.0
@@ -47,12 +53,13 @@ def test_segments_that_are_something_else_are_left_out(pan):
 def test_segments_that_are_right_are_all_kept():
     labels = labelled(TRUTH)
     found = consensus(labels)[0]
-    assert set(found.per_segment_errors) == set(labels.pixels)
+    assert set(found.per_segment_errors) == set(labels.by_label(0))
     assert camera_difference(found.camera, TRUTH, FIELD).reprojection < 4.0
 
 
 def test_three_segments_leave_no_choice():
-    assert consensus(labelled(TRUTH).only(SEEN[:3])) == []
+    labels = labelled(TRUTH)
+    assert consensus(labels.take(np.isin(labels.label, [labels.labels.index(name) for name in SEEN[:3]]))) == []
 
 
 def test_without_lines_in_the_image_there_are_answers_all_the_same():
@@ -63,10 +70,10 @@ def test_without_lines_in_the_image_there_are_answers_all_the_same():
 def test_near_labels_are_those_that_a_camera_explains():
     elsewhere = camera(12, 75, 1000, (-2, 66, -16))
     labels = labelled(elsewhere)
-    frames = [labels.pixels, labels.pixels, labelled(TRUTH).pixels]
-    near, far, every = map(set, near_labels(FIELD, [TRUTH, elsewhere, TRUTH], frames, 12.0))
+    found = near_labels(FIELD, [TRUTH, elsewhere, TRUTH], [labels, labels, labelled(TRUTH)], 12.0)
+    near, far, every = (names(labels, is_near) for is_near in found)
     assert near >= set(SEEN)
     assert not near & {"Big rect. right main", "Circle right"}
     assert not far & {"Circle central", "Middle line"}
-    assert every == set(labels.pixels)
-    assert near_labels(FIELD, [], [], 12.0) == []
+    assert every == set(labels.by_label(0))
+    assert not len(near_labels(FIELD, [], [], 12.0))

@@ -92,6 +92,7 @@ def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capf
     assert written == {"images": 1, "a": 2, "c": 3, "d": 3}
 
 
+@pytest.mark.slow
 def test_clips_side_by_side(picture, tmp_path, capfd):
     """With the network that comes along: other processes know no other."""
     season = tmp_path / "season"

@@ -197,6 +197,7 @@ def test_interlaced_frames_are_tied():
     assert median_distance(found, H) < 0.6
 
 
+@pytest.mark.slow
 def test_frames_of_a_rolling_shutter_are_tied():
     """The last row is read most of a frame after the first one: a pan shears the picture."""
     steps = 12  # rows that are read at once are a twelfth of the picture
@@ -285,6 +286,7 @@ def clip(shared_data, name, first, last):
     return [cv2.resize(capture.read()[1], (960, 540), interpolation=cv2.INTER_AREA) for _ in range(first, last)]
 
 
+@pytest.mark.slow
 def test_a_broadcast_with_a_dissolve(shared_data):
     """From the left half to the middle line, frames 125 to 132 are mixed."""
     found = tied(clip(shared_data, "pan-to-goal", 115, 145))

@@ -368,6 +368,7 @@ def test_a_clip_whose_lens_is_known(more):
     assert list(again) == list(found)
 
 
+@pytest.mark.slow
 def test_a_clip_on_the_command_line(know, tmp_path):
     cameras, pictures = clip_of(zoom=0.0)
     for t, image in enumerate(pictures):

@@ -200,31 +200,22 @@ def test_roles():
         layout.fixed("zoom")
 
 
-def test_only_keeps_roles_and_what_is_considered():
-    layout = Layout.of(SIZE, RadialLens(RHO), FIELD_SIZE)
-    layout = layout.with_roles(Role.SHARED, "centre").with_roles(Role.CONSIDERED, "field size").fixed("aspect")
-    wanted = np.isin(layout.names, ["pan", "x", "log aspect"])
-    only = layout.only(wanted)
-    np.testing.assert_array_equal(only.free, wanted)
-    assert only.roles[[0, 4, 9]].tolist() == [Role.FRAME, Role.SHARED, Role.FRAME]
-    np.testing.assert_array_equal(only.considered, layout.considered)
-
-
 @every_size
 @every_lens
 def test_bounds_are_those_of_the_lens_and_of_the_legal_sizes(lens, field_size):
     layout = Layout.of(SIZE, lens, field_size)
-    assert np.all(np.isneginf(layout.least[:10]))
-    assert np.all(np.isposinf(layout.largest[: layout.lens_block.stop]))
-    np.testing.assert_array_equal(layout.least[layout.lens_block], lens.least)
+    bounds = layout.with_roles_of(np.ones(layout.size, dtype=bool), Role.FRAME).bounds(1.0)
+    assert np.all(np.isneginf(bounds.least[:10]))
+    assert np.all(np.isposinf(bounds.largest[: layout.lens_block.stop]))
+    np.testing.assert_array_equal(bounds.least[layout.lens_block], lens.least)
     if field_size is not None:
-        np.testing.assert_array_equal(layout.least[layout.field_size_block], [90.0, 45.0])
-        np.testing.assert_array_equal(layout.largest[layout.field_size_block], [120.0, 90.0])
+        np.testing.assert_array_equal(bounds.least[layout.field_size_block], [90.0, 45.0])
+        np.testing.assert_array_equal(bounds.largest[layout.field_size_block], [120.0, 90.0])
 
 
 def test_longest_steps():
     layout = Layout.of(SIZE, BrownConradyLens(RHO), FIELD_SIZE)
-    small, large = layout.largest_step(1.0), layout.largest_step(50.0)
+    small, large = layout.bounds(1.0).longest, layout.bounds(50.0).longest
     assert np.all(small[POSE_AND_ZOOM] > 0.0)
     assert np.all(np.isfinite(small[POSE_AND_ZOOM]))
     np.testing.assert_array_equal(large[CENTER], 50.0 * small[CENTER])

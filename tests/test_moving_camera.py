@@ -14,8 +14,7 @@ from data_tools.synthetic.clips import background_matches, camera_path, flight, 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.images.background_motion import background_motion, mapped
-from fieldcalib.images.plane_motion import plane_motion
+from fieldcalib.images.background_motion import background_motion, mapped, plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path
@@ -184,7 +183,7 @@ def test_the_motion_of_a_plane_is_found_among_other_points(change, others, by, s
     wrong = np.arange(200) < others
     y[wrong] += sides.choice([-1.0, 1.0], (others, 2)) * by
     found = plane_motion(x, y, np.ones(200, bool), (640, 360))
-    homography, agree, _, scale = found
+    homography, agree, scale = found
     assert not np.any(agree & wrong)
     assert np.mean(agree[~wrong]) > 0.9
     assert scale < 0.3

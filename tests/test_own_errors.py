@@ -96,7 +96,7 @@ def by_hand(problem, theta):
             off = np.hypot(problem.paint * by_metre[t], FOUND_BESIDE * SIZE[0])
             painted = painted + own.T @ np.diag(pull * off) @ noise.segment[t]
     if problem.prior is not None:
-        precision = np.diag(1.0 / np.square(evaluation.pulling_prior_sigma.ravel()))
+        precision = np.diag(1.0 / np.square(evaluation.prior.effective_sigma.ravel()))
         hessian, between = hessian + precision, between + precision
     if problem.background is not None:
         of_pairs = residuals(lambda x: BackgroundTerm(problem.background, LAYOUT, x).r.ravel())

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldcalib.localize.padding import SHAPE, Padded
+from fieldcalib.localize.network import SHAPE, Padded
 
 
 class Echo:

@@ -195,6 +195,6 @@ def test_a_border_is_found_at_its_inner_edge_and_what_is_not_painted_nowhere():
     assert not {"Hash row bottom inner", "Number row top outer"} & set(markings.labels)
     profiles = profiles_along(camera, markings)
     found = pixels_of_lines(markings, profiles, find_lines(picture, profiles, 8.0))
-    X = camera.image_to_field(found["Side line top"])
+    X = camera.image_to_field(found.by_label(0)["Side line top"])
     np.testing.assert_allclose(X[:, 1], -0.5 * field.width, atol=0.15)
     assert not any("edge" in label for label in Markings.of(ice_hockey("nhl")).labels)

@@ -55,7 +55,7 @@ def turned(truth, pan=0.0, tilt=0.0):
 def test_true_camera_lies_on_its_paint(field, truth):
     found = paint_evidence(picture(truth, field), truth, Markings.of(field))
     assert len(found.markings) > 4
-    assert not found.beside
+    assert not len(found.beside.xy)
     assert paint_complaints(found.markings) == ()
     assert np.mean([one.share for one in found.markings]) > 0.8
 
@@ -88,7 +88,7 @@ def test_what_is_found_beside_markings_is_paint(pan, tilt):
     found = paint_evidence(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
     paint = PENALTY_AREA.project(np.concatenate([s.sample(0.1) for s in FIELD.markings.values()]))
     paint = paint[np.isfinite(paint).all(axis=1)]
-    for label, xy in found.beside.items():
+    for label, xy in found.beside.by_label(0).items():
         distance = np.min(np.linalg.norm(xy[:, None] - paint, axis=-1), axis=1)
         assert np.sort(distance)[:-2].max() < 1.5, label
         assert distance.max() < 5.0, label
@@ -134,8 +134,8 @@ def test_refinement_uses_paint_beyond_its_search_range():
     near = {label: pixels[label] + rng.normal(0.0, 2.5, pixels[label].shape) for label in labels}
     start = calibrate_from_segments(FIELD, near, PENALTY_AREA.image_size)
     before = paint_evidence(PICTURE, start.camera, MARKINGS)
-    assert before.beside, "the case has no marking beside its paint"
-    given_ = ToRefine(PICTURE, replace(start, status=Status.ACCEPTED), {}, {})
+    assert len(before.beside.xy), "the case has no marking beside its paint"
+    given_ = ToRefine(PICTURE, replace(start, status=Status.ACCEPTED))
     (refined,) = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, [given_])
     assert refined.judged.accepted
     assert not any(one.is_beside for one in refined.judged.markings)

@@ -1,6 +1,7 @@
 """The flat table of labelled pixels: what goes in comes out, frame by frame and label by label."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import pixel_arrays
@@ -46,6 +47,13 @@ def test_joined_tables_have_the_frames_of_all(parts, order):
     joined = PixelTable.joined(order, [*tables, NO_PIXELS])
     assert joined.labels == tuple(order)
     assert_holds(joined, [*(frame for part in parts for frame in part), {}])
+
+
+def test_labels_that_an_object_lacks_are_named():
+    table = PixelTable.of(LABELS, [{"b": np.zeros((2, 2))}])
+    assert table.numbered(("c", "b")).label.tolist() == [1, 1]  # labels without pixels may be missing
+    with pytest.raises(ValueError, match="has no label 'b': are the pixels of another field"):
+        table.numbered(("a", "c"))
 
 
 @given(frames_of_labels)

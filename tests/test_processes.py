@@ -40,6 +40,11 @@ def unless_seven(number):
     return number
 
 
+def wait_for_the_kill(folder):
+    (folder / str(os.getpid())).touch()
+    time.sleep(60)
+
+
 @pytest.fixture(scope="module")
 def processes():
     with Processes(2) as executor:
@@ -72,15 +77,13 @@ def test_a_process_that_ends_takes_only_its_task_with_it(processes):
     assert [future.result() for number, future in enumerate(futures) if number != 7] == [*range(7), *range(8, 20)]
 
 
-def test_a_process_that_is_killed(processes):
-    future = processes.submit(time.sleep, 60)
-    wait_until(future.running)
-    time.sleep(0.1)
-    for process in list(processes._all):
-        os.kill(process._process.pid, signal.SIGKILL)
-        process._process.wait()
+def test_a_process_that_is_killed(processes, tmp_path):
+    future = processes.submit(wait_for_the_kill, tmp_path)
+    wait_until(lambda: any(tmp_path.iterdir()))
+    (said,) = tmp_path.iterdir()
+    os.kill(int(said.name), signal.SIGKILL)
     with pytest.raises(ProcessEndedError, match="exit code -9"):
-        future.result(timeout=10)
+        future.result(timeout=60)
     assert processes.submit(square, 3).result() == 9
 
 

@@ -82,6 +82,7 @@ def test_a_moved_camera_is_brought_back(truth, px):
     assert distance(refined.camera, truth) < 0.7
 
 
+@pytest.mark.slow
 def test_in_full_hd_twice_as_many_pixels():
     truth = VIEWS["penalty area"].scaled((1920, 1080))
     start = replace(calibrated(truth), camera=moved(truth, 15.0, seed=2))
@@ -268,7 +269,7 @@ def test_room_is_half_the_distance_to_the_nearest_profile_of_another_marking():
 
 def test_images_refined_together_are_refined_as_alone():
     starts = [replace(calibrated(truth), camera=moved(truth, 5.0, seed=1)) for truth in VIEWS.values()]
-    given = [ToRefine(picture(truth), start, {}, {}) for truth, start in zip(VIEWS.values(), starts, strict=True)]
+    given = [ToRefine(picture(truth), start) for truth, start in zip(VIEWS.values(), starts, strict=True)]
     together = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, given)
     for one, found in zip(given, together, strict=True):
         alone = refine_on_image(FIELD, one.image, one.calibration)

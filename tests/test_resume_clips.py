@@ -88,7 +88,8 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
         calibrate_video(FIELD, rendered[:8], network(), parts=read_back)
 
 
-@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [1, 2])
 def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
     with monkeypatch.context() as patch:
         finished = from_video.finish

@@ -152,6 +152,7 @@ def test_a_field_that_no_frame_tells_keeps_its_size():
     assert not shared_size(FIELD, nothing).is_told
 
 
+@pytest.mark.slow
 def test_a_size_that_is_not_shared_is_nominal():
     """Not estimated, and not known: it is in the errors from the centre mark."""
     rng, tripod = np.random.default_rng(0), panned(8, first=-0.5, last=0.5)

@@ -192,6 +192,7 @@ def test_something_must_be_given(capsys):
     assert "--sncalib" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_figures(sncalib, wc14, tmp_path, capsys):
     from matplotlib.image import imread
 
@@ -243,6 +244,7 @@ def detections_of(camera):
     return json.dumps({"kp": found, "lines": {}})
 
 
+@pytest.mark.slow
 def test_pictures_and_detections_have_rows_of_their_own(wc14, tmp_path, capsys):
     """Three of four frames have a picture, drawn and squashed; the table of pictures counts these alone."""
     _, cameras = random_frames(COUNT, seed=5, noise=0.5, stands=("main center",), image_size=(1280, 720))

@@ -171,6 +171,7 @@ def test_it_gives_what_this_process_gives(clip):
     np.testing.assert_allclose(there.solved.cameras[0].theta, here.solved.cameras[0].theta, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_keyframes_that_came_in_the_meantime_have_cameras(clip):
     """The first one is calibrated when the third one has come."""
     cameras, pictures = clip

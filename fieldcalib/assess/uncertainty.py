@@ -179,8 +179,8 @@ class Uncertainty(Estimate):
         there = evaluate(self.problem, theta[None])
         noise = Noise(there)
         V = self.bent_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
-        if self.problem.prior is not None:
-            V += np.diag(1.0 / np.square(there.pulling_prior_sigma[0]))
+        if there.prior is not None:
+            V += np.diag(1.0 / np.square(there.prior.effective_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
         g = scale * there.gradient[0]
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
@@ -217,7 +217,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     """
     problem, layout = evaluation.problem, evaluation.problem.layout
     free, has_prior = problem.free, problem.prior is not None
-    scale = evaluation.pulling_prior_sigma if has_prior else unit[:, free]
+    scale = unit[:, free] if evaluation.prior is None else evaluation.prior.effective_sigma
     information = Information.of(evaluation, scale)
     directions = _Directions.of(evaluation, information, scale)
     noise = Noise(evaluation)

@@ -13,7 +13,7 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
+from fieldcalib.draw.scene import SHIFT, Colour, draw_text, fixed_point, text_size
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
@@ -37,6 +37,8 @@ NO_CAMERA: Colour = (205, 200, 196)
 
 Box: TypeAlias = tuple[float, float, float, float]  # left, top, right, bottom
 
+QUANTITIES = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
+UNITS = ("deg", "deg", "deg", "px", "m", "m", "m")
 ACCEPTED, REJECTED, NONE = "accepted", "rejected", "no camera"
 RESTS_ON: tuple[str, ...] = tuple(Basis)[1:]  # "lines", "matches", "lines and matches", "interpolated"
 STRIP_COLOURS: dict[str, Colour] = {
@@ -178,10 +180,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
     for array in (values, low, high):
         array[:, :3] = np.degrees(array[:, :3])
         array[:, 3] = np.exp(np.minimum(array[:, 3], 100.0))
-    names = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
-    units = ("deg", "deg", "deg", "px", "m", "m", "m")
-    columns = zip(names, units, values.T, low.T, high.T, strict=True)
-    return [Curve(name, unit, value, least, most, shot) for name, unit, value, least, most in columns]
+    return [Curve(*one, shot) for one in zip(QUANTITIES, UNITS, values.T, low.T, high.T, strict=True)]
 
 
 def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
@@ -306,12 +305,9 @@ class Canvas:
 
     def text(self, text: str, place: tuple[float, float], colour: Colour, scale: float, align: float = 0.0) -> None:
         """Write text on a base line; `align` 0 puts its left end at the place, 0.5 its middle, 1 its right end."""
-        import cv2
-
-        font, size = cv2.FONT_HERSHEY_SIMPLEX, FINER * scale
-        (width, _), _ = cv2.getTextSize(text, font, size, 1)
+        width, _, _ = text_size(text, FINER * scale)
         start = round(FINER * place[0] - align * width), round(FINER * place[1])
-        cv2.putText(self.picture, text, start, font, size, colour, 1, cv2.LINE_AA)
+        draw_text(self.picture, text, start, FINER * scale, colour)
 
 
 def _draw_strip(canvas: Canvas, statuses: Sequence[str], box: Box) -> None:

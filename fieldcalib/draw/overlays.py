@@ -15,7 +15,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, add_minimap
-from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, fixed_point, image_curves
+from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves, text_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -229,10 +229,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
 
 def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:
     """Write each label beside its first pixel, at the first place inside the image without dots and other names."""
-    import cv2
-
-    size = np.array(picture.shape[1::-1])
-    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.1 * radius
+    size, scale = np.array(picture.shape[1::-1]), 0.1 * radius
     dots = np.concatenate([np.empty((0, 2)), *pixels.values()])
     taken = np.concatenate([dots - radius, dots + radius], axis=1)
     for label, xy in pixels.items():
@@ -240,7 +237,7 @@ def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> Non
         if not inside.any():
             continue
         x, y = xy[inside][0]
-        (width, height), below = cv2.getTextSize(label, font, scale, 1)
+        width, height, below = text_size(label, scale)
         beside = (x + 2.0 * radius, x - 2.0 * radius - width)
         rows = y + height * (0.5 + 1.6 * np.array([0, -1, 1, -2, 2, -3, 3]))
         corners = np.stack(np.meshgrid(beside, rows), axis=-1).reshape(-1, 2)
@@ -256,14 +253,7 @@ def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> Non
 
 def _write(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
     """Write text with a dark outline; its lower left corner is at `place`."""
-    import cv2
-
     x, y = place
-    outline = (
-        (-1, 0, DARK),
-        (1, 0, DARK),
-        (0, -1, DARK),
-        (0, 1, DARK),
-    )  # thick strokes are wider in OpenCV 5 than in 4
-    for dx, dy, shade in (*outline, (0, 0, colour)):
-        cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, shade, 1, cv2.LINE_AA)
+    for around in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):  # thick strokes are wider in OpenCV 5 than in 4
+        draw_text(picture, text, around, scale, DARK)
+    draw_text(picture, text, place, scale, colour)

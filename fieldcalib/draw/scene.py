@@ -11,15 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array
-from fieldcalib._types import Float32 as Float32  # re-exported
+from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
+from fieldcalib.io.image import Image
 
 WHITE: Colour = (242, 248, 244)
 BOARDS = (6.5, 0.95)  # m: distance behind the lines, height
@@ -239,6 +238,21 @@ def dashes(curve: Array, length: float) -> Iterator[Array]:
 def fixed_point(xy: Array) -> NDArray[np.int32]:
     """Pixels in the fixed-point units of OpenCV's drawing functions."""
     return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)
+
+
+def draw_text(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
+    """Write text in place; its lower left corner is at `place`, and `scale` is that of OpenCV's font."""
+    import cv2
+
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+
+
+def text_size(text: str, scale: float) -> tuple[int, int, int]:
+    """Width of a text, and its height above and below the base line, pixels."""
+    import cv2
+
+    (width, above), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    return width, above, below
 
 
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.scene import Colour
+from fieldcalib.draw.scene import Colour, draw_text, text_size
 from fieldcalib.io.image import Image, checked_image
 
 BACKGROUND: Colour = (30, 27, 25)
@@ -71,8 +71,8 @@ def contact_sheet(
     step = np.array([height + CAPTION_HEIGHT + LINE_HEIGHT * (max(map(len, lines)) - 1) + GAP, width + GAP])
     rows = -(-len(pictures) // columns)
     sheet = np.full((*(np.array([top, GAP]) + step * (rows, columns)), 3), BACKGROUND, np.uint8)
-    _write(sheet, title, (GAP, 34), TITLE, (245, 245, 245))
-    _write(sheet, legend, (GAP, top - GAP - 2), LEGEND, (170, 170, 170))
+    draw_text(sheet, title, (GAP, 34), TITLE, (245, 245, 245))
+    draw_text(sheet, legend, (GAP, top - GAP - 2), LEGEND, (170, 170, 170))
     for index, (picture, caption) in enumerate(zip(pictures, lines, strict=True)):
         y, x = np.array([top, GAP]) + step * divmod(index, columns)
         picture = checked_image(picture)
@@ -83,7 +83,7 @@ def contact_sheet(
         sheet[above : above + size[1], left : left + size[0]] = tile
         for row, line in enumerate(caption):
             place = (x + INDENT, y + height + 20 + LINE_HEIGHT * row)
-            _write(sheet[:, : x + width], line, place, CAPTION, (205, 205, 205))
+            draw_text(sheet[:, : x + width], line, place, CAPTION, (205, 205, 205))
     return sheet
 
 
@@ -149,23 +149,13 @@ def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
 
 def _wrapped(text: str, width: int) -> list[str]:
     """The lines of a caption, at most `width` pixels long unless one word is longer; at least one line."""
-    import cv2
-
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        (length, _), _ = cv2.getTextSize(longer, cv2.FONT_HERSHEY_SIMPLEX, CAPTION, 1)
-        if length <= width:
+        if text_size(longer, CAPTION)[0] <= width:
             lines[-1] = longer
         elif lines[-1]:
             lines.append(word)
         else:
             lines[-1] = word
     return lines
-
-
-def _write(picture: Image, text: str, place: tuple[int, int], size: float, colour: Colour) -> None:
-    """Write text on a base line."""
-    import cv2
-
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

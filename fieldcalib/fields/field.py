@@ -14,10 +14,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
+from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
@@ -25,34 +26,6 @@ from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Pain
 
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
 ALIKE = 0.005  # metres: ends nearer to each other than this coincide
-
-
-V = TypeVar("V")
-
-
-class ReadOnly(Mapping[str, V]):
-    """An immutable mapping that can be copied and pickled, unlike `types.MappingProxyType`.
-
-    Examples
-    --------
-    >>> ReadOnly({"a": 1})["a"]
-    1
-    """
-
-    def __init__(self, values: Mapping[str, V] = MappingProxyType({})) -> None:
-        self._values = dict(values)
-
-    def __getitem__(self, key: str) -> V:
-        return self._values[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._values!r})"
 
 
 @dataclass(frozen=True)
@@ -128,9 +101,9 @@ class Field(Mapping[str, Segment]):
     farthest_camera: float = field(default=np.inf, repr=False)
     scale: float = field(default=np.nan, repr=False)
     lines: LineLook = field(default=LineLook(), repr=False)
-    paint: Mapping[str, Paint] = field(default_factory=ReadOnly, repr=False)
+    paint: Mapping[str, Paint] = field(default_factory=ReadOnlyDict, repr=False)
     surface: str = field(default=SURFACES[0], repr=False)
-    halves: Mapping[str, Halves] = field(default_factory=ReadOnly, repr=False)
+    halves: Mapping[str, Halves] = field(default_factory=ReadOnlyDict, repr=False)
     size_model: SizePrior | None = field(default=None, repr=False)
     size_known: bool = field(default=False, repr=False)
     probability: ProbabilityModel | None = field(default=None, repr=False)
@@ -139,12 +112,12 @@ class Field(Mapping[str, Segment]):
     def __post_init__(self) -> None:
         scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
         given = {
-            "segments": ReadOnly(self.segments),
+            "segments": ReadOnlyDict(self.segments),
             "stands": tuple(self.stands),
             "more_stands": tuple(self.more_stands),
             "scale": scale,
-            "paint": ReadOnly(self.paint),
-            "halves": ReadOnly({label: Halves(*parts) for label, parts in self.halves.items()}),
+            "paint": ReadOnlyDict(self.paint),
+            "halves": ReadOnlyDict({label: Halves(*parts) for label, parts in self.halves.items()}),
         }
         for name, value in given.items():
             object.__setattr__(self, name, value)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
+from fieldcalib.fields.segments import KINDS, Segment
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import BuilderWithInGoal
@@ -24,7 +24,7 @@ BUILDERS: Mapping[str, Build] = {  # the attributes of one that is a dataclass a
     "ice-hockey-iihf": ice_hockey_iihf,
     "rugby-union": BuilderWithInGoal(),
 }
-SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
+SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in KINDS}
 
 T = TypeVar("T")
 
@@ -111,7 +111,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)))
     _check_keys(record, ("length", "width", "segments"), OPTIONAL)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
-    segments = _named("segments", _segments, record["segments"])
+    segments = _named("segments", partial(_by_label, _segment), record["segments"])
     more = {name: _named(name, parse, record[name]) for name, parse in OPTIONAL.items() if name in record}
     unknown = sorted(more.get("paint", {}).keys() - segments.keys())
     if unknown:
@@ -164,8 +164,8 @@ def _parameters(build: Build) -> list[str]:
     return [one.name for one in fields(build)] if is_dataclass(build) else []
 
 
-def _segments(records: Any) -> dict[str, Segment]:
-    return {str(label): _named(str(label), _segment, one) for label, one in records.items()}
+def _by_label(parse: Callable[[Any], T], records: Any) -> dict[str, T]:
+    return {str(label): _named(str(label), parse, one) for label, one in records.items()}
 
 
 def _segment(record: Any) -> Segment:
@@ -199,17 +199,11 @@ def _lines(record: Any) -> LineLook:
     )
 
 
-def _paint(records: Any) -> dict[str, Paint]:
-    return {str(label): _named(str(label), partial(_from_attributes, Paint), one) for label, one in records.items()}
-
-
 def _halves(record: Any) -> dict[str, Halves]:
     return {circle: Halves(*parts) for circle, parts in record.items()}
 
 
-def _size_model(record: Any) -> SizePrior | None:
-    if record is None:
-        return None
+def _size_model(record: Any) -> SizePrior:
     ranges = {name: tuple(tuple(pair) for pair in record[name]) for name in ("legal", "usual") if name in record}
     build = _builder(record.get("build"), record)
     own = {name: value for name, value in record.items() if name not in _parameters(build)}
@@ -217,12 +211,12 @@ def _size_model(record: Any) -> SizePrior | None:
     return _from_attributes(SizePrior, {**own, **ranges, "build": build, "crown": crown and Crown(*crown)})
 
 
-def _repeats(metres: Any) -> float | None:
-    return None if metres is None else _number(metres)
+def _probability(coefficients: Any) -> ProbabilityModel:
+    return ProbabilityModel(tuple(map(_number, coefficients)))  # type: ignore[arg-type]
 
 
-def _probability(coefficients: Any) -> ProbabilityModel | None:
-    return None if coefficients is None else ProbabilityModel(tuple(map(_number, coefficients)))  # type: ignore[arg-type]
+def _or_none(parse: Callable[[Any], T], value: Any) -> T | None:
+    return None if value is None else parse(value)
 
 
 OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
@@ -231,11 +225,11 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "farthest_camera": _number,
     "scale": _number,
     "lines": _lines,
-    "paint": _paint,
+    "paint": partial(_by_label, partial(_from_attributes, Paint)),
     "surface": str,
     "halves": _halves,
-    "size_model": _size_model,
+    "size_model": partial(_or_none, _size_model),
     "size_known": _boolean,
-    "probability": _probability,
-    "repeats": _repeats,
+    "probability": partial(_or_none, _probability),
+    "repeats": partial(_or_none, _number),
 }

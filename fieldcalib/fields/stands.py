@@ -80,26 +80,15 @@ OPPOSITE_TRIBUNE = CameraDistribution(
 BEHIND_LEFT_GOAL = _behind("behind left goal", (45, 135), (-95, -52.5))
 BEHIND_RIGHT_GOAL = _behind("behind right goal", (-135, -45), (52.5, 95))
 
-DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
-    {
-        d.name: d
-        for d in (
-            MAIN_CENTER,
-            MAIN_LEFT,
-            MAIN_RIGHT,
-            MAIN_TRIBUNE,
-            OPPOSITE_TRIBUNE,
-            BEHIND_LEFT_GOAL,
-            BEHIND_RIGHT_GOAL,
-        )
-    }
-)
+_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, MAIN_TRIBUNE, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
+DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType({stand.name: stand for stand in _STANDS})
 
 SOCCER_LENGTH = 105.0  # metres: length of the field that the stands above surround
 SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
 
 # Stands of broadcast cameras, for calibrations without a prior: each is tried, the best one is kept.
-ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
+# The main tribune is left out: three narrower stands cover it.
+ALL_STANDS = tuple(stand for stand in _STANDS if stand is not MAIN_TRIBUNE)
 
 
 def stands_around(scale: float) -> tuple[CameraDistribution, ...]:

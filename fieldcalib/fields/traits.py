@@ -63,7 +63,8 @@ class LineLook:
 
     def __post_init__(self) -> None:
         for name in ("width", "contrast", "contrast_raised", "ground_difference"):
-            _check_positive(getattr(self, name), f"the {name} of a LineLook")
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"the {name} of a LineLook must be positive, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -201,8 +202,3 @@ class ProbabilityModel:
     def __post_init__(self) -> None:
         if np.shape(self.coefficients) != (5,) or not np.all(np.isfinite(self.coefficients)):
             raise ValueError(f"a ProbabilityModel needs five finite coefficients, got {self.coefficients!r}")
-
-
-def _check_positive(value: float, what: str) -> None:
-    if not value > 0.0:
-        raise ValueError(f"{what} must be positive, got {value}")

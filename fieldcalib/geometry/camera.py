@@ -75,14 +75,10 @@ class Camera:
         k: ArrayLike = (0.0, 0.0),
     ) -> None:
         for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,))):
-            array = np.array(value, dtype=float)
-            if array.shape != shape or not np.all(np.isfinite(array)):
-                raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(value)!r}")
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, finite_array(name, value, shape))
         object.__setattr__(self, "dist", shortest_opencv_vector(opencv_vector(k, "k"))[None])
         object.__setattr__(self, "k", self.dist[0, :2])
-        for array in (self.K, self.R, self.C, self.k, self.dist):
-            array.flags.writeable = False
+        self.k.flags.writeable = self.dist.flags.writeable = False
         object.__setattr__(self, "image_size", checked_image_size(image_size))
         if not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
             raise ValueError(f"K must have positive focal lengths, got {self.K[0, 0]} and {self.K[1, 1]}")
@@ -329,6 +325,15 @@ class Camera:
             f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({', '.join(f'{value:.4g}' for value in k)}), "
             f"image_size={self.image_size[0]}x{self.image_size[1]})"
         )
+
+
+def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """A read-only array of finite numbers of a shape, or a ValueError that begins with its name."""
+    array = np.array(values, dtype=float)
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(values)!r}")
+    array.flags.writeable = False
+    return array
 
 
 def _vectors(values: ArrayLike, size: int, what: str) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.geometry.camera import Camera, _vectors, checked_image_size
+from fieldcalib.geometry.camera import Camera, _vectors, checked_image_size, finite_array
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, newton_step
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS, opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
@@ -116,12 +116,7 @@ class RationalCamera:
 
     def __post_init__(self) -> None:
         for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("C", (3,)), ("dist", (len(COEFFICIENTS),))):
-            value = getattr(self, name)
-            array = np.array(value, dtype=float)
-            if array.shape != shape or not np.all(np.isfinite(array)):
-                raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(value)!r}")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, finite_array(name, getattr(self, name), shape))
         object.__setattr__(self, "image_size", checked_image_size(self.image_size))
         if np.any(self.K[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0) or self.K[2, 2] != 1.0:
             raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")

@@ -1,12 +1,18 @@
-"""The motion of the background between two frames of a camera on a tripod: a turn and a zoom, with a lens.
+"""The motion of the background between two frames (`fieldcalib.images.matches` finds the points).
 
-Whatever the depth of the scene, its static points move by ``K2 R2 R1^T K1^-1``, but for the lens. RANSAC finds the
-motion that most points follow, and Gauss-Newton refines it (`fieldcalib.images.matches` finds the points).
+Seen from a tripod, the camera turns and zooms: whatever the depth of the scene, its static points move by
+``K2 R2 R1^T K1^-1``, but for the lens. RANSAC finds the motion that most points follow, and Gauss-Newton refines it
+(`background_motion`).
+
+Where the centre of the camera moves, points move by their depth. Those of one plane still move by a homography, and a
+camera on wires or a drone sees mostly the ground (`plane_motion`). Stands and boards move otherwise, and are left out
+like players.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -34,12 +40,16 @@ LARGEST_ROLL = 0.35  # radians between two frames: a camera on a tripod stays up
 LARGEST_STRETCH = 1.5  # ratio of the scales in two directions, in the middle of the picture
 STILL = 0.3  # px: what moves less stands still in the picture; flow of static graphics scatters by 0.05 to 0.1
 LEAST_POINTS = 12  # inliers of a motion
+PLANE_RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with half of inliers, 72 draws find it in 99 %
+PLANE_ITERATIONS = 4  # of the fit of a homography to its inliers
 
 
-def background_motion(
-    x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
-) -> tuple[Array, BoolArray, BoolArray, float] | None:
-    """The homography that most candidates follow, which points do, which are on graphics, and the residuals' scale."""
+FoundMotion: TypeAlias = tuple[Array, BoolArray, float]
+"""A homography (3, 3), which points follow it, (n,), and the scale of their residuals, px."""
+
+
+def background_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
+    """The turn and zoom that most candidates follow, among points x (n, 2) that moved to y (n, 2)."""
     N = _normalisation(size)
     p, q = mapped(N, x), mapped(N, y)
     found = _consensus(p[candidates], q[candidates], RANSAC_TOLERANCE * N[0, 0])
@@ -52,9 +62,7 @@ def background_motion(
     if refined is None:
         return None
     plain, distance, scale = refined
-    H = np.linalg.inv(N) @ plain.H @ N
-    graphic = graphics(H, x, y, scale)
-    return H, (distance < tolerance(scale)) & ~graphic, graphic, float(scale)
+    return np.linalg.inv(N) @ plain.H @ N, distance < tolerance(scale), float(scale)
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
@@ -266,3 +274,29 @@ def is_plausible(H: Array, size: tuple[int, int]) -> bool:
     """Whether a homography may be that of a camera on a tripod; false if it is NaN."""
     zoom, roll, stretch = shape_change(H, size)
     return 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and stretch < LARGEST_STRETCH
+
+
+def plane_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
+    """The motion of points in one plane; arguments and result are those of `background_motion`."""
+    import cv2
+
+    if np.count_nonzero(candidates) < LEAST_POINTS:
+        return None
+    found, agree = cv2.findHomography(
+        x[candidates], y[candidates], cv2.RANSAC, RANSAC_TOLERANCE, maxIters=PLANE_RANSAC_ITERATIONS, confidence=0.999
+    )
+    if found is None:
+        return None
+    near = candidates.copy()
+    near[candidates] = agree[:, 0] > 0
+    for _ in range(PLANE_ITERATIONS):
+        if np.count_nonzero(near) < LEAST_POINTS:
+            return None
+        found, _ = cv2.findHomography(x[near], y[near])
+        if found is None:
+            return None
+        H = np.asarray(found, dtype=float)
+        r = np.nan_to_num(y - mapped(H, x), nan=np.inf)  # behind the vanishing line
+        scale = robust_deviation(r[near])
+        near = np.linalg.norm(r, axis=1) < tolerance(scale)
+    return H, near, scale

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip_problem import Cells
+from fieldcalib.images.clip_problem import Cells, between
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -152,8 +152,7 @@ class LeftOut:
         self, object_segments: ObjectSegments, frames: IntArray, calibration: SequenceCalibration
     ) -> list[float]:
         """Median distance of the matches left out of each pair of frames, pixels of 960 x 540."""
-        number = {t: k for k, t in enumerate(frames.tolist())}
-        inside = {(number[i], number[j]): one for (i, j), one in self.pairs.items() if i in number and j in number}
+        inside = between(frames.tolist(), self.pairs)
         usable = calibration.usable
         known = {pair: one for pair, one in inside.items() if usable[list(pair)].all()}
         lost = (len(inside) - len(known)) * [LOST]
@@ -199,13 +198,8 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     [24]
     """
     runs = np.split(np.arange(len(keyframes)), np.flatnonzero(np.diff(contradicted)) + 1)
-    state, first = None, []
-    for run in runs:
-        if len(run) >= LEAST_RUN and bool(contradicted[run[0]]) is not state:
-            if state is not None:
-                first.append(int(keyframes[run[0]]))
-            state = bool(contradicted[run[0]])
-    return first
+    first = [int(run[0]) for run in runs if len(run) >= LEAST_RUN]
+    return [int(keyframes[k]) for before, k in pairwise(first) if contradicted[k] != contradicted[before]]
 
 
 def model_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:

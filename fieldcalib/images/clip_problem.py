@@ -80,6 +80,12 @@ def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:
     return cells if len(cells[0]) >= LEAST_CELLS else None
 
 
+def between(frames: Sequence[int], matches: Mapping[tuple[int, int], Cells]) -> dict[tuple[int, int], Cells]:
+    """The matches between some frames, which are numbered from 0 in their order."""
+    number = {frame: k for k, frame in enumerate(frames)}
+    return {(number[i], number[j]): cells for (i, j), cells in matches.items() if i in number and j in number}
+
+
 @dataclass(frozen=True, eq=False)
 class ClipProblem:
     """Frames of one camera, with the lines and the matches that they are calibrated from."""
@@ -96,13 +102,9 @@ class ClipProblem:
     @property
     def from_zero(self) -> SequenceProblem:
         """This problem with frames numbered from 0."""
-        number, options = {frame: k for k, frame in enumerate(self.frames)}, self.options
-        loss = line_loss(self.image_size)
+        options, loss = self.options, line_loss(self.image_size)
         task = replace(options.task, flags=options.flags_together, loss=loss, paint=PAINT, trust_labels=True)
-        pixels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
-        matches = {
-            (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
-        }
-        return SequenceProblem.of(
-            task.options(self.image_size), PixelTable.joined(options.object_segments, pixels), options.shared, matches
-        )
+        labels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
+        pixels = PixelTable.joined(options.object_segments, labels)
+        matches = between(self.frames, self.matches)
+        return SequenceProblem.of(task.options(self.image_size), pixels, options.shared, matches)

@@ -8,25 +8,30 @@ one frame, in the picture's own pixels, as it is and as shown, the log odds that
     1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
 over all labels of all frames.
+
+The shape of a live video is estimated as its pictures come. Borders begin with those of the first picture that shows
+something. They shrink at once when a later picture shows something in them, and grow when all of the last pictures that
+were looked at have larger ones. Whether pictures were squashed is estimated when some have been seen; until that is
+known every camera is to be checked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
+from fieldcalib.images.pictures import as_shown, log_ratio_of_squash, shape_within, shown_part, within_borders
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -44,6 +49,8 @@ DARK = 10.0  # largest mean brightness of a frame that shows nothing
 WEIGHT = 0.5  # of the labels of a frame
 UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
 CHANCE = 0.05  # px: smaller distances of lines do not count
+ASKED = SEEN // 2, SEEN  # numbers of pictures from which the odds of squashed ones are estimated
+SAME = 2  # px: borders that differ by no more are the same, up to compression
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,15 +103,23 @@ class ShapeEstimator:
         log_odds = SQUARE_LOG_ODDS * (size[0] == size[1]) + UPRIGHT_LOG_ODDS * (size[0] < size[1])
         return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
 
-    def _distances(
-        self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]
-    ) -> dict[tuple[int, str], float]:
-        """`distances_in_pictures` of cameras fitted to all frames together, in pictures of the size `shown`."""
+    def _distances(self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]) -> Array:
+        """Root mean square distance of each label from cameras fitted to all frames together, (T, L).
+
+        The cameras are fitted to frames in the size `shown`. The distances are in pixels of pictures of the given size,
+        as the labels are; NaN without a camera or pixels.
+        """
         scale = np.divide(shown, size)
         labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
-        return distances_in_pictures(self.options.object_segments, solved, frames, size)
+        segments = self.options.object_segments if solved.field is None else solved.field
+        cameras = {t: camera.scaled(size) for t, one in enumerate(solved) if (camera := one.camera) is not None}
+        found = np.full((len(frames), len(segments)), np.nan)
+        if cameras:
+            pixels = PixelTable.joined(segments, [frames[t] for t in cameras])
+            found[list(cameras)] = rms_by_label(evaluate_cameras(list(cameras.values()), segments, pixels))
+        return found
 
 
 def bright_frames(images: Iterable[Image]) -> list[Image]:
@@ -155,46 +170,91 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
     return Shape(placement, message, doubt)
 
 
-def distances_in_pictures(
-    object_segments: ObjectSegments,
-    calibration: SequenceCalibration,
-    frames: Sequence[PixelTable],
-    size: tuple[int, int],
-) -> dict[tuple[int, str], float]:
-    """Root mean square distance of each label of each frame that has a camera, in the pictures' own pixels.
-
-    Parameters
-    ----------
-    calibration : SequenceCalibration
-        Calibration of the frames as shown.
-    frames : sequence of PixelTable
-        Labels of each frame, in pixels of the pictures.
-    size : (int, int)
-        Size of the pictures.
-    """
-    segments = object_segments if calibration.field is None else calibration.field
-    cameras = {t: camera.scaled(size) for t, one in enumerate(calibration) if (camera := one.camera) is not None}
-    if not cameras:
-        return {}
-    pixels = PixelTable.joined(segments, [frames[t] for t in cameras])
-    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, pixels))
-    return {
-        (t, label): distance
-        for t, of_frame in zip(cameras, rms.tolist(), strict=True)
-        for label, distance in zip(segments, of_frame, strict=True)
-        if np.isfinite(distance)
-    }
-
-
-def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
+def _log_ratio(as_it_is: Array, shown: Array) -> float:
     """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
-    both = sorted(as_it_is.keys() & shown.keys())
-    u, v = (np.hypot([some[key] for key in both], CHANCE) for some in (as_it_is, shown))
-    return float(WEIGHT * np.sum(np.log(u / v)))
+    u, v = np.hypot(as_it_is, CHANCE), np.hypot(shown, CHANCE)
+    return float(WEIGHT * np.nansum(np.log(u / v)))
 
 
 def _lines(calibration: Calibration, size: tuple[int, int]) -> PixelTable:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
-    assert calibration.camera is not None
     assert calibration.solved is not None
-    return calibration.solved.pixels.scaled(np.divide(size, calibration.camera.image_size))
+    return calibration.solved.pixels.scaled(np.divide(size, calibration.required_camera.image_size))
+
+
+class LiveShape:
+    """Estimates the shape of the pictures of a video as they come.
+
+    Parameters
+    ----------
+    estimator : ShapeEstimator
+    submit : callable
+        Starts a function on some pictures, and returns the future of its result.
+    """
+
+    def __init__(
+        self,
+        estimator: ShapeEstimator,
+        submit: Callable[[Callable[[Sequence[Image]], float], list[Image]], Future[float]],
+    ) -> None:
+        self._estimator, self._submit = estimator, submit
+        self._size = (0, 0)
+        self._next = 0  # number of the next picture that is looked at
+        self._index = 0  # number of the next picture
+        self._borders: deque[tuple[int, int]] = deque(maxlen=SEEN)  # of the last pictures that were looked at
+        self._border = (0, 0)  # columns, rows
+        self._parts: list[Image] = []  # frames from which the odds are estimated
+        self._running: Future[float] | None = None
+        self._log_odds: float | None = None
+        self.shape: Shape | None = None
+        """Shape of the pictures; None without borders if they were not squashed."""
+
+    def update(self, image: Image) -> bool:
+        """Take the next picture; return whether frames now lie elsewhere in the pictures than before."""
+        if not (self._estimator.finds_borders or self._estimator.finds_squash):
+            return False
+        index, self._index = self._index, self._index + 1
+        self._size = size_of(image)
+        if index >= self._next and np.mean(image[::APART, ::APART]) > DARK:
+            self._next = index + APART
+            self._look(image)
+        if self._running is not None and self._running.done():
+            self._log_odds, self._running = self._running.result(), None
+        before, self.shape = self.shape, self._estimated()
+        whole = Placement(self._size, self._size, None)
+        old, new = (whole if shape is None else shape.placement for shape in (before, self.shape))
+        return old != new
+
+    def image_in_frame(self, image: Image) -> Image:
+        """The frame that a picture shows."""
+        return image if self.shape is None else self.shape.placement.image_in_frame(image)
+
+    def _look(self, image: Image) -> None:
+        if self._estimator.finds_borders:
+            x, y = shown_part(image).corner
+            self._borders.append((-x, -y))
+            least = np.min(list(self._borders), axis=0)
+            grown = np.max(least - self._border) > SAME and len(self._borders) in (1, SEEN)
+            if grown or np.max(self._border - least) > SAME:
+                self._border = (int(least[0]), int(least[1]))
+                self._parts, self._running, self._log_odds = [], None, None
+        if not self._estimator.finds_squash or len(self._parts) >= SEEN:
+            return
+        part = self._placement.image_in_frame(image)
+        if may_be_squashed(size_of(part)):
+            self._parts.append(part.copy())  # the caller may use its image again
+            is_sure = self._log_odds is not None and abs(self._log_odds) > CERTAIN
+            if len(self._parts) in ASKED and self._running is None and not is_sure:
+                self._running = self._submit(self._estimator.log_odds, list(self._parts))
+
+    @property
+    def _placement(self) -> Placement:
+        """Placement of the frames between the borders."""
+        return within_borders(self._size, self._border)
+
+    def _estimated(self) -> Shape | None:
+        """The shape as far as it is known; while pictures may be squashed every camera is doubted."""
+        if self._log_odds is not None:
+            return shape_of_odds(self._log_odds, self._placement)
+        shape = replace(shape_within(self._placement), complaints=(SHAPE,) if self._parts else ())
+        return shape if shape.complaints or not shape.placement.is_whole else None

@@ -50,13 +50,12 @@ class Markings:
             look, scale = object_segments.lines, object_segments.scale
             paint_of = object_segments.paint_of
         whole = {segment.whole for segment in object_segments.values() if segment.is_whole}
+        paint = {label: paint_of(label) for label in object_segments}
         markings = {
             label: segment
             for label, segment in object_segments.items()
-            if segment.is_curve and (segment.is_whole or segment.whole not in whole)
+            if segment.is_curve and (segment.is_whole or segment.whole not in whole) and paint[label].is_along
         }
-        paint = {label: paint_of(label) for label in markings}
-        markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
         counts = [len(X) for X in points]
         member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])

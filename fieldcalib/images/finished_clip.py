@@ -1,28 +1,129 @@
-"""All frames of every tripod of a clip, from the lines in them and the matches that tie them."""
+"""The second pass over a part of a video: lines in every frame, and all frames of every tripod solved from them.
+
+Lines are searched near the markings that the cameras of the first pass project.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_clip_lines
+from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import NO_MARKING
-from fieldcalib.images.paint_evidence import evidence_of
+from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
-from fieldcalib.images.solved_tripods import Tripod
+from fieldcalib.images.solved_tripods import SolvedTripods, Tripod
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
+from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NO_PIXELS
 
+PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
+LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 MIXED = "the picture may be mixed with that of another camera"
+
+
+@dataclass(frozen=True, eq=False)
+class ClipLines:
+    """The lines in the frames of a clip, near the markings that the cameras of its tripods project."""
+
+    solved: SolvedTripods
+    members: tuple[tuple[int, ...], ...]
+    """Pieces of each tripod whose frames show its lines."""
+    labels: Mapping[int, PixelTable]
+    """Lines by frame."""
+    ridges: Mapping[int, Ridges]
+    """Ridges beside the markings of some frames."""
+
+
+class _FrameLines(NamedTuple):
+    """Lines in one frame."""
+
+    labels: PixelTable
+    ridges: Ridges | None
+    profiles: tuple[int, int]
+    """Number of profiles with a line, and of all profiles."""
+
+
+def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network) -> ClipLines:
+    """Find the lines in all frames; in keyframes and in every fifth frame, paint beside the markings too.
+
+    The network sees the frames of pieces that are calibrated one by one.
+    """
+    pieces, options = solved.pieces, solved.keyframes.options
+    given = Markings.of(options.object_segments)
+    cameras: dict[int, tuple[Calibration, Markings]] = {}
+    for tripod in solved.tripods:
+        field = tripod.calibration.field
+        markings = given if field is None else Markings.of(field)
+        frames = pieces.frames(tripod.pieces).tolist()
+        cameras |= {t: (one, markings) for t, one in zip(frames, tripod.calibration, strict=True)}
+    keys = {key for key, _ in solved.keyframes.shots.matches}
+    labels: dict[int, PixelTable] = {}
+    ridges: dict[int, Ridges] = {}
+    counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
+    for t, image in enumerate(images):
+        if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
+            (calibration,) = options.calibrate_alone([image], network)
+            one = _fitted(image, calibration, given)
+        else:
+            one = _near_markings(image, *cameras.pop(t), t in keys or t % PAINT_EVERY == 0) if t in cameras else None
+        if one is None:
+            continue
+        labels[t] = one.labels
+        counts[:, pieces.number[t]] += one.profiles
+        if one.ridges is not None:
+            ridges[t] = one.ridges
+    shown = set(np.flatnonzero(counts[0] / np.maximum(counts[1], 1.0) >= LEAST_LINES).tolist())
+    members = tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods)
+    return ClipLines(solved, members, labels, ridges)
+
+
+def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:
+    """The lines from which a single frame was calibrated; None if it has no camera."""
+    if calibration.camera is None or calibration.solved is None:
+        return None
+    return _FrameLines(calibration.solved.pixels, Ridges.of(image, calibration.camera, markings), (1, 1))
+
+
+def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
+    """The lines near the markings that the camera of a frame projects; None without a camera."""
+    camera = calibration.camera
+    if camera is None:
+        return None
+    labels, profiles = detected_lines(image, camera, markings, _picture_sigma(calibration))
+    ridges = Ridges.of(image, camera, markings) if with_ridges else None
+    if ridges is not None:
+        labels = with_replaced(labels, evidence_of(ridges, markings).beside)
+    return _FrameLines(labels, ridges, (len(labels.frame), profiles))
+
+
+def _picture_sigma(calibration: Calibration) -> float:
+    """Standard deviation of the position of the picture as a whole, pixels.
+
+    Where a window moves, the turn of the camera and the shift of the window are each known much worse than their sum.
+    """
+    errors, f = calibration.uncertainty.if_level, calibration.required_camera.focal_length
+    layout = errors.layout
+    if not np.any(layout.free[PRINCIPAL_POINT]):
+        return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))
+    projection = Projection(errors.theta[None], layout)
+    middle = np.divide(layout.image_size, 2.0).reshape(1, 1, 2).repeat(2, axis=1)
+    s = projection.ideal_offset(projection.observed_offset(middle))
+    (J,) = projection.derivatives(s, np.zeros((1, 2)), np.eye(2)[:, None], np.ones(layout.size, dtype=bool))
+    return float(np.sqrt(np.max(np.diagonal(J.T @ errors.covariance @ J))))
 
 
 def finish(lines: ClipLines) -> VideoCalibration:

@@ -17,14 +17,16 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
+from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.from_segments import checked_frame
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.size_from_labels import with_size_from_labels
@@ -37,10 +39,8 @@ LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segm
 SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
 LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
-LARGEST_ERROR, LARGEST_ERROR_REFINED = (
-    3.0,
-    2.0,
-)  # times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
+# times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
+LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
 
 
 def calibrate_from_images(
@@ -135,11 +135,6 @@ class ImageTask:
     refine: bool = True
     estimate_size: bool = False
 
-    @property
-    def least_support(self) -> float:
-        """Line support that a camera needs that was chosen by its support."""
-        return LEAST_SUPPORT_CHOSEN if self.refine else LEAST_SUPPORT
-
 
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
     """The images; a ValueError if they are of several sizes, for which one camera matrix cannot hold."""
@@ -157,9 +152,11 @@ def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
 
 def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration]:
     """Calibrate single images as they are, without looking for borders or a changed aspect ratio."""
-    found = [_without_weak(part) for part in localize(how.task.object_segments, images, how.network)]
+    segments = how.task.object_segments
+    found = []
     by_size: dict[tuple[int, int], list[int]] = {}
-    for index, image in enumerate(images):
+    for index, (image, part) in enumerate(zip(images, localize(segments, images, how.network), strict=True)):
+        found.append(_labels(segments, part, size_of(image)))
         by_size.setdefault(size_of(image), []).append(index)
     calibrations: dict[int, Calibration] = {}
     for members in by_size.values():
@@ -168,7 +165,7 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
     return [calibrations[index] for index in range(len(images))]
 
 
-def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
+def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[PixelTable]) -> list[Calibration]:
     """Calibrations of images of one size."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))
@@ -178,8 +175,8 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Lo
         best = calibration
         if not is_sure:
             others = calibrate_from_consensus(how.task, image, part)
-            count = len(others)
-            second = _verified(how, markings, count * [image], count * [part], others, how.least_support)
+            count, least_support = len(others), LEAST_SUPPORT_CHOSEN if how.refine else LEAST_SUPPORT
+            second = _verified(how, markings, count * [image], count * [part], others, least_support)
             best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
         if how.estimate_size and how.refine and how.task.given.is_empty:
             best = _with_size_from_labels(how, image, part, best)
@@ -187,83 +184,73 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Lo
     return calibrations
 
 
-def _with_size_from_labels(how: ImageTask, image: Image, found: Localization, calibration: Calibration) -> Calibration:
+def _with_size_from_labels(how: ImageTask, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
     """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
     seen: list[Refined] = []
 
     def again(field: Field, camera: Camera) -> Calibration:
-        task = replace(how.task, object_segments=field)
-        seen.append(
-            _on_another_field(task, image, found, calibration, replace(calibration, camera=camera, field=field))
-        )
+        start = replace(calibration, camera=camera, field=field)
+        seen.append(_on_another_field(replace(how.task, object_segments=field), image, found, calibration, start))
         return seen[0].calibration
 
     sized = with_size_from_labels(calibration, again)
     if sized is calibration or sized.field is None:
         return calibration
-    refined = [replace(one, calibration=sized) for one in seen]
-    ((judged, _),) = _judged(sized.field, [found], refined, refine=True, least_support=LEAST_SUPPORT)
+    how = replace(how, task=replace(how.task, object_segments=sized.field))
+    ((judged, _),) = _judged(how, [found], [replace(one, calibration=sized) for one in seen], LEAST_SUPPORT)
     return judged if judged.accepted else calibration
 
 
-def _on_another_field(
-    task: Task, image: Image, found: Localization, before: Calibration, start: Calibration
-) -> Refined:
+def _on_another_field(task: Task, image: Image, found: PixelTable, before: Calibration, start: Calibration) -> Refined:
     """Refine the camera of an image on a field of another size, starting from a camera that fits its lines."""
-    assert start.camera is not None
-    given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
+    given = ToRefine(image, start, found, are_detected=True)
     (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
     if again.calibration is not start:
         return again
     # the lines found anew do not support a better camera: fit the lines found before
     assert before.solved is not None
-    (fitted,) = calibrate_on_lines(task, before.solved.pixels, start.camera.image_size, [start.camera])
+    (fitted,) = calibrate_on_lines(task, [before.solved.pixels], size_of(image), [start.required_camera])
     return replace(again, calibration=fitted)
 
 
-def _without_weak(found: Localization) -> Localization:
-    """Leave out segments of low weight: most are false detections, and refinement finds the others."""
-    labels = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
-    return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
+def _labels(object_segments: ObjectSegments, found: Localization, image_size: tuple[int, int]) -> PixelTable:
+    """Labels of an image without segments of low weight: most are false detections, and refinement finds the others."""
+    strong = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
+    if len(strong) >= LEAST_SEGMENTS:
+        found = found.only(strong)
+    pixels, weights = checked_frame(object_segments, found.pixels, found.weights, image_size)
+    return PixelTable.of(object_segments, [pixels], [weights])
 
 
 def _verified(
     how: ImageTask,
     markings: Markings,
     images: Sequence[Image],
-    found: Sequence[Localization],
+    found: Sequence[PixelTable],
     calibrations: Sequence[Calibration],
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
     """The refined calibrations of images of one size, judged, and whether each is sure."""
     given = [
-        ToRefine(image, calibration, part.pixels, part.weights, are_detected=True)
+        ToRefine(image, calibration, part, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
-    refined = refine_all(how.task, markings, given) if how.refine else unrefined(markings, given)
-    return _judged(how.task.object_segments, found, refined, refine=how.refine, least_support=least_support)
+    refined = refine_all(how.task, markings, given) if how.refine else [unrefined(markings, one) for one in given]
+    return _judged(how, found, refined, least_support)
 
 
 def _judged(
-    object_segments: ObjectSegments,
-    found: Sequence[Localization],
-    refined: Sequence[Refined],
-    *,
-    refine: bool,
-    least_support: float,
+    how: ImageTask, found: Sequence[PixelTable], refined: Sequence[Refined], least_support: float
 ) -> list[tuple[Calibration, bool]]:
     """Judge the cameras of several images of one size by `_one_judged`."""
     judged = [one.judged for one in refined]
     compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
-    explained = _explained(object_segments, judged, found)
-    return [
-        _one_judged(seen, one, share, refine=refine, least_support=least_support)
-        for seen, one, share in zip(judged, refined, explained, strict=True)
-    ]
+    explained = _explained(how.task.object_segments, judged, found)
+    return [_one_judged(*one, how.refine, least_support) for one in zip(judged, refined, explained, strict=True)]
 
 
 def _one_judged(
-    calibration: Calibration, refined: Refined, explained: float, *, refine: bool, least_support: float
+    calibration: Calibration, refined: Refined, explained: float, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
     share = refined.support
@@ -290,25 +277,22 @@ def _one_judged(
 
 
 def _explained(
-    object_segments: ObjectSegments, calibrations: Sequence[Calibration], found: Sequence[Localization]
+    object_segments: ObjectSegments, calibrations: Sequence[Calibration], found: Sequence[PixelTable]
 ) -> list[float]:
     """Shares of the labels' weight that belong to labels near the projections of their segments; 0 without a camera."""
     cameras = {t: one.camera for t, one in enumerate(calibrations) if one.camera is not None}
-    frames = [found[t].pixels for t in cameras]
     shares = len(found) * [0.0]
-    near = near_labels(object_segments, list(cameras.values()), frames, max(SEARCH_RANGES))
-    for t, labels in zip(cameras, near, strict=True):
-        weight = found[t].weight
-        shares[t] = sum(weight[label] for label in labels) / max(sum(weight.values()), 1e-9)
+    near = near_labels(object_segments, list(cameras.values()), [found[t] for t in cameras], max(SEARCH_RANGES))
+    for t, is_near in zip(cameras, near, strict=True):
+        weight = label_weights(found[t])
+        shares[t] = float(np.sum(weight[is_near]) / max(np.sum(weight), 1e-9))
     return shares
 
 
 def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
     """The accepted calibration with the highest line support; the first one if none is accepted."""
     share = [
-        line_support(image, one.camera, markings, max(SEARCH_RANGES))
-        if one.accepted and one.camera is not None
-        else 0.0
+        line_support(image, one.required_camera, markings, max(SEARCH_RANGES)) if one.accepted else 0.0
         for one in calibrations
     ]
     return calibrations[int(np.argmax(share))]

@@ -5,9 +5,11 @@
     SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
     SolvedTripods, frames  -> ClipLines         find_clip_lines  lines near the projected markings of every frame
     ClipLines              -> VideoCalibration  finish           all frames of each tripod together
+    VideoCalibration       -> VideoCalibration  finish_again     again, if more markings then lie on their paint
 
-The video is read twice: lines can be found in a frame only when its camera is known to some pixels, and that takes the
-other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines, keyframe by keyframe.
+The video is read twice, or once more to finish again: lines can be found in a frame only when its camera is known to
+some pixels, and that takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
+keyframe by keyframe.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import groupby, islice
 from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
@@ -27,11 +29,10 @@ from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_keyframes import read_keyframes
-from fieldcalib.images.clip_lines import find_clip_lines
 from fieldcalib.images.clip_models import crown_notes
 from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
-from fieldcalib.images.finished_clip import finish, finish_again, off_paint
+from fieldcalib.images.finished_clip import find_clip_lines, finish, finish_again, off_paint
 from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -40,8 +41,7 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
-from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.localize.padding import Padded
+from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
@@ -225,17 +225,15 @@ def _calibrated_part(
         return finish_again(found, lines, islice(clip.frames(third), begin, begin + count), network)
 
 
-def _in_parts(frames: Iterator[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:
+def _in_parts(frames: Iterable[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:
     """Frames in parts of `PART` or some more, each of which begins with a keyframe."""
-    ahead = next(frames, None)
-    while ahead is not None:
-        count = 0
+    begin = 0
 
-        def part() -> Iterator[tuple[Image, TiedFrame]]:
-            nonlocal ahead, count
-            while ahead is not None and not (count >= PART and ahead[1].is_key):
-                count += 1
-                yield ahead
-                ahead = next(frames, None)
+    def first_of_part(frame: tuple[Image, TiedFrame]) -> int:
+        nonlocal begin
+        _, tied = frame
+        if tied.is_key and tied.index - begin >= PART:
+            begin = tied.index
+        return begin
 
-        yield part()
+    return (part for _, part in groupby(frames, key=first_of_part))

@@ -7,20 +7,21 @@ with one another but have no line support.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.localize import Localization
-from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.batch import calibrate_pixels
 from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.task import Task
 
@@ -31,7 +32,7 @@ NO_MARKING = "no marking was found in the image"
 SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
 
 
-def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> list[Calibration]:
+def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> list[Calibration]:
     """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
 
     A camera is calibrated from every three of the five heaviest segments. For each of the two cameras with the highest
@@ -43,7 +44,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
         Calibration object, flags, prior and what is known of the camera.
     image : (height, width, 3) uint8 array
         Blue, green, red.
-    found : Localization
+    found : PixelTable
         Labelled pixels of the image.
 
     Returns
@@ -55,31 +56,32 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
     ----------
     Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
     """
-    weight = found.weight
-    heaviest = sorted(weight, key=lambda label: -weight[label])[:HEAVIEST]
+    weight = label_weights(found)
+    heaviest = np.argsort(-weight, kind="stable")[: min(HEAVIEST, np.count_nonzero(weight))].tolist()
     if len(heaviest) <= PER_HYPOTHESIS:
         return []
-    size = size_of(image)
-    markings = Markings.of(task.object_segments)
-
-    def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
-        parts = [found.only(labels) for labels in chosen]
-        return calibrate_localized(task, parts, size)
-
-    hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, PER_HYPOTHESIS))]
-    cameras = [camera for camera in hypotheses if camera is not None]
+    size, markings = size_of(image), Markings.of(task.object_segments)
+    parts = [found.take(np.isin(found.label, labels)) for labels in combinations(heaviest, PER_HYPOTHESIS)]
+    cameras = [one.camera for one in calibrate_localized(task, parts, size) if one.camera is not None]
     share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
-    near = near_labels(task.object_segments, best, len(best) * [found.pixels], max(SEARCH_RANGES))
-    return calibrated(dict.fromkeys(near))
+    near = near_labels(task.object_segments, best, len(best) * [found], max(SEARCH_RANGES))
+    chosen = dict.fromkeys(map(tuple, near.tolist()))
+    return calibrate_localized(task, [found.take(np.array(is_near)[found.label]) for is_near in chosen], size)
 
 
-def calibrate_localized(task: Task, parts: Sequence[Localization], size: tuple[int, int]) -> list[Calibration]:
+def label_weights(found: PixelTable) -> Array:
+    """Weights (L,) of the labels that a network found in an image; longer segments have more pixels and weigh more."""
+    count = len(found.labels)
+    return np.asarray(np.bincount(found.label, found.weight, count) * np.bincount(found.label, minlength=count), float)
+
+
+def calibrate_localized(task: Task, found: Sequence[PixelTable], size: tuple[int, int]) -> list[Calibration]:
     """Calibrate localized images of one size, without the search for mislabelled segments."""
     # a network's pixels are too coarse to determine the principal point
     task = replace(task, trust_labels=True).with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
-    found = calibrate_labels(task, [part.pixels for part in parts], size, [part.weights for part in parts])
-    return [_with_advice(one) for one in found]
+    pixels = PixelTable.joined(task.object_segments, found)
+    return [_with_advice(one) for one in calibrate_pixels(task, pixels, size)]
 
 
 def _with_advice(calibration: Calibration) -> Calibration:

@@ -5,7 +5,7 @@ earlier keyframes. A new piece begins where frames match one another but no keyf
 too fast to follow. Two pieces may therefore show the same scene.
 
 Corners that two shots seem to share, or that are seen through a dissolve, must not tie shots together. So two pictures
-must also be alike as a whole (`fieldcalib.images.likeness`), and more so before a frame becomes a keyframe: of two
+must also be alike as a whole (`fieldcalib.images.frame`), and more so before a frame becomes a keyframe: of two
 shots that are mixed, at most one makes up more than half of the contrast.
 """
 
@@ -18,8 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.images.frame import MOST_CORNERS, Frame, same_picture
-from fieldcalib.images.likeness import View, likeness, shared_view
+from fieldcalib.images.frame import MOST_CORNERS, Frame, View, likeness, same_picture, shared_view
 from fieldcalib.images.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image
 
@@ -299,11 +298,8 @@ class _Piece:
         return view.index - self.key.index >= self._options.every
 
     def _added(self, view: View, matches: Matches, likeness: float) -> TiedFrame:
-        due = (
-            self._is_due(view)
-            or len(matches) < FEW_MATCHES
-            or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
-        )
+        due = self._is_due(view) or len(matches) < FEW_MATCHES
+        due = due or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
         key = None
         if due and likeness >= LEAST_LIKENESS_OF_KEY and not view.duplicate:
             key = self._keyframe(view, matches.homography, matches)

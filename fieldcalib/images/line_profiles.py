@@ -18,7 +18,7 @@ from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
 
 # Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or
@@ -31,6 +31,7 @@ MARGIN = 2.0  # px from the border of the image, where samples are extrapolated
 ROWS, ROW_SPACING = 3, 2.0  # parallel rows, and px between them, that are averaged for a profile
 NEIGHBOURS = 5  # profiles, itself included, most of which must show the line at the same offset,
 SAME_LINE = 2.0  # px: tolerance of that offset
+PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 
 BLUR = 1.5  # px of any image: width added to lines by lens, motion and compression
 # samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
@@ -68,11 +69,6 @@ class Profiles:
 
     def __len__(self) -> int:
         return len(self.xy)
-
-    @property
-    def on_ground_only(self) -> Profiles:
-        """Profiles across markings on the ground."""
-        return self.take(np.flatnonzero(self.on_ground))
 
     def take(self, index: IntArray) -> Profiles:
         """The profiles of an index (k,), in its order."""
@@ -133,21 +129,12 @@ def _room(member: IntArray, xy: Array) -> Array:
     return np.asarray(0.5 * np.sqrt(np.min(squared, axis=1, initial=np.inf)), dtype=float)
 
 
-def lines_near(image: Image, camera: Camera, markings: Markings, search_range: float) -> tuple[Pixels, int]:
-    """Pixels (N, 2) of the lines found near projected markings, by label, and the number of profiles.
-
-    The search range is that of `find_lines`.
-    """
-    profiles = profiles_along(camera, markings)
-    return pixels_of_lines(markings, profiles, find_lines(image, profiles, search_range)), len(profiles)
-
-
-def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> Pixels:
-    """Pixels (N, 2) of the line of each marking, from what `find_lines` returns."""
-    found = np.isfinite(offset)
-    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
-    xy += profiles.inwards[found]
-    return {markings.labels[k]: xy[member == k] for k in np.unique(member)}
+def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> PixelTable:
+    """Labelled pixels of lines that cross profiles at an `offset` (n,) from the markings, NaN for none."""
+    found = np.flatnonzero(np.isfinite(offset))
+    xy = profiles.xy[found] + offset[found, None] * profiles.normal[found] + profiles.inwards[found]
+    weight = np.full(len(found), 1.0 / PROFILES_PER_SEGMENT)
+    return PixelTable(markings.labels, 1, np.zeros(len(found), np.intp), profiles.member[found], xy, weight)
 
 
 def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
@@ -224,6 +211,13 @@ class Strips:
         """Median absolute deviation of the contrast, (n,)."""
         return _median(np.abs(self.contrast - _median(self.contrast)[:, None]))
 
+    @property
+    def least(self) -> Array:
+        """Least contrast of a line, (n,)."""
+        on_ground, look = self.profiles.on_ground, self.profiles.look
+        least = np.where(on_ground, look.contrast, look.contrast_raised)
+        return np.asarray(np.maximum(least, LEAST_SIGNAL * self.deviation))
+
     def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
         """Strips (k,) of some profiles, cut to the length that `of` samples for a search range that is not longer."""
         profiles = self.profiles.take(index)
@@ -250,12 +244,9 @@ class Strips:
         row = np.arange(len(profiles))
         best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
         before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
-        curvature = 2.0 * peak - before - after
-        least = np.where(profiles.on_ground, profiles.look.contrast, profiles.look.contrast_raised)
-        seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (curvature > 0.0)
-        seen &= (peak > np.maximum(least, LEAST_SIGNAL * self.deviation)) & (profiles.room > self.width)
-        vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
-        found = np.where(seen, self.offset[row, best] + vertex * self.spacing, np.nan)
+        seen = allowed[row, best] & (peak >= np.maximum(before, after))
+        seen &= (peak > self.least) & (profiles.room > self.width)
+        found = np.where(seen, self.offset[row, best] + _vertex(before, peak, after) * self.spacing, np.nan)
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
     def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
@@ -263,19 +254,21 @@ class Strips:
 
         Ridges may be lines by the ground beside them; neighbours and other markings are not considered.
         """
-        profiles, contrast = self.profiles, self.contrast
+        contrast = self.contrast
         middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]
-        least = np.where(profiles.on_ground, profiles.look.contrast, profiles.look.contrast_raised)
-        least = np.maximum(least, LEAST_SIGNAL * self.deviation)
-        top = (middle >= before) & (middle > after) & (middle > least[:, None])
+        top = (middle >= before) & (middle > after) & (middle > self.least[:, None])
         top &= np.abs(self.offset[:, 1:-1]) <= search_range * self.unit
         best = np.argpartition(-np.where(top, middle, -np.inf), count, axis=1)[:, :count]
-        row = np.arange(len(profiles))[:, None]
-        peak, left, right = middle[row, best], before[row, best], after[row, best]
-        curvature = 2.0 * peak - left - right
-        vertex = 0.5 * (right - left) / np.where(curvature > 0.0, curvature, 1.0)
+        row = np.arange(len(best))[:, None]
+        vertex = _vertex(before[row, best], middle[row, best], after[row, best])
         offset = np.where(top[row, best], self.offset[row, best + 1] + vertex * self.spacing[:, None], np.nan)
         return offset, self.may_be_line[row, best + 1]
+
+
+def _vertex(before: Float32, peak: Float32, after: Float32) -> Float32:
+    """Place of the top of the parabola through three samples, in samples from the middle one; NaN without a top."""
+    curvature = 2.0 * peak - before - after
+    return np.asarray(0.5 * (after - before) / np.where(curvature > 0.0, curvature, np.nan))
 
 
 def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, past_others: bool) -> int:

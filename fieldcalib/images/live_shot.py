@@ -17,10 +17,10 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_lines import LEAST_LINES
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
 from fieldcalib.images.detected_lines import detected_lines
 from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.finished_clip import LEAST_LINES
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
 from fieldcalib.io.image import Image
@@ -88,23 +88,19 @@ class LiveShot:
     def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
         """The problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
+        labels = {key: self.labels[key] for key in keys}
+        matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
         return ShotProblem(
-            ClipProblem(
-                options,
-                image_size,
-                keys,
-                {key: self.labels[key] for key in keys},
-                {pair: cells for pair, cells in self.matches.items() if set(keys).issuperset(pair)},
-            ),
+            ClipProblem(options, image_size, keys, labels, matches),
             new,
             tuple(self.pairs.values()),
             None if self.solved is None else self.solved.layout,
             {key: one.theta for key, one in self.known.items() if key in keys},
         )
 
-    def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
+    def with_solution(self, solution: ShotSolution) -> LiveShot:
         """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
-        labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
+        labels = {**self.labels, **solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
         if solution.solved is None:
@@ -116,7 +112,7 @@ class LiveShot:
             ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
             found = _tied(shot, solution.solved, ties, None) if ties else None
             if found is not None:
-                shot = replace(shot, followed={**shot.followed, key: _only(found[0])})
+                shot = replace(shot, followed={**shot.followed, key: KnownCamera.of(found[0])})
         return shot
 
     def with_tied(self, index: int, camera: KnownCamera | None) -> LiveShot:
@@ -143,7 +139,7 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
     if found is None:
         return _without_camera("the matches of this frame contradict its keyframes")
     row, lines = found
-    return _of_only_frame(solved, row, lines, _only(row))
+    return _of_only_frame(solved, row, lines, KnownCamera.of(row))
 
 
 def _tied(
@@ -207,8 +203,3 @@ def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: Boo
     spread = gap * (0.5 * np.abs(motion[free]) + STEP * gap)
     errors = camera.errors._replace(own=camera.errors.own + np.diag(np.square(spread)))
     return KnownCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)
-
-
-def _only(row: FrameTable) -> KnownCamera:
-    """The camera of the only frame."""
-    return KnownCamera(row.theta[0], OwnErrors(row.own[0], row.following[0]))

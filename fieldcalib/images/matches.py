@@ -20,12 +20,13 @@ from fieldcalib.images.background_motion import (
     RANSAC_TOLERANCE,
     STILL,
     background_motion,
+    graphics,
     is_plausible,
     mapped,
+    plane_motion,
     shape_change,
 )
-from fieldcalib.images.frame import BORDER, MOST_CORNERS, Frame, pair, same_picture
-from fieldcalib.images.plane_motion import plane_motion
+from fieldcalib.images.frame import BORDER, MOST_CORNERS, Frame, pair, same_picture, to_full
 from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames.
@@ -173,29 +174,18 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
     motion_of = plane_motion if moving else background_motion
     for keep in (moved, np.ones(len(x), bool)):  # graphics match best of all: first without points that stand still
         motion = motion_of(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
-        matches = (
-            None
-            if motion is None or not is_plausible(motion[0], size)
-            else _matched(one, two, motion[0], MOST_CORNERS, moving)
-        )
-        if matches is not None:
-            return matches
+        if motion is not None and is_plausible(motion[0], size):
+            matches = _matched(one, two, motion[0], MOST_CORNERS, moving)
+            if matches is not None:
+                return matches
     return None
-
-
-def _to_full(frame: Frame) -> Array:
-    """The affine map (3, 3) from pixels of the reduced frame to the full size; centres of pixels are at integers."""
-    (sx, sy), T = frame.scale, np.eye(3)
-    T[0, 0], T[1, 1] = sx, sy
-    T[:2, 2] = 0.5 * (frame.scale - 1.0)
-    return T
 
 
 def _reduced(H: Array, frame: Frame) -> Array:
     """A homography of pictures in full size, for reduced pictures."""
     if H.shape != (3, 3) or not np.all(np.isfinite(H)):
         raise ValueError(f"start must be a finite homography, (3, 3), got shape {H.shape}")
-    T = _to_full(frame)
+    T = to_full(frame.scale)
     return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
 
@@ -214,7 +204,9 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
         motion = (plane_motion if moving else background_motion)(x, y, candidates, size)
         if motion is None:
             continue
-        H, agree, graphic, scale = motion
+        H, near, scale = motion
+        graphic = graphics(H, x, y, scale)
+        agree = near & ~graphic
         count = int(np.sum(agree))
         if count < LEAST_MATCHES:
             continue
@@ -224,7 +216,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
         least = LEAST_FOUND_STILL if np.mean(still[agree]) > 0.5 else LEAST_FOUND
         fits = scale < LARGEST_SCALE[0] + LARGEST_SCALE[1] * shift
         if fits and share >= LEAST_SHARE and found >= least and _spread(x[agree], size) and is_plausible(H, size):
-            T = _to_full(one)
+            T = to_full(one.scale)
             full = T @ H @ np.linalg.inv(T)
             first, second = (mapped(T, points[agree]) for points in (x, y))
             return Matches(first, second, full / full[2, 2], share, scale * float(one.scale[0]), same_picture(one, two))

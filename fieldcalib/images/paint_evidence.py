@@ -19,9 +19,9 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import LEAST_PLACES, LONG, MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import SPACING, Profiles, Strips, profiles_along
+from fieldcalib.images.line_profiles import SPACING, Profiles, Strips, pixels_of_lines, profiles_along
 from fieldcalib.io.image import Image
-from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.pixel_table import PixelTable
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for
@@ -47,8 +47,8 @@ class PaintEvidence:
     """The paint that an image shows of the markings on the ground that a camera sees."""
 
     markings: tuple[MarkingInView, ...]
-    beside: Pixels
-    """Pixels (N, 2) of the paint of markings that do not lie on it, by label."""
+    beside: PixelTable
+    """Pixels of the paint of markings that do not lie on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,8 @@ class Ridges:
 
     def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
         """Measure the ridges from the markings that another camera projects; those far from any are left out."""
-        old, new = self.profiles, profiles_along(camera, markings).on_ground_only
+        old, new = self.profiles, profiles_along(camera, markings)
+        new = new.take(np.flatnonzero(new.on_ground))
         pairs = [np.zeros((2, 0), dtype=np.intp)]
         for k in np.intersect1d(old.member, new.member):
             here, there = np.flatnonzero(old.member == k), np.flatnonzero(new.member == k)
@@ -129,7 +130,7 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
     """Find which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
     profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
-    found, beside = [], {}
+    found, beside = [], np.full(len(profiles), np.nan)
     for k in np.unique(profiles.member):
         at = np.flatnonzero(profiles.member == k)
         on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
@@ -146,14 +147,13 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
             seen = np.isfinite(run)
             if off <= most * unit:  # the paint of the marking after all
                 off, on = 0.0, max(on, int(np.count_nonzero(seen)))
-            elif np.any(seen) and not is_bent:
-                xy = profiles.xy[at[seen]] + run[seen, None] * profiles.normal[at[seen]]
-                beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
+            elif not is_bent:
+                beside[at] = run
         length = float(np.sum(profiles.spacing[at]))
         narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[at]))
         expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
-    return PaintEvidence(tuple(found), beside)
+    return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
 
 
 def _along(count: int, *, bent: bool = False) -> Array:

@@ -12,22 +12,23 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._types import BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.detected_lines import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES, calibrate_on_lines
+from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import Profiles, Strips, lines_near, pixels_of_lines, profiles_along
-from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.images.line_profiles import Strips, pixels_of_lines, profiles_along
+from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips
+from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
-from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.batch import checked_frames
+from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.from_homography import calibrate_from_homography
+from fieldcalib.solve.from_segments import checked_frame
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.solve.task import Task
 
@@ -93,8 +94,9 @@ def refine_on_image(
     if calibration.camera is None:
         return calibration
     size = calibration.camera.image_size
-    labelled = check_segments(object_segments, image_segments or {}, size)
-    one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
+    pixels, pixel_weights = checked_frame(object_segments, image_segments or {}, weights, size)
+    labels = PixelTable.of(object_segments, [pixels], [pixel_weights])
+    one = ToRefine(checked_image(image, size), calibration, labels)
     (refined,) = refine_all(Task(object_segments, flags=flags, prior=prior), Markings.of(object_segments), [one])
     return calibration if refined.calibration is calibration else refined.judged
 
@@ -147,15 +149,14 @@ def refine_homography_on_image(
     True
     """
     image = checked_image(image)
-    height, width = image.shape[:2]
-    start = calibrate_from_homography(H, (width, height))
+    start = calibrate_from_homography(H, size_of(image))
     if start.camera is None:
         return start
     refined = refine_on_image(object_segments, image, start, flags=flags, prior=prior)
     if refined is not start:
         return refined
     complaint = "not refined: the image shows too few lines at its markings"
-    in_yards = calibrate_from_homography(np.asarray(H) @ np.diag([1.0 / YARD, 1.0 / YARD, 1.0]), (width, height))
+    in_yards = calibrate_from_homography(np.asarray(H) @ np.diag([1.0 / YARD, 1.0 / YARD, 1.0]), size_of(image))
     if refine_on_image(object_segments, image, in_yards, flags=flags, prior=prior) is not in_yards:
         complaint += f"; it shows them if H maps yards: then give H @ np.diag([{1 / YARD:.6g}, {1 / YARD:.6g}, 1])"
     return replace(start, message=f"{start.message}; {complaint}")
@@ -167,8 +168,8 @@ class ToRefine:
 
     image: Image
     calibration: Calibration
-    labelled: Pixels
-    weights: Weights
+    labels: PixelTable = NO_PIXELS
+    """Labelled pixels, used for segments whose line is not found in the image."""
     are_detected: bool = False
     """Whether a network labelled the pixels; its labels far from a camera that fits the lines are left out."""
 
@@ -180,17 +181,18 @@ class Refined:
     calibration: Calibration
     support: float
     """NaN where there is no camera."""
-    profiles: Profiles | None = None
-    """Across its markings; None where there is no camera."""
-    wide: Strips | None = None
-    """`wide_strips` of its image across these markings, where they are sampled already."""
     paint: PaintEvidence | None = None
-    """Paint of the markings in view; None where it was not looked for."""
+    """Paint of the markings in view; None where there is no camera or it was not looked for."""
 
     @property
     def judged(self) -> Calibration:
         """The calibration with the evidence of paint in its image."""
         return self.calibration if self.paint is None else self.calibration.seen_in_image(self.paint.markings)
+
+    @property
+    def paint_share(self) -> float:
+        """`paint_share` of the markings in view, 0 without any."""
+        return 0.0 if self.paint is None else paint_share(self.paint.markings)
 
 
 def refine_all(
@@ -204,8 +206,10 @@ def refine_all(
     Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
     already need the last of the `search_ranges` only.
     """
+    if not given:
+        return []
     refined = _in_passes(task, markings, given, search_ranges)
-    off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
+    off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and len(one.paint.beside.xy)]
     if off:
         moved = _moved_to_paint(task, markings, [refined[t] for t in off], [given[t] for t in off])
         for t, one in zip(off, moved, strict=True):
@@ -213,123 +217,90 @@ def refine_all(
     return refined
 
 
-def _fitted(
-    task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
-) -> list[Calibration]:
-    """Fit cameras to detected lines, and to labelled pixels of segments without a line, from given cameras."""
-    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
-    if not cameras:
-        return []
-    pixels = [{**one.labelled, **lines} for _, lines, one in given]
-    weights = [
-        {label.strip(): weight for label, weight in one.weights.items()}
-        | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
-        for _, lines, one in given
-    ]
-    size = cameras[0].image_size
-    table = PixelTable.of(task.object_segments, *checked_frames(task.object_segments, pixels, weights, size))
-    return calibrate_on_lines(task, table, size, cameras, loss_scale)
-
-
-def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
-    if one.profiles is None:
-        return one
-    wide = wide_strips(image, one.profiles) if one.wide is None else one.wide
-    return replace(one, paint=evidence_of(Ridges.across(wide), markings))
-
-
 def _moved_to_paint(
     task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:
     """Fit cameras to the paint beside their markings too; keep those that bring more markings onto paint."""
-    members = []
-    for one, image in zip(refined, given, strict=True):
-        assert one.paint is not None
-        assert one.calibration.camera is not None
-        lines, _ = lines_near(image.image, one.calibration.camera, markings, SEARCH_RANGES[-1])
-        members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
-    starts = _fitted(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), members, max(SEARCH_RANGES))
+    cameras = [one.calibration.required_camera for one in refined]
+    lines = [
+        with_replaced(detected_lines(image.image, camera, markings)[0], one.paint.beside)
+        for one, image, camera in zip(refined, given, cameras, strict=True)
+        if one.paint is not None
+    ]
+    fixed = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
+    starts = calibrate_on_lines(fixed, lines, size_of(given[0].image), cameras, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
     return [
-        new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
+        new if new.calibration.accepted and new.paint_share > old.paint_share else old
         for old, new in zip(refined, _in_passes(task, markings, again), strict=True)
     ]
-
-
-def _paint_share(one: Refined) -> float:
-    return 0.0 if one.paint is None else paint_share(one.paint.markings)
 
 
 def _in_passes(
     task: Task, markings: Markings, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
 ) -> list[Refined]:
     """Fit cameras to the lines near their markings, in two passes, or keep them; and look for their paint."""
-    images = [one.image for one in given]
+    images, size = [one.image for one in given], size_of(given[0].image)
+    labels = {t: one.labels for t, one in enumerate(given)}
+    detected = [t for t, one in enumerate(given) if one.are_detected]
     found = {t: one.calibration for t, one in enumerate(given)}
-    strips = _strips(given, found, markings)
-    best = _with_support(given, strips)
+    cameras = {t: one.camera for t, one in found.items() if one.camera is not None}
+    strips = _strips(images, cameras, markings)
+    best = {t: Refined(one, _support(strips[t]) if t in strips else np.nan) for t, one in found.items()}
     for search_range in search_ranges:
         in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
             # distant lines may belong to other markings, and a free principal point would absorb them
             in_this_pass = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
         else:
-            given = _without_stray(task.object_segments, given, found)
-        members = [
-            (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
+            labels |= _without_stray(task.object_segments, cameras, {t: labels[t] for t in detected if t in cameras})
+        lines = [
+            with_replaced(labels[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)))
             for t, one in strips.items()
         ]
-        again = _fitted(in_this_pass, members)
+        again = calibrate_on_lines(in_this_pass, lines, size, list(cameras.values()))
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
-        strips = _strips(given, found, markings, are_wide=search_range == search_ranges[-1])
+        cameras = {t: one.required_camera for t, one in found.items()}
+        strips = _strips(images, cameras, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
         support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
-            best[t] = Refined(found[t], support, one.profiles, one)
-    return [_with_paint(one, image, markings) for one, image in zip(best, images, strict=True)]
+            best[t] = Refined(found[t], support, evidence_of(Ridges.across(one), markings))
+    return [
+        replace(one, paint=paint_evidence(images[t], one.calibration.camera, markings))
+        if one.paint is None and one.calibration.camera is not None
+        else one
+        for t, one in best.items()
+    ]
+
+
+def _strips(
+    images: Sequence[Image], cameras: Mapping[int, Camera], markings: Markings, *, are_wide: bool = False
+) -> dict[int, Strips]:
+    sampled = wide_strips if are_wide else partial(Strips.of, search_range=max(SEARCH_RANGES))
+    return {t: sampled(images[t], profiles_along(camera, markings)) for t, camera in cameras.items()}
 
 
 def near_labels(
-    object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[Pixels], distance: float
-) -> list[tuple[str, ...]]:
-    """Labels of each frame whose pixels lie near their projected segments, in the root mean square.
+    object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[PixelTable], distance: float
+) -> BoolArray:
+    """Whether the pixels of each label lie near its projected segment, in the root mean square, (B, L).
 
     The images are of one size, and the distance is in pixels of one of 960x540.
     """
     if not frames:
-        return []
-    evaluation = evaluate_cameras(cameras, object_segments, PixelTable.of(object_segments, frames))
-    observations, errors = evaluation.problem.observations, rms_by_label(evaluation)
-    least = distance * pixel_unit(cameras[0].image_size)
-    return [
-        tuple(label for label, px in observations.by_name(t, of_frame).items() if px < least)
-        for t, of_frame in enumerate(errors)
-    ]
+        return np.zeros((0, len(object_segments)), dtype=bool)
+    pixels = PixelTable.joined(object_segments, frames)
+    rms = rms_by_label(evaluate_cameras(cameras, object_segments, pixels))
+    return np.asarray(rms < distance * pixel_unit(cameras[0].image_size))
 
 
 def _without_stray(
-    object_segments: ObjectSegments, given: Sequence[ToRefine], found: Mapping[int, Calibration]
-) -> list[ToRefine]:
+    object_segments: ObjectSegments, cameras: Mapping[int, Camera], labels: Mapping[int, PixelTable]
+) -> dict[int, PixelTable]:
     """Leave out segments that a network saw far from where cameras that fit the lines project them."""
-    cameras = {t: one.camera for t, one in found.items() if given[t].are_detected and one.camera is not None}
-    near = near_labels(object_segments, list(cameras.values()), [given[t].labelled for t in cameras], STRAY)
-    left = list(given)
-    for t, labels in zip(cameras, near, strict=True):
-        weights = {label: weight for label, weight in given[t].weights.items() if label in labels}
-        left[t] = replace(given[t], labelled={label: given[t].labelled[label] for label in labels}, weights=weights)
-    return left
-
-
-def _strips(
-    given: Sequence[ToRefine], calibrations: Mapping[int, Calibration], markings: Markings, *, are_wide: bool = False
-) -> dict[int, Strips]:
-    """Strips of the images whose calibrations have a camera."""
-    sampled = wide_strips if are_wide else partial(Strips.of, search_range=max(SEARCH_RANGES))
-    return {
-        t: sampled(given[t].image, profiles_along(calibration.camera, markings))
-        for t, calibration in calibrations.items()
-        if calibration.camera is not None
-    }
+    near = near_labels(object_segments, [cameras[t] for t in labels], list(labels.values()), STRAY)
+    return {t: one.take(is_near[one.label]) for (t, one), is_near in zip(labels.items(), near, strict=True)}
 
 
 def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
@@ -339,17 +310,10 @@ def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 
-def _with_support(given: Sequence[ToRefine], strips: Mapping[int, Strips]) -> list[Refined]:
-    without = [Refined(one.calibration, np.nan) for one in given]
-    return [
-        replace(one, support=_support(strips[t]), profiles=strips[t].profiles) if t in strips else one
-        for t, one in enumerate(without)
-    ]
-
-
-def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
-    """Calibrations as they are, with their line support."""
-    return _with_support(given, _strips(given, {t: one.calibration for t, one in enumerate(given)}, markings))
+def unrefined(markings: Markings, given: ToRefine) -> Refined:
+    """A calibration as it is, with its line support."""
+    camera = given.calibration.camera
+    return Refined(given.calibration, np.nan if camera is None else line_support(given.image, camera, markings))
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, Float32
+from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.images.clip_keyframes import label_keyframes
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
@@ -35,6 +36,11 @@ class KnownCamera(NamedTuple):
     """Parameters, (n,)."""
     errors: OwnErrors
     """Errors of one frame: E (o, o) and F (o, S)."""
+
+    @classmethod
+    def of(cls, frames: FrameTable, k: int = 0) -> KnownCamera:
+        """The camera of row k of a table."""
+        return cls(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +97,8 @@ class ShotProblem:
 class ShotSolution(NamedTuple):
     """The result of solving the keyframes of a shot."""
 
-    labels: PixelTable | None
-    """Labels of the new keyframe; None if they stay as they were."""
+    labels: Mapping[int, PixelTable]
+    """Labels that the network found in the new keyframe, by its number; empty if they stay as they were."""
     matches: Mapping[tuple[int, int], Cells]
     """New matches between keyframes."""
     tried: Sequence[tuple[int, int]]
@@ -117,12 +123,12 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
         for pair in shot.pairs
         if (found := pair.matches()) is not None and (cells := cells_of(found, problem.image_size)) is not None
     }
-    labels = None
+    labels = {}
     if segmented is not None:
         (keyframe,) = label_keyframes(problem.options, [segmented.image], segmented)
-        labels = keyframe.labels if keyframe is not None and keyframe.accepted else None
-    known = problem.labels if labels is None else {**problem.labels, shot.new: labels}
-    problem = replace(problem, labels=known, matches={**problem.matches, **matches})
+        if keyframe is not None and keyframe.accepted:
+            labels = {shot.new: keyframe.labels}
+    problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})
     tried = [pair.indices for pair in shot.pairs]
     return ShotSolution(labels, matches, tried, _solved(problem, shot.layout, shot.cameras))
 
@@ -136,10 +142,5 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
         sequence, shared = solve_from_cameras(problem.from_zero, layout, known_cameras)
     if shared is None or not np.any(sequence.usable):
         return None
-    frames = sequence.frames
-    known = {
-        key: KnownCamera(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
-        for k, key in enumerate(problem.frames)
-        if sequence.usable[k]
-    }
+    known = {key: KnownCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
     return SolvedShot(shared, sequence, Markings.of(shared.object_segments), known)

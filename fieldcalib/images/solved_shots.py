@@ -10,10 +10,9 @@ import numpy as np
 from fieldcalib._types import IntArray
 from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.images.clip_keyframes import Keyframes
+from fieldcalib.images.clip_keyframes import Keyframes, witnesses_of
 from fieldcalib.images.clip_models import LeftOut, Misprediction, is_preferred, misfit_note, model_note, parts
 from fieldcalib.images.pieces import CameraModel, Pieces
-from fieldcalib.images.witnesses import witnesses_of
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.centres import nearest_places
 from fieldcalib.solve.options import CalibrationFlags

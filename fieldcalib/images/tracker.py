@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Self
 
 from numpy.typing import ArrayLike
@@ -21,9 +20,8 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
-from fieldcalib.images.clip_shape import ShapeEstimator
+from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker
-from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.live_shot import FollowedFrame, LiveShot, follow
 from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, ShotSolution, prepare, solve_shot
@@ -148,9 +146,7 @@ class Tracker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -273,4 +269,4 @@ class Tracker:
     def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
         """Take the solution of a keyframe, unless its shot is over."""
         if keyframe.shot == self._shot.identity:
-            self._shot = self._shot.with_solution(keyframe.index, solution)
+            self._shot = self._shot.with_solution(solution)

@@ -2,7 +2,6 @@ from . import description as description
 from . import flow as flow
 from . import grid as grid
 from . import network as network
-from . import padding as padding
 from . import ridges as ridges
 from . import rulers as rulers
 from . import skeletons as skeletons

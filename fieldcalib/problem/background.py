@@ -215,38 +215,27 @@ class BackgroundTerm:
     @cached_property
     def _normal_equations(self) -> tuple[Array, Array, Coupling | None]:
         """Gradient, Hessian and coupling; derivatives by shared parameters count for the second frame of a pair."""
-        free, shared = self.layout.free, self.layout.shared
-        size, own = len(shared), np.flatnonzero(~shared)
-        to_all = np.flatnonzero(shared)
-        second = self.pairs.second
-        by_second = self.by_second
-        r = np.concatenate(self.r, axis=-1)
-        gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
+        shared, second, P = self.layout.shared, self.pairs.second, len(self.layout.shared)
+        own, r = ~shared[:, None], np.concatenate(self.r, axis=-1)
+        gradient, hessian = np.zeros((len(self.theta), P)), np.zeros((len(self.theta), P, P))
 
-        def add(frame: IntArray, rows: IntArray, J: Array) -> None:
-            """Add the parameters `rows` of some frames, with derivatives J (K, ., 2 N)."""
+        def add(frame: IntArray, J: Array) -> None:
+            """Add residuals to some frames, with their derivatives J (K, P, 2 N)."""
             weighted = J * self.pull[:, None]
-            np.add.at(gradient, (frame[:, None], rows), (weighted @ r[..., None])[..., 0])
-            np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), weighted @ np.swapaxes(J, 1, 2))
+            np.add.at(gradient, frame, (weighted @ r[..., None])[..., 0])
+            np.add.at(hessian, frame, weighted @ np.swapaxes(J, 1, 2))
 
-        add(second, own, by_second[:, own])
         if self.pairs.known is not None:  # and the shared parameters too
+            add(second, np.where(own, self.by_second, 0.0))
             return gradient, hessian, None
-        first, by_first = self.pairs.first, self._by_first(free)
-        by_shared = by_first[:, shared] + by_second[:, shared]
-        weighted_shared = by_shared * self.pull[:, None]
-
-        def add_border(frame: IntArray, J: Array) -> None:
-            block = J @ np.swapaxes(weighted_shared, 1, 2)
-            np.add.at(hessian, (frame[:, None, None], own[:, None], to_all), block)
-            np.add.at(hessian, (frame[:, None, None], to_all[:, None], own), np.swapaxes(block, 1, 2))
-
-        add(second, to_all, by_shared)
-        add(first, own, by_first[:, own])
-        add_border(second, by_second[:, own])
-        add_border(first, by_first[:, own])
-        blocks = by_first[:, own] @ np.swapaxes(by_second[:, own] * self.pull[:, None], 1, 2)
-        return gradient, hessian, Coupling(first, second, blocks)
+        first, by_first = self.pairs.first, self._by_first(self.layout.free)
+        by_own, by_second = np.where(own, by_first, 0.0), self.by_second + np.where(own, 0.0, by_first)
+        add(first, by_own)
+        add(second, by_second)
+        between = (by_own * self.pull[:, None]) @ np.swapaxes(by_second, 1, 2)
+        border = np.where(shared, between, 0.0)
+        np.add.at(hessian, first, border + np.swapaxes(border, 1, 2))
+        return gradient, hessian, Coupling(first, second, between[:, ~shared][:, :, ~shared])
 
 
 def _image_derivatives(projection: Projection, s: Array, inverse_depth: Array, free: BoolArray) -> Array:

@@ -44,7 +44,7 @@ def kernels(layout: Layout, observations: Observations | None = None) -> ModuleT
 
 
 def compiled_closest_points(theta: Array, layout: Layout, observations: Observations) -> ClosestPoints | None:
-    """`fieldcalib.problem.closest_points.closest_points`; None if it is not compiled."""
+    """`Observations.closest_points` of cameras theta (B, n); None if it is not compiled."""
     module = kernels(layout, observations)
     if module is None:
         return None

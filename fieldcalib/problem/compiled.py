@@ -16,7 +16,8 @@ from numba import njit
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import closest as by_numpy
 from fieldcalib.geometry.lens.model import FOLD
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL
+from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL, Bounds
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.projection import UNDISTORTING_STEPS
 
@@ -54,7 +55,6 @@ class View(NamedTuple):
     """Rows of the rotation."""
     scaled_R: tuple[Vector, Vector, Vector]
     """Rows of the rotation, the first two multiplied by f."""
-    C: Vector
     f: float
     cx: float
     cy: float
@@ -110,7 +110,6 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
     return View(
         (R0, R1, R2),
         ((f * R0[0], f * R0[1], f * R0[2]), (f * R1[0], f * R1[1], f * R1[2]), R2),
-        (theta[4], theta[5], theta[6]),
         f,
         theta[7],
         theta[8],
@@ -128,31 +127,14 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
 
 
 @inlined
-def moved(view: View, motion: Array, b: int, i: int, change: Array) -> View:
-    """The camera moved against its row's segment: equivalent to the segment's motion with the size of the field."""
-    x, y, z = view.C
+def centre_of(theta: Array, motion: Array, b: int, i: int, change: Array) -> Vector:
+    """The centre of a camera, moved against its row's segment instead of the segment with the size of the field."""
+    x, y, z = theta[4], theta[5], theta[6]
     for s in range(len(change)):
         x -= motion[b, i, 0, s] * change[s]
         y -= motion[b, i, 1, s] * change[s]
         z -= motion[b, i, 2, s] * change[s]
-    return View(
-        view.R,
-        view.scaled_R,
-        (x, y, z),
-        view.f,
-        view.cx,
-        view.cy,
-        view.aspect,
-        view.a1,
-        view.a2,
-        view.da2_da1,
-        view.rho,
-        view.per_rho2,
-        view.is_pinhole,
-        view.cos_roll,
-        view.sin_roll,
-        view.limits,
-    )
+    return x, y, z
 
 
 @inlined
@@ -163,10 +145,10 @@ def _direction(view: View, x: float, y: float, z: float) -> Vector:
 
 
 @inlined
-def _point(view: View, geometry: Array, b: int, i: int) -> Vector:
+def _point(view: View, C: Vector, geometry: Array, b: int, i: int) -> Vector:
     """The first vector of a row, a world point, in scaled camera coordinates."""
     x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
-    return _direction(view, x - view.C[0], y - view.C[1], z - view.C[2])
+    return _direction(view, x - C[0], y - C[1], z - C[2])
 
 
 @inlined
@@ -202,9 +184,9 @@ def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
 
 
 @inlined
-def on_line(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def on_line(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on an infinite line."""
-    ax, ay, az = _point(view, geometry, b, i)
+    ax, ay, az = _point(view, C, geometry, b, i)
     bx, by, bz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
     lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     scale = 1.0 / (math.sqrt(lx * lx + ly * ly) + view.limits.least_length)
@@ -233,10 +215,10 @@ def on_line(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
 
 
 @inlined
-def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def on_arc(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on a whole circle."""
     limits = view.limits
-    ax, ay, az = _point(view, geometry, b, i)
+    ax, ay, az = _point(view, C, geometry, b, i)
     ux, uy, uz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
     vx, vy, vz = _direction(view, geometry[b, i, 2, 0], geometry[b, i, 2, 1], geometry[b, i, 2, 2])
     dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
@@ -276,9 +258,10 @@ def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
 
 
 @inlined
-def at_point(view: View, xy: Array, geometry: Array, b: int, i: int, nx: float, ny: float) -> Foot:
-    """The residual of a world point along a direction n of the image."""
-    hx, hy, hz = _point(view, geometry, b, i)
+def at_point(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]) -> Foot:
+    """The residual of a world point along a direction of the image."""
+    nx, ny = normal
+    hx, hy, hz = _point(view, C, geometry, b, i)
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
     gain, _ = _gain(view, sx, sy)
@@ -287,17 +270,17 @@ def at_point(view: View, xy: Array, geometry: Array, b: int, i: int, nx: float, 
 
 
 @inlined
-def foot_of(kind: int, view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def foot_of(kind: int, view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point of a residual of a kind."""
     if kind == LINES:
-        return on_line(view, xy, geometry, b, i)
+        return on_line(view, C, xy, geometry, b, i)
     if kind == ARCS:
-        return on_arc(view, xy, geometry, b, i)
+        return on_arc(view, C, xy, geometry, b, i)
     if kind == ALONG_X:
-        return at_point(view, xy, geometry, b, i, 1.0, 0.0)
+        return at_point(view, C, xy, geometry, b, i, (1.0, 0.0))
     if kind == ALONG_Y:
-        return at_point(view, xy, geometry, b, i, 0.0, 1.0)
-    return at_point(view, xy, geometry, b, i, geometry[b, i, 1, 0], geometry[b, i, 1, 1])
+        return at_point(view, C, xy, geometry, b, i, (0.0, 1.0))
+    return at_point(view, C, xy, geometry, b, i, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
 
 
 @inlined
@@ -384,14 +367,6 @@ class Terms(NamedTuple):
     """Least and largest log f, (2,); outside, the cost is infinite."""
 
 
-class Bounds(NamedTuple):
-    """Bounds of the free parameters (P,) and of their steps."""
-
-    least: Array
-    largest: Array
-    longest: Array
-
-
 class Quadratic(NamedTuple):
     """The cost around a camera, and its damping."""
 
@@ -404,16 +379,16 @@ class Quadratic(NamedTuple):
 
 
 class Criteria(NamedTuple):
-    """Criteria for the end of Levenberg-Marquardt, and its damping; the constants of `levenberg_marquardt`."""
+    """Arguments of Levenberg-Marquardt, and its constants; these are arguments for the reason given at `Limits`."""
 
     max_iterations: int
     tolerance: float
     initial_damping: float
-    settled: float
-    still: float
-    least_diagonal: float
-    least_damping: float
-    largest_damping: float
+    settled: float = SETTLED
+    still: float = STILL
+    least_diagonal: float = LEAST_DIAGONAL
+    least_damping: float = LEAST_DAMPING
+    largest_damping: float = LARGEST_DAMPING
 
 
 @compiled
@@ -428,7 +403,8 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
             kind, label, xy, geometry = frames.kinds[k], frames.label[k], frames.xy[k], frames.geometry[k]
             for i in range(label.shape[1]):
                 if label[b, i] >= 0:
-                    foot = foot_of(kind, moved(view, frames.motion[k], b, i, change), xy, geometry, b, i)
+                    C = centre_of(theta[b], frames.motion[k], b, i, change)
+                    foot = foot_of(kind, view, C, xy, geometry, b, i)
                     r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
@@ -472,7 +448,7 @@ def normal_equations(
             weight = weights[b, i]
             if weight == 0.0:
                 continue
-            foot = foot_of(kind, moved(view, motion, b, i, change), xy, geometry, b, i)
+            foot = foot_of(kind, view, centre_of(theta, motion, b, i, change), xy, geometry, b, i)
             rho, slope = rho_of(terms.loss, foot.r * foot.r)
             cost += 0.5 * weight * rho
             set_derivatives(view, foot, row[:camera])

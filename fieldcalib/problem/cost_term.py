@@ -1,6 +1,6 @@
-"""Terms of the cost of frames: labelled pixels, the prior, static points of the background, a smooth path.
+"""Terms of the cost of frames: labelled pixels, prior, static points of the background, smooth path.
 
-The solver sums over the terms and uses nothing but this protocol.
+The solver sums over them and uses nothing but this protocol.
 """
 
 from __future__ import annotations

@@ -29,7 +29,6 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
-from fieldcalib.problem.closest_points import closest_points
 from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
 from fieldcalib.problem.cost_term import CostTerm, Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -263,23 +262,6 @@ class Evaluation:
         found = [coupling for term in self.terms if (coupling := term.coupling) is not None]
         return Coupling(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
-    @property
-    def prior_cost(self) -> Array:
-        """Cost of the cameras under their prior, (B,)."""
-        return np.zeros(len(self.theta)) if self.prior is None else self.prior.cost
-
-    @property
-    def prior_sigma(self) -> Array:
-        """Standard deviations (B, P) of the prior of the free parameters."""
-        assert self.prior is not None
-        return self.prior.sigma
-
-    @property
-    def pulling_prior_sigma(self) -> Array:
-        """Effective standard deviations of the prior after robust weighting, (B, P)."""
-        assert self.prior is not None
-        return self.prior.effective_sigma
-
     @cached_property
     def world_points(self) -> Array:
         """The closest points in the world, (B, M, 3): not finite where they are at infinity."""
@@ -314,11 +296,11 @@ class Evaluation:
     def __reduce__(self) -> tuple[type[Evaluation], tuple[Problem, Array, ClosestPoints]]:
         return Evaluation, (self.problem, self.theta, self.points)  # all else is computed from these again
 
-    def replaced(self, index: IntArray, other: Evaluation) -> Evaluation:
-        """The evaluation with the frames `index` replaced by those of `other`."""
-        theta = self.theta.copy()
-        theta[index] = other.theta
-        return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
+    def replaced(self, index: IntArray, theta: Array, points: ClosestPoints) -> Evaluation:
+        """The evaluation with other cameras of the frames `index`, and their closest points."""
+        new = self.theta.copy()
+        new[index] = theta
+        return Evaluation(self.problem, new, self.points.replaced(index, points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +344,7 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
     observations, size = problem.observations, problem.layout.field_size
     if size is not None and np.any(problem.free[problem.layout.field_size_block]):
         observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
-    return Evaluation(problem, theta, closest_points(projection, observations), projection)
+    return Evaluation(problem, theta, observations.closest_points(projection), projection)
 
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:

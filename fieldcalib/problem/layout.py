@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import Lens, RadialLens
@@ -44,7 +44,7 @@ CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 
 # The longest step in one iteration, for a scene of 1 m: the linearisation does not hold farther away.
-LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}
+LARGEST_STEP = (0.4, 0.4, 0.4, 0.7, 1.0, 1.0, 1.0)  # of `POSE_AND_ZOOM`
 
 
 def exp_of(theta: Array, column: int) -> Array:
@@ -99,6 +99,16 @@ class SizeBlock(NamedTuple):
         return np.outer(probability, size_probability).ravel(), np.concatenate(both)
 
 
+class Bounds(NamedTuple):
+    """Bounds of the free parameters (P,) and of their steps in one iteration."""
+
+    free: IntArray
+    """Indices of the free parameters."""
+    least: Array
+    largest: Array
+    longest: Array
+
+
 class ZoomLaw(NamedTuple):
     """The law by which principal point, lens and centre of one camera follow its zoom, see above."""
 
@@ -138,9 +148,7 @@ class Layout:
     ) -> Layout:
         """A layout with all parameters estimated for each frame, and a crown considered; the default lens is radial."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
-        size = len(COMMON) + len(lens.names)
-        size += (len(ZOOM_LAW) if zoom_law is not None else 0) + len(_of_field(field_size))
-        roles = np.full(size, Role.FRAME)
+        roles = np.full(len(_names(lens, field_size, zoom_law)), Role.FRAME)
         if field_size is not None and field_size.crown is not None:
             roles[-1] = Role.CONSIDERED
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
@@ -149,8 +157,7 @@ class Layout:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of theta."""
-        law = ZOOM_LAW if self.zoom_law is not None else ()
-        return (*COMMON, *self.lens.names, *law, *_of_field(self.field_size))
+        return _names(self.lens, self.field_size, self.zoom_law)
 
     @property
     def size(self) -> int:
@@ -214,46 +221,33 @@ class Layout:
     @cached_property
     def is_centre(self) -> BoolArray:
         """Mask of the centre of the camera, (n,)."""
-        mask = np.zeros(self.size, dtype=bool)
-        mask[CENTER] = True
-        return mask
+        return self._mask(CENTER)
 
     @cached_property
     def is_lens(self) -> BoolArray:
         """Mask of the lens, (n,)."""
-        mask = np.zeros(self.size, dtype=bool)
-        mask[self.lens_block] = True
-        return mask
+        return self._mask(self.lens_block)
 
     @cached_property
     def is_crown(self) -> BoolArray:
         """Mask of the crown of the field, (n,)."""
+        return self._mask(self.crown_block)
+
+    def _mask(self, block: slice) -> BoolArray:
         mask = np.zeros(self.size, dtype=bool)
-        mask[self.crown_block] = True
+        mask[block] = True
         return mask
 
-    @cached_property
-    def least(self) -> Array:
-        """Lower bounds, (n,)."""
-        least = np.full(self.size, -np.inf)
+    def bounds(self, scale: float) -> Bounds:
+        """The bounds of the free parameters, for scenes of `scale` metres."""
+        least, largest, longest = (np.full(self.size, bound) for bound in (-np.inf, np.inf, np.inf))
         least[self.lens_block] = self.lens.least
         if self.field_size is not None:
-            least[self.field_size_block] = self.field_size.limits[0]
-        return least
-
-    @cached_property
-    def largest(self) -> Array:
-        """Upper bounds, (n,)."""
-        largest = np.full(self.size, np.inf)
-        if self.field_size is not None:
-            largest[self.field_size_block] = self.field_size.limits[1]
-        return largest
-
-    def largest_step(self, scale: float) -> Array:
-        """Longest steps of an iteration, (n,), for scenes of `scale` metres."""
-        step = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names])
-        step[CENTER] *= scale
-        return step
+            least[self.field_size_block], largest[self.field_size_block] = self.field_size.limits
+        longest[POSE_AND_ZOOM] = LARGEST_STEP
+        longest[CENTER] *= scale
+        free = np.flatnonzero(self.free)
+        return Bounds(free, least[free], largest[free], longest[free])
 
     def with_roles(self, role: Role, *blocks: str) -> Layout:
         """The layout with another role for some blocks."""
@@ -269,11 +263,6 @@ class Layout:
     def fixed(self, *blocks: str) -> Layout:
         """The layout with some blocks known."""
         return self.with_roles(Role.FIXED, *blocks)
-
-    def only(self, free: BoolArray) -> Layout:
-        """The layout in which only the parameters `free` (n,) are estimated, in their present roles."""
-        roles = np.where(free & (self.roles == Role.FIXED), Role.FRAME, self.roles)
-        return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
 
     def theta(self, camera: Camera) -> Array:
         """The parameter vector of a camera, (n,).
@@ -307,20 +296,21 @@ class Layout:
         return found
 
     def zoom_jacobian(self, theta: Array) -> Array:
-        """Derivatives (n, n) of `at_zoom` of one parameter vector (n,)."""
-        J = np.eye(self.size)
+        """Derivatives (..., n, n) of `at_zoom` of parameter vectors (..., n)."""
+        J = np.broadcast_to(np.eye(self.size), (*theta.shape, self.size)).copy()
         if self.zoom_law is None:
             return J
-        u, law = theta[LOG_F] - self.zoom_law.reference, self.zoom_law_block
-        mx, my, slope, bend, offset = theta[law]
-        J[PRINCIPAL_POINT, LOG_F] = mx, my
-        J[PRINCIPAL_POINT, law.start : law.start + 2] = u * np.eye(2)
+        u, law = theta[..., LOG_F] - self.zoom_law.reference, theta[..., self.zoom_law_block]
+        first, a1 = self.zoom_law_block.start, self.lens_block.start
+        J[..., PRINCIPAL_POINT, LOG_F] = law[..., :2]
+        J[..., PRINCIPAL_POINT, first : first + 2] = u[..., None, None] * np.eye(2)
         if self.lens.names:
-            J[self.lens_block.start, LOG_F] = slope + 2.0 * bend * u
-            J[self.lens_block.start, law.start + 2 : law.start + 4] = u, np.square(u)
-        R = rotation_from_angles(theta[ANGLES])
-        J[CENTER, law.start + 4] = R[2]
-        J[CENTER, ANGLES] = offset * R.T @ np.cross(rotation_axes(theta[ANGLES], R), (0.0, 0.0, 1.0)).T
+            J[..., a1, LOG_F] = law[..., 2] + 2.0 * law[..., 3] * u
+            J[..., a1, first + 2], J[..., a1, first + 3] = u, np.square(u)
+        R = rotation_from_angles(theta[..., ANGLES])
+        axes = rotation_axes(theta[..., ANGLES], R)
+        J[..., CENTER, first + 4] = R[..., 2, :]
+        J[..., CENTER, ANGLES] = law[..., 4, None, None] * np.swapaxes(np.cross(axes, (0.0, 0.0, 1.0)) @ R, -1, -2)
         return J
 
     def camera(self, theta: Array) -> Camera:
@@ -340,11 +330,12 @@ class Layout:
         return [Camera(K[b], R[b], C[b], self.image_size, dist[b]) for b in range(len(theta))]
 
 
-def _of_field(field_size: SizeBlock | None) -> tuple[str, ...]:
-    """Names of the parameters of a field."""
-    if field_size is None:
-        return ()
-    return FIELD_SIZE if field_size.crown is None else (*FIELD_SIZE, *CROWN)
+def _names(lens: Lens, field_size: SizeBlock | None, zoom_law: ZoomLaw | None) -> tuple[str, ...]:
+    """Names of the parameters, in the order of theta."""
+    law = ZOOM_LAW if zoom_law else ()
+    size = FIELD_SIZE if field_size else ()
+    crown = CROWN if field_size and field_size.crown else ()
+    return (*COMMON, *lens.names, *law, *size, *crown)
 
 
 def theta_from_camera(camera: Camera) -> Array:

@@ -32,7 +32,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
 
     problem, theta, free = start.problem, start.theta, start.problem.free
     weight = problem.observations.weight[0] / problem.noise**2
-    least, largest = problem.layout.least[free], problem.layout.largest[free]
+    bounds = problem.layout.bounds(problem.scale)
 
     @lru_cache(maxsize=2)  # SciPy asks for the residuals at a point, then for the Jacobian there
     def evaluated(x: bytes) -> Evaluation:
@@ -49,7 +49,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
     def jacobian(x: Array) -> Array:
         at = evaluated(x.tobytes())
         J = at.JT[0].T
-        return J if problem.prior is None else np.concatenate([J, np.diag(1.0 / at.prior_sigma[0])])
+        return J if at.prior is None else np.concatenate([J, np.diag(1.0 / at.prior.sigma[0])])
 
     def rho(squared: Array) -> Array:
         values = np.zeros((3, len(squared)))  # the last row, rho'', stays zero: no correction of second order
@@ -58,7 +58,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
             values[:2, len(weight) :] = prior_costs(squared[len(weight) :], problem.layout)
         return values
 
-    x = np.clip(theta[0, free], least, largest)
+    x = np.clip(theta[0, free], bounds.least, bounds.largest)
     if not np.isfinite(start.cost[0]):
         return Solution(start, np.array([False]), np.array([0], dtype=np.intp))
     with np.errstate(all="ignore"):
@@ -66,7 +66,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
             residuals,
             x,
             jacobian,
-            bounds=(least, largest),
+            bounds=(bounds.least, bounds.largest),
             x_scale="jac",
             loss=rho,
             ftol=tolerance,

@@ -16,26 +16,23 @@ eliminated together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.cost_term import Coupling
+from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Evaluation, Problem, evaluate
+from fieldcalib.problem.layout import Bounds
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.prior_term import LENS_TAILS
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
-LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
-SETTLED = 0.1  # share of the tolerance: a smaller predicted decrease is not tried
-STILL = 1e-14  # share of the cost: a smaller change is rounding
-LEAST_DIAGONAL = 1e-12  # keeps the system regular if nothing determines a parameter
 COMPACTED = 0.8  # share of the frames below which finished ones leave the batch
 
 
@@ -78,11 +75,16 @@ class Groups:
         """Whether every frame is a group."""
         return len(self.of_frame) == 0 or int(self.of_frame[-1]) == len(self.of_frame) - 1
 
-    def sum(self, values: Array) -> Array:
-        """Sums (G, ...) over the frames (B, ...) of each group."""
+    def reduced(self, function: np.ufunc, values: Array) -> Array:
+        """Values (B, ...) of the frames of each group reduced to one by a function, (G, ...)."""
         if self.is_trivial:
             return values
-        return np.asarray(np.add.reduceat(values, np.searchsorted(self.of_frame, np.arange(self.of_frame[-1] + 1))))
+        first = np.searchsorted(self.of_frame, np.arange(self.of_frame[-1] + 1))
+        return np.asarray(function.reduceat(values, first))
+
+    def sum(self, values: Array) -> Array:
+        """Sums (G, ...) over the frames (B, ...) of each group."""
+        return self.reduced(np.add, values)
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) for each frame, (B, ...)."""
@@ -127,9 +129,9 @@ def levenberg_marquardt(
     compiled = _compiled_solution(start, max_iterations, tolerance, initial_damping)
     if compiled is not None:
         return compiled
-    bounds = _Bounds.of(start.problem)
-    start = bounds.brought_inside(start)
-    best, batch = _Best(start), _Batch.at(start, initial_damping)
+    bounds = start.problem.layout.bounds(start.problem.scale)
+    start = _brought_inside(start, bounds)
+    best, batch = start, _Batch.at(start, initial_damping)
     converged, iterations = np.zeros(len(start.theta), dtype=bool), np.zeros(len(start.theta), dtype=np.intp)
     for left in reversed(range(max_iterations)):
         step, predicted = batch.step(bounds)
@@ -147,38 +149,24 @@ def levenberg_marquardt(
         better = batch.running & (trial_cost < batch.cost)
         small = np.maximum(batch.cost - np.where(better, trial_cost, batch.cost), np.abs(predicted))
         done = batch.running & ((small <= tolerance * batch.cost) | ~better & (batch.damping > LARGEST_DAMPING))
-        best.replace(batch.index, trial, batch.groups.spread(better))
+        taken = batch.groups.spread(better)
+        if np.all(taken) and len(taken) == len(best.theta):
+            best = trial
+        elif np.any(taken):
+            best = best.replaced(batch.index[taken], trial.theta[taken], trial.points.take(taken))
         iterations[batch.frames(batch.running)] += 1
         converged[batch.frames(done)] = True
         if not (left and np.any(batch.running & ~done)):
             break
         batch = batch.after(trial, better, predicted).without(done)
-    return Solution(best.evaluation, converged, iterations)
+    return Solution(best, converged, iterations)
 
 
-class _Bounds(NamedTuple):
-    """Bounds of the free parameters (P,) and of their steps."""
-
-    free: IntArray
-    """Indices of the free parameters."""
-    least: Array
-    largest: Array
-    longest: Array
-
-    @classmethod
-    def of(cls, problem: Problem) -> _Bounds:
-        """The bounds of a problem."""
-        layout, free = problem.layout, np.flatnonzero(problem.layout.free)
-        return cls(free, layout.least[free], layout.largest[free], layout.largest_step(problem.scale)[free])
-
-    def brought_inside(self, start: Evaluation) -> Evaluation:
-        """The evaluation with its cameras moved to within the bounds."""
-        inside = np.clip(start.theta[:, self.free], self.least, self.largest)
-        if not np.any(inside != start.theta[:, self.free]):
-            return start
-        theta = start.theta.copy()
-        theta[:, self.free] = inside
-        return evaluate(start.problem, theta)
+def _brought_inside(start: Evaluation, bounds: Bounds) -> Evaluation:
+    """The evaluation with its cameras moved to within the bounds."""
+    theta = start.theta.copy()
+    theta[:, bounds.free] = np.clip(theta[:, bounds.free], bounds.least, bounds.largest)
+    return start if np.array_equal(theta, start.theta) else evaluate(start.problem, theta)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,16 +217,14 @@ class _Batch:
         """The batch in which some groups (G,) have ended."""
         return replace(self, running=self.running & ~ended)
 
-    def step(self, bounds: _Bounds) -> tuple[Array, Array]:
+    def step(self, bounds: Bounds) -> tuple[Array, Array]:
         """The damped step (B, P) within the bounds, and the predicted change of the cost, (G,)."""
         at, shared, groups = self.theta[:, bounds.free], self.problem.layout.shared, self.groups
         gradient, hessian = self.gradient, self.hessian
         # parameters at a bound that would leave it are held: they are taken out of the linear system
         held = ((at <= bounds.least) & (gradient > 0.0)) | ((at >= bounds.largest) & (gradient < 0.0))
         step = block_arrow_steps(hessian, gradient, groups.spread(self.damping), held, shared, groups, self.coupling)
-        shorter = np.max(np.abs(step) / bounds.longest, axis=1)
-        if not groups.is_trivial:
-            shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(self.cost))))
+        shorter = groups.reduced(np.maximum, np.max(np.abs(step) / bounds.longest, axis=1))
         step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
         step = np.clip(at + step, bounds.least, bounds.largest) - at
         curvature = _times(hessian, self.coupling, step, shared)
@@ -250,20 +236,10 @@ class _Batch:
         if np.count_nonzero(kept) >= COMPACTED * len(kept):
             return self, step, predicted
         frames = np.flatnonzero(self.groups.spread(kept))
-        batch = replace(
-            self,
-            index=self.index[frames],
-            problem=self.problem.take(frames),
-            groups=self.groups.take(frames),
-            theta=self.theta[frames],
-            gradient=self.gradient[frames],
-            hessian=self.hessian[frames],
-            cost=self.cost[kept],
-            damping=self.damping[kept],
-            growth=self.growth[kept],
-            running=kept[kept],
-        )
-        return batch, step[frames], predicted[kept]
+        of_frames = {name: getattr(self, name)[frames] for name in ("index", "theta", "gradient", "hessian")}
+        of_groups = {name: getattr(self, name)[kept] for name in ("cost", "damping", "growth", "running")}
+        problem, groups = self.problem.take(frames), self.groups.take(frames)
+        return replace(self, problem=problem, groups=groups, **of_frames, **of_groups), step[frames], predicted[kept]
 
     def after(self, trial: Evaluation, better: BoolArray, predicted: Array) -> _Batch:
         """The batch after a trial that groups `better` (G,) accept, with the damping of Nielsen's rule."""
@@ -293,21 +269,12 @@ def _compiled_solution(
     module = kernels(layout, problem.observations)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
-    theta, bounds = unknowns(layout, start.theta), _Bounds.of(problem)
+    theta, bounds = unknowns(layout, start.theta), layout.bounds(problem.scale)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     module.levenberg_marquardt(
         *compiled_cost(module, problem, theta),
-        module.Bounds(bounds.least, bounds.largest, bounds.longest),
-        module.Criteria(
-            max_iterations,
-            tolerance,
-            initial_damping,
-            SETTLED,
-            STILL,
-            LEAST_DIAGONAL,
-            LEAST_DAMPING,
-            LARGEST_DAMPING,
-        ),
+        bounds,
+        module.Criteria(max_iterations, tolerance, initial_damping),
         theta,
         converged,
         iterations,
@@ -417,33 +384,3 @@ def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolA
         np.add.at(product, (first[:, None], own), (blocks @ step[second][:, own, None])[..., 0])
         np.add.at(product, (second[:, None], own), (np.swapaxes(blocks, 1, 2) @ step[first][:, own, None])[..., 0])
     return product
-
-
-class _Best:
-    """The best cameras so far: an evaluation, or its own arrays into which trials of some frames are written."""
-
-    def __init__(self, start: Evaluation) -> None:
-        self._whole = start
-        self._arrays: list[Array] | None = None
-
-    def replace(self, index: IntArray, trial: Evaluation, taken: BoolArray) -> None:
-        """Take the frames `taken` of a trial of frames `index`; if these are all frames, take the evaluation itself."""
-        if np.count_nonzero(taken) == len(self._whole.theta):
-            self._whole, self._arrays = trial, None
-        elif np.any(taken):
-            self._arrays = self._arrays or [one.copy() for one in _arrays(self._whole)]
-            for own, others in zip(self._arrays, _arrays(trial), strict=True):
-                own[..., index[taken], :] = others[..., taken, :]
-
-    @property
-    def evaluation(self) -> Evaluation:
-        """The problem at the best cameras."""
-        if self._arrays is None:
-            return self._whole
-        theta, *points = self._arrays
-        return Evaluation(self._whole.problem, theta, ClosestPoints(*points))
-
-
-def _arrays(evaluation: Evaluation) -> list[Array]:
-    """The cameras and the closest points, each (..., B, M)."""
-    return [evaluation.theta, *(getattr(evaluation.points, one.name) for one in fields(ClosestPoints))]

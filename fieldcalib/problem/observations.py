@@ -10,17 +10,31 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
+from fieldcalib.fields.segments.closest import ClosestPoints, View
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.pixel_table import PixelTable
 
 Kind = TypeVar("Kind", bound=Rows)
+
+
+class Packable(Protocol):
+    """The part of a segment that packing needs."""
+
+    @property
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+
+    @property
+    def vectors(self) -> Array:
+        """Vectors that describe it in these rows, (G, 3), see `Rows.geometry`."""
 
 
 class FrameLabels(NamedTuple):
@@ -117,18 +131,20 @@ class Observations:
         table = PixelTable(self.labels, len(self), frame, label, xy, weight)
         return table.take(np.lexsort((self.rank[frame, label], frame)))
 
-    def in_order(self, t: int) -> list[int]:
-        """Indices of the labels of frame t, in the order in which they were given."""
-        order: list[int] = np.argsort(self.rank[t], kind="stable").tolist()
-        return order[np.count_nonzero(self.rank[t] < 0) :]
+    @cached_property
+    def in_order(self) -> list[list[int]]:
+        """Indices of the labels of each frame, in the order in which they were given."""
+        orders, absent = np.argsort(self.rank, axis=1, kind="stable").tolist(), np.sum(self.rank < 0, axis=1).tolist()
+        return [order[begin:] for order, begin in zip(orders, absent, strict=True)]
 
     def by_name(self, t: int, values: NDArray[Any]) -> dict[str, Any]:
         """Label -> its value, of `values` (L,), for the labels of frame t."""
-        return {self.labels[index]: values[index].item() for index in self.in_order(t)}
+        numbers = values.tolist()
+        return {self.labels[index]: numbers[index] for index in self.in_order[t]}
 
     def labels_in(self, t: int) -> FrameLabels:
         """The labels of frame t."""
-        segments = {self.labels[index]: self.segments[index] for index in self.in_order(t)}
+        segments = {self.labels[index]: self.segments[index] for index in self.in_order[t]}
         return FrameLabels(segments, self.by_name(t, self.equations[t]))
 
     @cached_property
@@ -169,7 +185,7 @@ class Observations:
         key, first = np.unique(table.frame * len(self.labels) + table.label, return_index=True)
         rank.flat[key] = first
         label_by_label = np.lexsort((rank[table.frame, table.label], table.frame))
-        return replace(self, rank=rank, rows=_packed(table.take(label_by_label), self.segments))
+        return replace(self, rank=rank, rows=packed(table.take(label_by_label), self.segments))
 
     def without_labels(self, left_out: BoolArray) -> Observations:
         """Observations in which the labels `left_out` (T, L) have weight 0."""
@@ -195,6 +211,11 @@ class Observations:
         """Derivatives of the segment of each residual by the field's size, (T, M, 3, 2)."""
         return self._by_residual(self.motion_of_rows)
 
+    def closest_points(self, view: View) -> ClosestPoints:
+        """The closest points of all residuals on the images of the segments, in the order of `weight`."""
+        found = [part for rows in self.rows if rows for part in rows.closest_points(view)]
+        return ClosestPoints.joined(found or self.rows[0].closest_points(view))
+
     def moved(self, change: Array) -> Observations:
         """Observations of fields whose length and width have changed by (T, 2) metres."""
         moves = [(motion @ change[:, None, :, None])[..., 0] for motion in self.motion_of_rows]
@@ -203,11 +224,8 @@ class Observations:
     @cached_property
     def columns(self) -> dict[type[Rows], slice]:
         """Slice of the residuals of each kind of rows among all M."""
-        columns, end = {}, 0
-        for rows in self.rows:
-            begin, end = end, end + rows.components * rows.xy.shape[1]
-            columns[type(rows)] = slice(begin, end)
-        return columns
+        ends = np.cumsum([0, *self._residuals_of_rows]).tolist()
+        return {type(rows): slice(*part) for rows, part in zip(self.rows, pairwise(ends), strict=True)}
 
     @cached_property
     def weight(self) -> Array:
@@ -262,7 +280,7 @@ def pack(
     return Observations.of(object_segments, PixelTable.of(object_segments, frames, weights), image_size, motion)
 
 
-def _packed(table: PixelTable, segments: Sequence[Segment]) -> tuple[Rows, ...]:
+def packed(table: PixelTable, segments: Sequence[Packable]) -> tuple[Rows, ...]:
     """The rows of each kind, with the pixels of a frame one after the other."""
     kind_of_label = np.array([ROWS.index(segment.rows) for segment in segments], dtype=np.intp)
     kind_of_pixel = kind_of_label[table.label]

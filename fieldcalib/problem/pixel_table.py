@@ -82,12 +82,16 @@ class PixelTable:
         return replace(table, count=len(rows), frame=np.repeat(np.arange(len(rows)), end - begin))
 
     def numbered(self, labels: tuple[str, ...]) -> PixelTable:
-        """The table with indices into other labels, which must include its own."""
+        """The table with indices into other labels; a ValueError if these lack a label that has pixels."""
         if self.labels == labels:
             return self
         number = {label: index for index, label in enumerate(labels)}
         own = np.array([number.get(label, -1) for label in self.labels], dtype=np.intp)
-        return replace(self, labels=labels, label=own[self.label])
+        label = own[self.label]
+        if np.any(label < 0):
+            lacking = self.labels[self.label[np.argmax(label < 0)]]
+            raise ValueError(f"the calibration object has no label {lacking!r}: are the pixels of another field?")
+        return replace(self, labels=labels, label=label)
 
     @staticmethod
     def joined(labels: Iterable[str], parts: Iterable[PixelTable]) -> PixelTable:

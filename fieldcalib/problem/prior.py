@@ -11,17 +11,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.stands import CameraDistribution, focal_length_from_fov
 from fieldcalib.fields.traits import DEVIATIONS
-from fieldcalib.problem.layout import (
-    ANGLES,
-    CENTER,
-    LOG_ASPECT,
-    LOG_F,
-    PAN,
-    POSE_AND_ZOOM,
-    PRINCIPAL_POINT,
-    ROLL,
-    Layout,
-)
+from fieldcalib.problem.layout import LOG_ASPECT, PAN, POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout
 
 BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
 LEAST_CUT = 0.05  # share of a frame's width or height: if less is missing, the frame counts as whole
@@ -64,7 +54,7 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     Examples
     --------
     >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
-    >>> gaussian_prior(tower, Layout.of((960, 540))).mean[CENTER]
+    >>> gaussian_prior(tower, Layout.of((960, 540))).mean[4:7]
     array([ 0., 45., -8.])
     """
     width = layout.image_size[0]
@@ -141,8 +131,8 @@ def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Ge
     ranges = np.array([d.pan, d.tilt, d.roll, d.fov, d.x, d.y, d.z])
     values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, len(ranges)))
     theta = np.zeros((count, layout.size))
-    theta[:, ANGLES] = np.radians(values[:, :3])
-    theta[:, LOG_F] = np.log(focal_length_from_fov(np.radians(values[:, 3]), layout.image_size[0]))
-    theta[:, CENTER] = values[:, 4:]
+    values[:, :4] = np.radians(values[:, :4])
+    values[:, 3] = np.log(focal_length_from_fov(values[:, 3], layout.image_size[0]))
+    theta[:, POSE_AND_ZOOM] = values
     theta[:, PRINCIPAL_POINT] = np.asarray(layout.image_size) / 2.0
     return theta

@@ -15,7 +15,6 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 
-TIMES_E3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a @ TIMES_E3 = a x e3
 UNDISTORTING_STEPS = 3  # fixed-point steps before a search for closest points
 
 
@@ -43,13 +42,12 @@ class Projection:
         self._scaled_R[:, :2] *= self.f[:, :, None]
 
     @cached_property
-    def _axes(self) -> Array:
-        return rotation_axes(self.theta[:, ANGLES], self.R)
+    def _zoom_jacobian(self) -> Array:
+        return self.layout.zoom_jacobian(self._given)
 
     @cached_property
-    def _moves_of_axis(self) -> Array:
-        """Derivatives of the optical axis in the world by the angles, (B, 3, 3): ``axis x e3`` in the camera."""
-        return np.asarray(self._axes @ TIMES_E3 @ self.R)
+    def _axes(self) -> Array:
+        return rotation_axes(self.theta[:, ANGLES], self.R)
 
     @property
     def reach(self) -> float:
@@ -134,32 +132,11 @@ class Projection:
         (B, P, N) array
             One row for each free parameter, in the order of theta.
         """
-        law = self.layout.zoom_law_block
-        if law.stop > law.start and np.any(free):
-            J = self._derivatives(s, inverse_depth, n, np.arange(len(free)) < law.start)
-            return self._by_zoom_law(J, len(free))[:, free]
-        return self._derivatives(s, inverse_depth, n, free)
-
-    def _by_zoom_law(self, J: Array, size: int) -> Array:
-        """Derivatives (B, n, N) by theta from those (B, m, N) by the camera evaluated at its zoom."""
-        layout = self.layout
-        assert layout.zoom_law is not None
-        law, lens = layout.zoom_law_block, layout.lens_block
-        whole = np.zeros((len(J), size, J.shape[2]))
-        whole[:, : law.start] = J
-        mx, my, slope, bend, offset = self._given[:, law].T[..., None]
-        u = (self._given[:, LOG_F] - layout.zoom_law.reference)[:, None]
-        by_cx, by_cy = J[:, PRINCIPAL_POINT.start], J[:, PRINCIPAL_POINT.start + 1]
-        whole[:, LOG_F] += mx * by_cx + my * by_cy
-        whole[:, law.start], whole[:, law.start + 1] = u * by_cx, u * by_cy
-        if layout.lens.names:
-            by_a1 = J[:, lens.start]
-            whole[:, LOG_F] += (slope + 2.0 * bend * u) * by_a1
-            whole[:, law.start + 2], whole[:, law.start + 3] = u * by_a1, np.square(u) * by_a1
-        along = np.swapaxes(self.R, 1, 2)  # the optical axis is the last column, e3 in the camera
-        whole[:, law.start + 4] = np.einsum("bk,bkn->bn", along[:, :, 2], J[:, CENTER])
-        whole[:, ANGLES] += offset[..., None] * (self._moves_of_axis @ J[:, CENTER])
-        return whole
+        if self.layout.zoom_law is None:
+            return self._derivatives(s, inverse_depth, n, free)
+        camera = slice(self.layout.zoom_law_block.start)
+        by_camera = self._derivatives(s, inverse_depth, n, np.arange(len(free)) < camera.stop)
+        return np.asarray(np.swapaxes(self._zoom_jacobian[:, camera, free], 1, 2) @ by_camera)
 
     def _derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:
         """`derivatives` of cameras without a zoom law."""
@@ -167,33 +144,17 @@ class Projection:
         n_dd_ds = self.pull(s, n)
         ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # n_dd_ds times minus the third column of ds/dXc
         g = np.array([self.f * n_dd_ds[0], self.f * n_dd_ds[1], -ds_dXc])
-        index = np.flatnonzero(free)
-        column = {int(parameter): row for row, parameter in enumerate(index)}
-        J = np.zeros((g.shape[1], len(index), g.shape[2]))  # each row contiguous
-
-        def rows(block: slice) -> tuple[list[int], slice]:
-            """Members of a block that are free, by their place in it, and their rows of J."""
-            members = [i - block.start for i in range(block.start, block.stop) if i in column]
-            first = column[members[0] + block.start] if members else 0
-            return members, slice(first, first + len(members))
-
-        angles, at = rows(ANGLES)
-        if angles:
+        J = np.zeros((g.shape[1], len(free), g.shape[2]))  # each row contiguous
+        if np.any(free[ANGLES]):
             xc, yc = s / self.f
             moment = np.array([yc * g[2] - g[1], g[0] - xc * g[2], xc * g[1] - yc * g[0]])  # Xc x g
-            J[:, at] = -(self._axes[:, angles] @ np.swapaxes(moment, 0, 1))
-        if LOG_F in column:
-            J[:, column[LOG_F]] = ds_dXc
-        centre, at = rows(CENTER)
-        if centre:
-            J[:, at] = -(np.swapaxes(self.R, 1, 2)[:, centre] @ np.swapaxes(inverse_depth * g, 0, 1))
-        point, at = rows(PRINCIPAL_POINT)
-        if point:
-            J[:, at] = np.swapaxes(n[point], 0, 1)
-        if LOG_ASPECT in column:
-            J[:, column[LOG_ASPECT]] = n[1] * self.real_offset(s)[1]
-        lens, at = rows(layout.lens_block)
-        if lens:
+            J[:, ANGLES] = -(self._axes @ np.swapaxes(moment, 0, 1))
+        J[:, LOG_F] = ds_dXc
+        J[:, CENTER] = -(np.swapaxes(self.R, 1, 2) @ np.swapaxes(inverse_depth * g, 0, 1))
+        J[:, PRINCIPAL_POINT] = np.swapaxes(n, 0, 1)
+        if free[LOG_ASPECT]:
+            J[:, LOG_ASPECT] = n[1] * self.real_offset(s)[1]
+        if np.any(free[layout.lens_block]):
             through = np.array([n[0], self.aspect * n[1]])
-            J[:, at] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through)[lens], 0, 1)
-        return J
+            J[:, layout.lens_block] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through), 0, 1)
+        return J[:, free]

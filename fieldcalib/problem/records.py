@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fieldcalib._json import from_json, to_json
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.observations import Observations, packed
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
+
+SIZES = ("given", "sigma", "limits", "probabilities", "sigmas")  # arrays of a `SizeBlock`
 
 
 def problem_to_record(problem: Problem, frame: int) -> dict[str, Any]:
@@ -74,42 +77,32 @@ def _observations_to_record(observations: Observations, frame: int) -> dict[str,
     }
 
 
+class _Stored(NamedTuple):
+    """The part of a segment that a record keeps: the class of its rows, and its vectors."""
+
+    rows: type[Rows]
+    vectors: Array
+
+
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
-    labels: Mapping[str, Any] = record["labels"]
-    number = {label: index for index, label in enumerate(labels)}
-    parts: dict[str, list[tuple[Array | IntArray, ...]]] = {kind.name: [] for kind in ROWS}
-    for label, part in labels.items():
-        xy = from_json(part["xy"])
-        parts[part["kind"]].append(
-            (
-                xy,
-                np.broadcast_to(from_json(part["weight"]), len(xy)),
-                np.full(len(xy), number[label]),
-                np.broadcast_to(from_json(part["geometry"]), (len(xy), len(part["geometry"]), 3)),
-            )
-        )
-    ends = record["ends"]
-    if ends["label"]:
-        index = np.array([number[label] for label in ends["label"]])
-        parts[EndRows.name].append(
-            (from_json(ends["xy"]), from_json(ends["weight"]), index, from_json(ends["geometry"]))
-        )
+    labels, ends, kinds = record["labels"], record["ends"], {kind.name: kind for kind in ROWS}
+    stored = [_Stored(kinds[part["kind"]], from_json(part["geometry"])) for part in labels.values()]
+    frame = {label: from_json(part["xy"]) for label, part in labels.items()}
+    weights = {label: np.broadcast_to(from_json(part["weight"]), len(frame[label])) for label, part in labels.items()}
     motions = [part["motion"] for part in labels.values()]
-    return Observations(
+    found = Observations(
         tuple(labels),
         image_size,
         (),
         np.arange(len(labels))[None],
-        tuple(_joined(kind, parts[kind.name]) for kind in ROWS),
+        packed(PixelTable.of(labels, [frame], [weights]), stored),
         None if None in motions else from_json(motions),
     )
-
-
-def _joined(kind: type[Rows], parts: list[tuple[Array | IntArray, ...]]) -> Rows:
-    """Rows of one frame, joined from those of its labels."""
-    if not parts:
-        return kind.none(1)
-    return kind(*(np.concatenate(columns)[None] for columns in zip(*parts, strict=True)))
+    if not ends["label"]:
+        return found
+    label = np.array([found.labels.index(one) for one in ends["label"]])
+    xy, weight, geometry = (from_json(ends[name])[None] for name in ("xy", "weight", "geometry"))
+    return found.with_ends(EndRows(xy, weight, label[None], geometry))
 
 
 def layout_to_record(layout: Layout) -> dict[str, Any]:
@@ -123,11 +116,7 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
         "field_size": None
         if size is None
         else {
-            "given": to_json(size.given),
-            "sigma": to_json(size.sigma),
-            "limits": to_json(size.limits),
-            "probabilities": to_json(size.possibilities[0]),
-            "sigmas": to_json(size.possibilities[1]),
+            **{name: to_json(one) for name, one in zip(SIZES, (*size[:3], *size.possibilities), strict=True)},
             "crown": None if size.crown is None else size.crown._asdict(),
         },
     }
@@ -139,9 +128,7 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
     lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
     size = record["field_size"]
     if size is not None:
-        given, sigma, limits, *possible = (
-            from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
-        )
+        given, sigma, limits, *possible = (from_json(size[name]) for name in SIZES)
         crown = size.get("crown")  # older files have none
         size = SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown and Crown(**crown))
     law = record.get("zoom_law")

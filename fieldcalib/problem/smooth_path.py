@@ -39,9 +39,6 @@ class SmoothPath:
     sigma: float
     """Standard deviation of a coordinate of the acceleration, metres per frame squared."""
 
-    def __len__(self) -> int:
-        return len(self.time)
-
     @cached_property
     def coefficients(self) -> Array:
         """c / sigma of each three consecutive frames, (B - 2, 3)."""
@@ -52,7 +49,7 @@ class SmoothPath:
     @cached_property
     def threes(self) -> IntArray:
         """Indices of each three consecutive frames, (B - 2, 3)."""
-        return np.asarray(np.arange(max(len(self) - 2, 0))[:, None] + np.arange(3))
+        return np.asarray(np.arange(max(len(self.time) - 2, 0))[:, None] + np.arange(3))
 
 
 @dataclass(frozen=True, eq=False)

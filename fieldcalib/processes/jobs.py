@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from queue import SimpleQueue
-from threading import Lock
-from types import TracebackType
+from threading import Lock, local
 from typing import ParamSpec, TypeVar
 
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
@@ -43,46 +41,32 @@ class Processes(Executor):
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         self.jobs = jobs
         self._threads = ThreadPoolExecutor(jobs, "process")
-        self._idle: SimpleQueue[OtherProcess | None] = SimpleQueue()
+        self._own = local()  # of each thread: its process
         self._all: set[OtherProcess] = set()
         self._lock = Lock()
         self._is_closed = False
-        for _ in range(jobs):
-            self._idle.put(None)  # to be started
 
     def submit(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Run a function in one of the processes; its result as a future."""
         return self._threads.submit(self._run, function, *args, **kwargs)
 
     def _run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        process = self._idle.get()
-        try:
-            if process is not None and process.has_ended:  # while it had nothing to do
-                self._drop(process)
-                process = None
-            process = process or self._started()
-            return process.run(function, *args, **kwargs)
-        except ProcessEndedError:
-            if process is not None:
-                self._drop(process)
-            process = None
-            raise
-        finally:
-            self._idle.put(process)
+        process: OtherProcess | None = getattr(self._own, "process", None)
+        if process is None or process.has_ended:
+            process = self._own.process = self._started_for(process)
+        return process.run(function, *args, **kwargs)
 
-    def _started(self) -> OtherProcess:
+    def _started_for(self, ended: OtherProcess | None) -> OtherProcess:
+        """A new process, for one that has ended or that was not started yet."""
         process = OtherProcess()
         with self._lock:
-            self._all.add(process)
+            self._all = (self._all - {ended}) | {process}
             is_closed = self._is_closed
+        if ended is not None:
+            ended.close()
         if is_closed:  # in the meantime
-            self._drop(process)
+            process.close()
         return process
-
-    def _drop(self, process: OtherProcess) -> None:
-        with self._lock:
-            self._all.discard(process)
-        process.close()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes; with `wait`, after their tasks."""
@@ -94,9 +78,7 @@ class Processes(Executor):
         for process in left:
             process.close()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: object, traceback: object) -> None:
         """End the processes; after an error or an interrupt, at once."""
         if error is not None:
             self.shutdown(wait=False, cancel_futures=True)

@@ -254,7 +254,7 @@ class _Search:
         left_out = [
             (t, index)
             for t in needy
-            for index in self.observations.in_order(t)
+            for index in self.observations.in_order[t]
             if self._can_do_without(t, [labels[index]])
         ]
         if not left_out:
@@ -301,7 +301,7 @@ class _Search:
         costs, observations = self.costs, evaluation.problem.observations
         given = costs.of_given(evaluation)
         wrong = implausibilities(believed, far=self.options.wide_loss.scale, field=self.options.field)
-        own = evaluation.prior_cost.copy()
+        own = np.zeros(len(given)) if evaluation.prior is None else evaluation.prior.cost.copy()
         own[np.any(list(wrong.values()), axis=0)] = np.inf
 
         # bounds of the final costs, whatever other labels cost: some cameras cannot become the cheapest
@@ -355,7 +355,7 @@ class _Search:
             return ()
         if_kept = np.min(found.cost[:, None] - found.cheapest + found.given, axis=0)
         suspect = found.wrong[best] & (if_kept > found.cost[best] + CERTAIN)
-        suspects = [index for index in self.observations.in_order(t) if suspect[index]]
+        suspects = [index for index in self.observations.in_order[t] if suspect[index]]
         if not self._can_do_without(t, [labels[index] for index in suspects]):
             return ()
         fits = {index: found.fits[best, index] for index in suspects}

@@ -100,7 +100,7 @@ def _approached(
         return start
     part = start if len(index) == len(start.theta) else start.take(index)
     found = levenberg_marquardt(part, max_iterations=iterations, tolerance=tolerance, initial_damping=FAR).evaluation
-    return found if part is start else start.replaced(index, found)
+    return found if part is start else start.replaced(index, found.theta, found.points)
 
 
 def _around_known_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:

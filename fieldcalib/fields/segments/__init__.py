@@ -12,38 +12,23 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.segments.arc import Arc, ArcRows
-from fieldcalib.fields.segments.end import EndRows
-from fieldcalib.fields.segments.line import Line, LineRows
-from fieldcalib.fields.segments.point import Point, PointRows
-from fieldcalib.fields.segments.point_cloud import CloudRows, CurveRows, PointCloud
-from fieldcalib.fields.segments.rows import Rows
-from fieldcalib.fields.segments.segment import Segment
+from fieldcalib.fields.segments.arc import Arc as Arc
+from fieldcalib.fields.segments.arc import ArcRows as ArcRows
+from fieldcalib.fields.segments.end import EndRows as EndRows
+from fieldcalib.fields.segments.line import Line as Line
+from fieldcalib.fields.segments.line import LineRows as LineRows
+from fieldcalib.fields.segments.point import Point as Point
+from fieldcalib.fields.segments.point import PointRows as PointRows
+from fieldcalib.fields.segments.point_cloud import CloudRows, CurveRows
+from fieldcalib.fields.segments.point_cloud import PointCloud as PointCloud
+from fieldcalib.fields.segments.rows import Rows as Rows
+from fieldcalib.fields.segments.segment import Segment as Segment
 
 ObjectSegments: TypeAlias = Mapping[str, Segment]
 
 KINDS: tuple[type[Segment], ...] = (Point, Line, Arc, PointCloud)
 ROWS: tuple[type[Rows], ...] = (LineRows, ArcRows, CurveRows, PointRows, CloudRows, EndRows)
 """The order of the residuals."""
-
-__all__ = [
-    "KINDS",
-    "ROWS",
-    "Arc",
-    "ArcRows",
-    "EndRows",
-    "Line",
-    "LineRows",
-    "ObjectSegments",
-    "Point",
-    "PointCloud",
-    "PointRows",
-    "Rows",
-    "Segment",
-    "boxes",
-    "check_members",
-    "outwards",
-]
 
 
 def outwards(segment: Segment, X: Array, along: Array) -> Array:

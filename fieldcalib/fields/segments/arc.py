@@ -77,6 +77,7 @@ class Arc(Segment):
     v: Vector = (0.0, 1.0, 0.0)
 
     is_arc = True
+    rows = ArcRows
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "center", vector(self.center, "the centre of an Arc"))
@@ -101,11 +102,6 @@ class Arc(Segment):
     def samples(self, count: int) -> Array:
         """Points at equal steps from start to stop, both included, (count, 3)."""
         return self.at(np.linspace(self.start, self.stop, count))
-
-    @property
-    def rows(self) -> type[Rows]:
-        """The class of rows that its labelled pixels are packed in."""
-        return ArcRows
 
     @property
     def vectors(self) -> Array:

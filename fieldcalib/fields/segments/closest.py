@@ -8,8 +8,7 @@ of the real image. Arrays have their components first (`fieldcalib.problem.proje
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,7 +21,6 @@ LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must no
 LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
 CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
 LARGEST_TURN = 0.5  # of a step on a circle, radians
-BEHIND_PENALTY = 1e12  # px^2: added to the squared distance of a sample behind the camera
 
 
 class View(Protocol):
@@ -53,8 +51,7 @@ class View(Protocol):
         """Real offsets of ideal ones, and derivatives of the real offsets along `steps`."""
 
 
-@dataclass(frozen=True, eq=False)
-class ClosestPoints:
+class ClosestPoints(NamedTuple):
     """The closest points of B x M residuals."""
 
     r: Array
@@ -68,7 +65,7 @@ class ClosestPoints:
 
     def columns(self, part: slice | IntArray) -> ClosestPoints:
         """The closest points of some of the residuals."""
-        return ClosestPoints(*(getattr(self, name.name)[..., part] for name in fields(self)))
+        return ClosestPoints(*(values[..., part] for values in self))
 
     def take(self, index: IntArray | slice) -> ClosestPoints:
         """The closest points of the frames `index`."""
@@ -76,19 +73,17 @@ class ClosestPoints:
 
     def replaced(self, index: IntArray, other: ClosestPoints) -> ClosestPoints:
         """The closest points, with `other` in place of the frames `index`."""
-        merged = {name.name: getattr(self, name.name).copy() for name in fields(self)}
-        for name, values in merged.items():
-            values[..., index, :] = getattr(other, name)
-        return ClosestPoints(**merged)
+        merged = ClosestPoints(*(values.copy() for values in self))
+        for values, new in zip(merged, other, strict=True):
+            values[..., index, :] = new
+        return merged
 
     @staticmethod
     def joined(parts: list[ClosestPoints]) -> ClosestPoints:
         """The residuals of all parts, one part after the other."""
         if len(parts) == 1:
             return parts[0]
-        return ClosestPoints(
-            *(np.concatenate([getattr(part, name.name) for part in parts], axis=-1) for name in fields(ClosestPoints))
-        )
+        return ClosestPoints(*(np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)))
 
 
 class CurveSearch:

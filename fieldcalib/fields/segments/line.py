@@ -83,6 +83,7 @@ class Line(Segment):
     end: Vector
 
     is_straight = True
+    rows = LineRows
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", vector(self.start, "the start of a Line"))
@@ -95,11 +96,6 @@ class Line(Segment):
         start, end = np.array(self.start), np.array(self.end)
         count = int(np.ceil(np.linalg.norm(end - start) / spacing)) + 1
         return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
-
-    @property
-    def rows(self) -> type[Rows]:
-        """The class of rows that its labelled pixels are packed in."""
-        return LineRows
 
     @property
     def vectors(self) -> Array:

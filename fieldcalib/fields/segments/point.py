@@ -39,6 +39,7 @@ class Point(Segment):
     X: Vector
 
     is_point = True
+    rows = PointRows
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "X", vector(self.X, "a Point"))
@@ -46,11 +47,6 @@ class Point(Segment):
     def sample(self, spacing: float = 1.0) -> Array:
         """The point itself, as a (1, 3) array."""
         return np.array([self.X])
-
-    @property
-    def rows(self) -> type[Rows]:
-        """The class of rows that its labelled pixels are packed in."""
-        return PointRows
 
     @property
     def vectors(self) -> Array:

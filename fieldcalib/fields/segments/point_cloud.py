@@ -7,16 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.fields.segments.closest import (
-    BEHIND_PENALTY,
-    ClosestPoints,
-    CurveSearch,
-    View,
-    at_points,
-    away_from_zero,
-)
+from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero
 from fieldcalib.fields.segments.rows import Rows
 from fieldcalib.fields.segments.segment import Segment, Vector, mirrored
+
+BEHIND_PENALTY = 1e12  # px^2: added to the squared distance of a sample behind the camera
 
 
 class CloudRows(Rows):

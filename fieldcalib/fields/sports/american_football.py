@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
@@ -27,23 +26,16 @@ POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the to
 POST = 4.0 * INCH  # diameter of uprights and crossbar
 POSTS_HEIGHT = CROSSBAR + 35.0 * FEET  # NFL; 30 ft above the ground at least in the NCAA
 
-GOAL_X, GOAL_BAR, GOAL_POST = 0.5 * LENGTH, CROSSBAR - 0.5 * POST, 0.5 * (POSTS_APART + POST)
-GOALS = (
-    {"Goal right crossbar": across(GOAL_X, GOAL_POST, -GOAL_BAR)},
-    {"Goal right post bottom": upright(GOAL_X, GOAL_POST, POSTS_HEIGHT, GOAL_BAR)},
-)
 # The border lies outside its inner edge; of the two hash rows of a side, only the inner one is painted.
 _BORDER = Paint(width=BORDER, outwards=0.5 * BORDER)
 _MARKS = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
-PAINT: Mapping[str, Paint] = MappingProxyType(
-    {
-        **dict.fromkeys(("Goal line left", "Goal line right"), Paint(width=GOAL_LINE_WIDTH)),
-        **dict.fromkeys(("Side line", "End line"), _BORDER),
-        **dict.fromkeys(("Goal left", "Goal right"), Paint(colour=YELLOW)),
-        **dict.fromkeys(("Side hash row", "Hash row bottom inner", "Hash row top inner"), _MARKS),
-        **dict.fromkeys(("Hash row bottom outer", "Hash row top outer", "Number row"), UNPAINTED),
-    }
-)
+PAINT: Mapping[str, Paint] = {
+    **dict.fromkeys(("Goal line left", "Goal line right"), Paint(width=GOAL_LINE_WIDTH)),
+    **dict.fromkeys(("Side line", "End line"), _BORDER),
+    **dict.fromkeys(("Goal left", "Goal right"), Paint(colour=YELLOW)),
+    **dict.fromkeys(("Side hash row", "Hash row bottom inner", "Hash row top inner"), _MARKS),
+    **dict.fromkeys(("Hash row bottom outer", "Hash row top outer", "Number row"), UNPAINTED),
+}
 
 
 @dataclass(frozen=True)
@@ -62,24 +54,22 @@ class Rules:
     """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field american-football-nfl`."""
 
 
-RULES: Mapping[str, Rules] = MappingProxyType(
-    {
-        "nfl": Rules(
-            hashes=18.5 * FEET,
-            gap=8.0 * INCH,
-            numbers=12.0 * YARD,
-            try_mark=2.0 * YARD,
-            probability=ProbabilityModel((1.87, -3.41, -0.54, -0.32, -0.2)),
-        ),
-        "ncaa": Rules(
-            hashes=40.0 * FEET,
-            gap=4.0 * INCH,
-            numbers=7.0 * YARD,
-            try_mark=3.0 * YARD,
-            probability=ProbabilityModel((1.49, -3.19, -0.61, 0.02, -0.62)),
-        ),
-    }
-)
+RULES: Mapping[str, Rules] = {
+    "nfl": Rules(
+        hashes=18.5 * FEET,
+        gap=8.0 * INCH,
+        numbers=12.0 * YARD,
+        try_mark=2.0 * YARD,
+        probability=ProbabilityModel((1.87, -3.41, -0.54, -0.32, -0.2)),
+    ),
+    "ncaa": Rules(
+        hashes=40.0 * FEET,
+        gap=4.0 * INCH,
+        numbers=7.0 * YARD,
+        try_mark=3.0 * YARD,
+        probability=ProbabilityModel((1.49, -3.19, -0.61, 0.02, -0.62)),
+    ),
+}
 
 
 def american_football(rules: str = "nfl") -> Field:
@@ -126,10 +116,7 @@ def american_football(rules: str = "nfl") -> Field:
     one = RULES[rules]
     return court(
         (LENGTH, WIDTH),
-        *_lines(one),
-        _rows(one),
-        *GOALS,
-        *_hash_points(one),
+        *_quarter(one),
         line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(5.0, 75.0), up=(3.0, 50.0)),
         farthest_camera=300.0,
@@ -139,8 +126,11 @@ def american_football(rules: str = "nfl") -> Field:
     )
 
 
-def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
+def _quarter(rules: Rules) -> Iterator[dict[str, Segment]]:
+    """Lines and corners, rows of marks and numbers as lines through their ends, the goal, and ends of marks."""
     end, side, goal, yard_line = 0.5 * LENGTH, 0.5 * WIDTH, GOAL_LINE + 0.5 * GOAL_LINE_WIDTH, 0.5 * WIDTH - rules.gap
+    inner, numbers = 0.5 * rules.hashes, side - rules.numbers
+    post, bar = 0.5 * (POSTS_APART + POST), CROSSBAR - 0.5 * POST
     yield {
         "End line right": across(end, side),
         "Goal line right": across(goal, side),
@@ -152,22 +142,14 @@ def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
         "Goal line and side line right bottom": Point((goal, side, 0.0)),
     }
     yield {"Side line bottom": along(end, side), "Yard line 50": across(0.0, yard_line)}
-
-
-def _hash_points(rules: Rules) -> Iterator[dict[str, Segment]]:
-    y = 0.5 * rules.hashes
-    yield {f"Hash right {yards} bottom": Point((x, y, 0.0)) for yards, x in YARD_LINES.items()}
-    yield {"Hash 50 bottom": Point((0.0, y, 0.0))}
-
-
-def _rows(rules: Rules) -> dict[str, Segment]:
-    """Rows of marks and numbers, as lines through their ends."""
-    side, inner = 0.5 * WIDTH, 0.5 * rules.hashes
-    numbers = side - rules.numbers
-    return {
+    yield {
         "Hash row bottom inner": along(49.0 * YARD, inner),
         "Hash row bottom outer": along(49.0 * YARD, inner + HASH_LENGTH),
         "Side hash row bottom": along(49.0 * YARD, side - rules.gap - HASH_LENGTH),
         "Number row bottom inner": along(42.0 * YARD, numbers - NUMBER_HEIGHT),
         "Number row bottom outer": along(42.0 * YARD, numbers),
     }
+    yield {"Goal right crossbar": across(end, post, -bar)}
+    yield {"Goal right post bottom": upright(end, post, POSTS_HEIGHT, bar)}
+    yield {f"Hash right {yards} bottom": Point((x, inner, 0.0)) for yards, x in YARD_LINES.items()}
+    yield {"Hash 50 bottom": Point((0.0, inner, 0.0))}

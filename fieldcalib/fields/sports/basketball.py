@@ -134,70 +134,48 @@ def basketball(rules: str = "fiba") -> Field:
     >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
     '28-foot mark left bottom'
     """
-    match rules:
-        case "fiba":
-            measures, more = FIBA, _only_fiba()
-        case "nba":
-            measures, more = NBA, _only_nba()
-        case _:
-            raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
+    if rules not in PROBABILITY:
+        raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
+    m, more = (FIBA, _only_fiba()) if rules == "fiba" else (NBA, _only_nba())
     return court(
-        (measures.length, measures.width),
-        {**_court(measures), **_three_points(measures), **_lane(measures), **_basket(measures)},
+        (m.length, m.width),
+        _quarter(m),
         more,
-        line_width=measures.line_width,
-        stands=stands_beside(
-            measures.length, measures.width, away=(4.0, 35.0), up=(1.5, 15.0), principal_point=PRINCIPAL_POINT
-        ),
+        line_width=m.line_width,
+        stands=stands_beside(m.length, m.width, away=(4.0, 35.0), up=(1.5, 15.0), principal_point=PRINCIPAL_POINT),
         farthest_camera=80.0,
         surface="wood",
         probability=PROBABILITY[rules],
     )
 
 
-def _court(m: Measures) -> dict[str, Segment]:
-    side, beyond = m.side, 0.5 * m.width + m.line_width + m.beyond
-    return {
-        "Side line bottom": along(m.end, side),
-        "Centre line": across(0.0, beyond if m.beyond else side),
-        "Centre circle": Arc(CENTRE, m.circle - 0.5 * m.line_width),
-        "End line right": across(m.end, side),
-    }
-
-
-def _three_points(m: Measures) -> dict[str, Segment]:
-    basket, (radius, y) = 0.5 * m.length - m.basket, (outer - 0.5 * m.line_width for outer in m.three_point)
-    turn = float(np.arcsin(y / radius))
-    return {
-        "Three-point arc right": Arc((basket, 0.0, 0.0), radius, np.pi - turn, np.pi + turn),
-        **with_top(
-            {"Three-point line right bottom": on_ground((basket - radius * float(np.cos(turn)), y), (m.end, y))}
-        ),
-    }
-
-
-def _lane(m: Measures) -> dict[str, Segment]:
-    half = 0.5 * m.line_width
-    y, x = 0.5 * m.lane_width - half, 0.5 * m.length - m.free_throw_line + half
-    return {
-        "Lane right bottom": on_ground((x, y), (m.end, y)),
-        "Free-throw line right": across(x, y),
-        "Free-throw circle right": Arc((x, 0.0, 0.0), m.circle - half, 0.5 * np.pi, 1.5 * np.pi),
-    }
-
-
-def _basket(m: Measures) -> dict[str, Segment]:
-    """Rim and backboard, and the lines of the no-charge semicircle below."""
+def _quarter(m: Measures) -> dict[str, Segment]:
+    """The lines of both rule books, the backboard and the rim."""
+    half, beyond = 0.5 * m.line_width, 0.5 * m.width + m.line_width + m.beyond
     basket, board = 0.5 * m.length - m.basket, 0.5 * m.length - m.backboard
-    radius, y, (lower, upper) = m.no_charge + 0.5 * m.line_width, 0.5 * m.board[0], m.board[1:]
-    ring, height = m.ring
+    lane, free_throw = 0.5 * m.lane_width - half, 0.5 * m.length - m.free_throw_line + half
+    no_charge = m.no_charge + half
+    arc, arc_y = (outer - half for outer in m.three_point)
+    turn = float(np.arcsin(arc_y / arc))
+    (board_width, lower, upper), (ring, height) = m.board, m.ring
     return {
-        "No-charge arc right": Arc((basket, 0.0, 0.0), radius, 0.5 * np.pi, 1.5 * np.pi),
-        "No-charge line right bottom": on_ground((basket, radius), (board, radius)),
+        "Side line bottom": along(m.end, m.side),
+        "Centre line": across(0.0, beyond if m.beyond else m.side),
+        "Centre circle": Arc(CENTRE, m.circle - half),
+        "End line right": across(m.end, m.side),
+        "Three-point arc right": Arc((basket, 0.0, 0.0), arc, np.pi - turn, np.pi + turn),
+        **with_top(
+            {"Three-point line right bottom": on_ground((basket - arc * float(np.cos(turn)), arc_y), (m.end, arc_y))}
+        ),
+        "Lane right bottom": on_ground((free_throw, lane), (m.end, lane)),
+        "Free-throw line right": across(free_throw, lane),
+        "Free-throw circle right": Arc((free_throw, 0.0, 0.0), m.circle - half, 0.5 * np.pi, 1.5 * np.pi),
+        "No-charge arc right": Arc((basket, 0.0, 0.0), no_charge, 0.5 * np.pi, 1.5 * np.pi),
+        "No-charge line right bottom": on_ground((basket, no_charge), (board, no_charge)),
         "Rim right": Arc((basket, 0.0, -height), ring + 0.5 * RING_STEEL),
-        "Backboard right upper": across(board, y, -upper),
-        "Backboard right lower": across(board, y, -lower),
-        "Backboard right bottom": upright(board, y, upper, lower),
+        "Backboard right upper": across(board, 0.5 * board_width, -upper),
+        "Backboard right lower": across(board, 0.5 * board_width, -lower),
+        "Backboard right bottom": upright(board, 0.5 * board_width, upper, lower),
     }
 
 

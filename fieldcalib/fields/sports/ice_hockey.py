@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from types import MappingProxyType
 
 import numpy as np
 
@@ -124,7 +123,7 @@ IIHF = Rules(
     goal=(1.83, 1.22),
     probability=ProbabilityModel((1.07, -3.18, -0.81, 0.04, -0.43)),
 )
-FIXED: Mapping[str, Rules] = MappingProxyType({"nhl": NHL, "nhl-2013": NHL_2013})
+FIXED: Mapping[str, Rules] = {"nhl": NHL, "nhl-2013": NHL_2013}
 
 
 def ice_hockey(rules: str = "nhl") -> Field:
@@ -174,7 +173,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
         return ice_hockey_iihf()
     if rules not in FIXED:
         raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
-    return replace(_rink(FIXED[rules]), size_known=True)
+    return _rink(FIXED[rules], size_known=True)
 
 
 def ice_hockey_iihf(
@@ -210,25 +209,22 @@ def ice_hockey_iihf(
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
     if not 7.0 <= corner_radius <= 8.5:
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")
-    rink = _rink(replace(IIHF, length=length, width=width, corner_radius=corner_radius))
+    rules = replace(IIHF, length=length, width=width, corner_radius=corner_radius)
     model = SizePrior(LEGAL_IIHF, USUAL_IIHF, build=ice_hockey_iihf, rules="the rule book")
-    return replace(rink, size_model=model, size_known=size_known)
+    return _rink(rules, size_known, model)
 
 
-def _rink(rules: Rules) -> Field:
+def _rink(rules: Rules, size_known: bool, size_model: SizePrior | None = None) -> Field:
     rink = court(
         (rules.length, rules.width),
-        *_boards(rules),
-        *_lines(rules),
-        _ends(rules),
-        *_goals(rules),
-        *_intersections(rules),
+        *_quarter(rules),
         line_width=rules.line,
         stands=stands_beside(rules.length, rules.width, away=(5.0, 45.0), up=(3.0, 25.0)),
         farthest_camera=120.0,
         lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
         surface="ice",
-        size_known=False,
+        size_model=size_model,
+        size_known=size_known,
         probability=rules.probability,
     )
     return replace(rink, paint=_paint(rules, rink.segments))
@@ -245,38 +241,52 @@ def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
     return found | {"Centre spot": Paint(width=rules.centre_spot, colour=BLUE)}
 
 
-def _boards(rules: Rules) -> Iterator[dict[str, Segment]]:
-    end, side, r = 0.5 * rules.length, 0.5 * rules.width, rules.corner_radius
+def _quarter(rules: Rules) -> Iterator[dict[str, Segment]]:
+    """Boards and lines, the marks of the ends, goals and creases, and the points where lines meet."""
+    end, side, r, half = 0.5 * rules.length, 0.5 * rules.width, rules.corner_radius, 0.5 * rules.line
+    goal, blue, half_wide = end - rules.goal_line, end - rules.blue_line, 0.5 * rules.wide_line
+    goal_corner = side - r + float(np.sqrt(r**2 - (r - rules.goal_line) ** 2))  # where goal line and boards meet
     yield {"End board right": across(end, side - r)}
     yield {"Side board bottom": along(end - r, side)}
     yield {"Corner board right bottom": Arc((end - r, side - r, 0.0), r, 0.0, 0.5 * np.pi)}
-
-
-def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
-    side, half, blue = 0.5 * rules.width, 0.5 * rules.wide_line, _blue_line(rules)
     yield {
         "Centre line": across(0.0, side),
-        "Goal line right": across(0.5 * rules.length - rules.goal_line, _end_of_goal_line(rules)),
+        "Goal line right": across(goal, goal_corner),
         "Blue line right": across(blue, side),
-        "Blue line right inner edge": across(blue - half, side),
-        "Blue line right outer edge": across(blue + half, side),
-        "Centre line right edge": across(half, side),
+        "Blue line right inner edge": across(blue - half_wide, side),
+        "Blue line right outer edge": across(blue + half_wide, side),
+        "Centre line right edge": across(half_wide, side),
     }
-
-
-def _end_of_goal_line(rules: Rules) -> float:
-    """Distance from the middle of the rink to where the goal line meets the corner of the boards."""
-    r = rules.corner_radius
-    return 0.5 * rules.width - r + float(np.sqrt(r**2 - (r - rules.goal_line) ** 2))
-
-
-def _blue_line(rules: Rules) -> float:
-    return 0.5 * rules.length - rules.blue_line
+    yield _ends(rules)
+    radius, (at_goal, at_boards), circle = rules.crease - half, rules.trapezoid, rules.circle - half
+    y = min(0.5 * rules.crease_width - half, radius)
+    angle = float(np.arcsin(y / radius))
+    straight = {} if y == radius else {"Crease right bottom": on_ground((goal - radius * np.cos(angle), y), (goal, y))}
+    yield {
+        "Crease right": Arc((goal, 0.0, 0.0), radius, np.pi - angle, np.pi + angle),
+        **right_goal(goal, *rules.goal, POST),
+    }
+    yield {
+        "Trapezoid right bottom": on_ground((goal, at_goal), (end, at_boards)),
+        "Goal line and trapezoid right bottom": Point((goal, at_goal, 0.0)),
+        **straight,
+    }
+    yield {"Referee crease bottom": Arc((0.0, side, 0.0), rules.referee - half, -np.pi, 0.0)}
+    yield {
+        "Goal line and boards right bottom": Point((goal, goal_corner, 0.0)),
+        "Blue line and boards right bottom": Point((blue, side, 0.0)),
+    }
+    yield {
+        "Centre line and boards bottom": Point((0.0, side, 0.0)),
+        "Centre line and centre circle bottom": Point((0.0, circle, 0.0)),
+        "Centre circle": Arc(CENTRE, circle),
+        "Centre spot": Point(CENTRE),
+    }
 
 
 def _ends(rules: Rules) -> dict[str, Segment]:
     """Spots and circles of ends and neutral zone, hash marks and L marks."""
-    neutral = _blue_line(rules) - 0.5 * rules.wide_line - rules.neutral_spot
+    neutral = 0.5 * rules.length - rules.blue_line - 0.5 * rules.wide_line - rules.neutral_spot
     found: dict[str, Segment] = {}
     for (side, left), (end, top) in product((("left", -1.0), ("right", 1.0)), (("top", -1.0), ("bottom", 1.0))):
         x, y = left * (0.5 * rules.length - rules.circle_x), top * rules.spots_y
@@ -306,39 +316,4 @@ def _marks(rules: Rules, spot: tuple[float, float], signs: tuple[float, float], 
         **{f"L mark {name} {way}": leg for way, leg in legs.items()},
         f"L mark {name} corner": Point(legs["along"].start),
         **{f"L mark {name} {way} end": Point(leg.end) for way, leg in legs.items()},
-    }
-
-
-def _goals(rules: Rules) -> Iterator[dict[str, Segment]]:
-    """Goals, creases, trapezoids and the referee's crease."""
-    half, end = 0.5 * rules.line, 0.5 * rules.length
-    goal, radius = end - rules.goal_line, rules.crease - half
-    y = min(0.5 * rules.crease_width - half, radius)
-    angle = float(np.arcsin(y / radius))
-    at_goal, at_boards = rules.trapezoid
-    straight = {} if y == radius else {"Crease right bottom": on_ground((goal - radius * np.cos(angle), y), (goal, y))}
-    yield {
-        "Crease right": Arc((goal, 0.0, 0.0), radius, np.pi - angle, np.pi + angle),
-        **right_goal(goal, *rules.goal, POST),
-    }
-    yield {
-        "Trapezoid right bottom": on_ground((goal, at_goal), (end, at_boards)),
-        "Goal line and trapezoid right bottom": Point((goal, at_goal, 0.0)),
-        **straight,
-    }
-    yield {"Referee crease bottom": Arc((0.0, 0.5 * rules.width, 0.0), rules.referee - half, -np.pi, 0.0)}
-
-
-def _intersections(rules: Rules) -> Iterator[dict[str, Segment]]:
-    side, circle = 0.5 * rules.width, rules.circle - 0.5 * rules.line
-    goal = 0.5 * rules.length - rules.goal_line
-    yield {
-        "Goal line and boards right bottom": Point((goal, _end_of_goal_line(rules), 0.0)),
-        "Blue line and boards right bottom": Point((_blue_line(rules), side, 0.0)),
-    }
-    yield {
-        "Centre line and boards bottom": Point((0.0, side, 0.0)),
-        "Centre line and centre circle bottom": Point((0.0, circle, 0.0)),
-        "Centre circle": Arc(CENTRE, circle),
-        "Centre spot": Point(CENTRE),
     }

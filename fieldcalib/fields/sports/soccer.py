@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.segments import Arc, Point, Segment
+from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_TRIBUNE, SOCCER_SCALE
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
@@ -82,13 +83,20 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
 @lru_cache(maxsize=64)
 def _pitch(length: float, width: float, size_known: bool) -> Field:
     """The field of a size, built once: fields are immutable, and each caches what is derived from it."""
-    x_goal, y_side = length / 2.0, width / 2.0
-    segments: dict[str, Segment] = {}
-    segments.update(_outline(x_goal, y_side))
-    for side, sign in (("left", -1.0), ("right", 1.0)):
-        segments.update(_half(side, sign, x_goal))
-    segments.update(_centre_circle())
-    segments.update(_named_points(x_goal, y_side))
+    x_goal, y_side, quarter = length / 2.0, width / 2.0, np.pi / 2.0
+    segments = {
+        "Side line top": along(x_goal, -y_side),
+        "Side line bottom": along(x_goal, y_side),
+        "Side line left": across(-x_goal, y_side),
+        "Side line right": across(x_goal, y_side),
+        "Middle line": across(0.0, y_side),
+        **_half("left", -1.0, x_goal),
+        **_half("right", 1.0, x_goal),
+        "Circle central": Arc(CENTRE, CIRCLE_RADIUS),
+        "Circle central left": Arc(CENTRE, CIRCLE_RADIUS, quarter, 3.0 * quarter),
+        "Circle central right": Arc(CENTRE, CIRCLE_RADIUS, -quarter, quarter),
+        **_named_points(x_goal, y_side),
+    }
     return Field(
         length,
         width,
@@ -112,16 +120,6 @@ def soccer_points(points: Mapping[str, Point]) -> Field:
     return replace(soccer(), length=length, width=width, segments=points, paint={}, halves={}, size_model=None)
 
 
-def _outline(x_goal: float, y_side: float) -> dict[str, Segment]:
-    return {
-        "Side line top": Line((-x_goal, -y_side, 0.0), (x_goal, -y_side, 0.0)),
-        "Side line bottom": Line((-x_goal, y_side, 0.0), (x_goal, y_side, 0.0)),
-        "Side line left": Line((-x_goal, -y_side, 0.0), (-x_goal, y_side, 0.0)),
-        "Side line right": Line((x_goal, -y_side, 0.0), (x_goal, y_side, 0.0)),
-        "Middle line": Line((0.0, -y_side, 0.0), (0.0, y_side, 0.0)),
-    }
-
-
 def _half(side: str, sign: float, x_goal: float) -> dict[str, Segment]:
     """Penalty area, goal area, goal and penalty arc of one half; x grows with `sign` towards its goal."""
     segments: dict[str, Segment] = {}
@@ -131,13 +129,13 @@ def _half(side: str, sign: float, x_goal: float) -> dict[str, Segment]:
     ):
         x_main, y = sign * (x_goal - depth), box_width / 2.0
         x_left, x_right = sorted((x_main, sign * x_goal))
-        segments[f"{name} {side} top"] = Line((x_left, -y, 0.0), (x_right, -y, 0.0))
-        segments[f"{name} {side} bottom"] = Line((x_left, y, 0.0), (x_right, y, 0.0))
-        segments[f"{name} {side} main"] = Line((x_main, -y, 0.0), (x_main, y, 0.0))
-    x, y, z = sign * x_goal, GOAL_WIDTH / 2.0, -GOAL_HEIGHT
-    segments[f"Goal {side} crossbar"] = Line((x, -y, z), (x, y, z))
-    segments[f"Goal {side} post left"] = Line((x, -sign * y, z), (x, -sign * y, 0.0))
-    segments[f"Goal {side} post right"] = Line((x, sign * y, z), (x, sign * y, 0.0))
+        segments[f"{name} {side} top"] = on_ground((x_left, -y), (x_right, -y))
+        segments[f"{name} {side} bottom"] = on_ground((x_left, y), (x_right, y))
+        segments[f"{name} {side} main"] = across(x_main, y)
+    x, y = sign * x_goal, GOAL_WIDTH / 2.0
+    segments[f"Goal {side} crossbar"] = across(x, y, -GOAL_HEIGHT)
+    segments[f"Goal {side} post left"] = upright(x, -sign * y, GOAL_HEIGHT)
+    segments[f"Goal {side} post right"] = upright(x, sign * y, GOAL_HEIGHT)
     half_angle = np.arccos((PENALTY_AREA_DEPTH - PENALTY_MARK_DISTANCE) / CIRCLE_RADIUS)
     towards_centre = 0.0 if sign < 0.0 else np.pi
     mark = (sign * (x_goal - PENALTY_MARK_DISTANCE), 0.0, 0.0)
@@ -145,19 +143,10 @@ def _half(side: str, sign: float, x_goal: float) -> dict[str, Segment]:
     return segments
 
 
-def _centre_circle() -> dict[str, Segment]:
-    centre, quarter = (0.0, 0.0, 0.0), np.pi / 2.0
-    return {
-        "Circle central": Arc(centre, CIRCLE_RADIUS),
-        "Circle central left": Arc(centre, CIRCLE_RADIUS, quarter, 3.0 * quarter),
-        "Circle central right": Arc(centre, CIRCLE_RADIUS, -quarter, quarter),
-    }
-
-
 def _named_points(x_goal: float, y_side: float) -> dict[str, Segment]:
     """SoccerNet's field points: T and B are far and near (top and bottom for goals), L and R as in the image."""
     points: dict[str, tuple[float, float, float]] = {
-        "CENTER_MARK": (0.0, 0.0, 0.0),
+        "CENTER_MARK": CENTRE,
         "T_TOUCH_AND_HALFWAY_LINES_INTERSECTION": (0.0, -y_side, 0.0),
         "B_TOUCH_AND_HALFWAY_LINES_INTERSECTION": (0.0, y_side, 0.0),
         "T_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION": (0.0, -CIRCLE_RADIUS, 0.0),
@@ -166,14 +155,11 @@ def _named_points(x_goal: float, y_side: float) -> dict[str, Segment]:
     arc_depth = PENALTY_AREA_DEPTH - PENALTY_MARK_DISTANCE
     arc_y = np.sqrt(CIRCLE_RADIUS**2 - arc_depth**2)
     for side, sign in (("L", -1.0), ("R", 1.0)):
+        x_area = sign * (x_goal - PENALTY_AREA_DEPTH)
         points[f"{side}_PENALTY_MARK"] = (sign * (x_goal - PENALTY_MARK_DISTANCE), 0.0, 0.0)
         for tb, y_sign in (("T", -1.0), ("B", 1.0)):
             points[f"{tb}{side}_PITCH_CORNER"] = (sign * x_goal, y_sign * y_side, 0.0)
-            points[f"{tb}{side}_16M_LINE_AND_PENALTY_ARC_INTERSECTION"] = (
-                sign * (x_goal - PENALTY_AREA_DEPTH),
-                y_sign * arc_y,
-                0.0,
-            )
+            points[f"{tb}{side}_16M_LINE_AND_PENALTY_ARC_INTERSECTION"] = (x_area, y_sign * arc_y, 0.0)
             for area, depth, area_width in (
                 ("PENALTY", PENALTY_AREA_DEPTH, PENALTY_AREA_WIDTH),
                 ("GOAL", GOAL_AREA_DEPTH, GOAL_AREA_WIDTH),

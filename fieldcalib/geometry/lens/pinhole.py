@@ -14,12 +14,9 @@ class Pinhole(Lens):
     """No distortion: real offsets are ideal ones, and there are no coefficients. For the methods see `Lens`."""
 
     name: ClassVar[str] = "pinhole"
-    names: ClassVar[tuple[str, ...]] = ()
-    opencv_names: ClassVar[tuple[str, ...]] = ()
+    names = opencv_names = ()
     estimable: ClassVar[int] = 0
-    least: ClassVar[Array] = constant()
-    mean: ClassVar[Array] = constant()
-    sigma: ClassVar[Array] = constant()
+    least = mean = sigma = constant()
 
     def distort(self, s: Array, b: Array) -> Array:
         """The offsets themselves."""
