@@ -40,7 +40,7 @@ def no_thread_is_left():
     yield
     left = [thread for thread in threading.enumerate() if thread not in before]
     for thread in left:
-        thread.join(2.0)
+        thread.join(10.0)
     assert not any(thread.is_alive() for thread in left)
 
 
