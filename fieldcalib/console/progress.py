@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import io
 import sys
@@ -152,11 +153,8 @@ def _is_notebook() -> bool:
 
 def _bar(unit: str, total: int | None, initial: int, desc: str) -> tqdm:
     """A bar of tqdm that prints no error if an interrupt hits its construction, as tqdm's own does."""
-    kind: Any
-    if _is_notebook() and importlib.util.find_spec("ipywidgets") is not None:
-        from tqdm.notebook import tqdm as kind
-    else:
-        from tqdm import tqdm as kind
+    in_page = _is_notebook() and importlib.util.find_spec("ipywidgets") is not None
+    kind: Any = importlib.import_module("tqdm.notebook" if in_page else "tqdm").tqdm
 
     class Bar(kind):  # type: ignore[misc]
         disable = True

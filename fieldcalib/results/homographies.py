@@ -53,8 +53,8 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
     fitted = _fitted(X, xy)
     if fitted is None:
         return FieldHomography(exact, np.full((3, 3), np.nan), *4 * [float("nan")])
-    raw = np.linalg.inv(fitted)
-    raw /= raw[2, 2]
+    raw = np.asarray(np.linalg.inv(fitted))
+    raw = raw / raw[2, 2]
     pixels = np.linalg.norm(dehomogenize(homogenize(X) @ fitted.T) - xy, axis=-1)
     metres = np.linalg.norm(dehomogenize(homogenize(xy) @ raw.T) - X, axis=-1)
     return FieldHomography(exact, raw, _rms(pixels), float(pixels.max()), _rms(metres), float(metres.max()))
@@ -76,7 +76,7 @@ def _fitted(X: Array, xy: Array) -> Array | None:
     if len(X) < 4:
         return None
     found, _ = cv2.findHomography(X, xy, 0)
-    return None if found is None else np.asarray(found)
+    return None if found is None else np.asarray(found, dtype=float)
 
 
 def _rms(distances: Array) -> float:

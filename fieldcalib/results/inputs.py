@@ -84,10 +84,12 @@ class Method:
             )
         return network
 
-    def of_pictures(self) -> None:
-        """Raise a ValueError if an option of labelled pixels is given."""
-        if self.image_size is not None:
+    def check(self, *, labelled: bool = False, clip: bool = False) -> None:
+        """Raise a ValueError if an option does not apply to the input."""
+        if self.image_size is not None and not labelled:
             raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
+        if self.camera != "tripod" and not clip:
+            raise ValueError("camera is of clips: give a video, or clip=True with pictures")
 
 
 class Input(Protocol):
@@ -114,7 +116,7 @@ def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
     if isinstance(source, str | os.PathLike):
         return _files(_paths(source), cut, clip)
     if isinstance(source, np.ndarray):
-        return _arrays([source] if source.ndim < 4 else source, cut, clip)
+        return _arrays([source] if source.ndim < 4 else list(source), cut, clip)
     if isinstance(source, Sequence) and len(source) and all(isinstance(one, str | os.PathLike) for one in source):
         return _files([Path(one) for one in source], cut, clip)
     if isinstance(source, Sequence):
@@ -180,6 +182,7 @@ class Labelled:
 
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
+        method.check(labelled=True)
         frames = {id: self._frame(id, one, method) for id, one in self.labels.items()}
         calibrations: dict[str, Calibration] = {}
         losses: dict[str, float] = {}
@@ -221,7 +224,7 @@ class OneByOne:
 
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
-        method.of_pictures()
+        method.check()
         network = method.loaded()
         ids: list[str] = []
         calibrations: list[Calibration] = []
@@ -259,11 +262,13 @@ class Clip:
 
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
-        method.of_pictures()
+        method.check(clip=True)
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
         found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
-        kept = KeptFrames(input.ids, found, dict(source.broken))
+        readable = [id for id in input.ids if id not in source.broken]
+        basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
+        kept = KeptFrames(input.ids, found, dict(source.broken), basis)
         return Results(kept, self.pictures, lambda: (found, source.frames_per_second))
 
 
@@ -276,7 +281,7 @@ class LiveStream:
 
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
-        method.of_pictures()
+        method.check()
         network, ids, basis = method.loaded(), [], {}
         calibrations: list[Calibration] = []
         with (

@@ -87,10 +87,8 @@ def _write_clip(results: Results, video: VideoCalibration, writer: ResultsWriter
         write_clip_results(writer, ClipInput(results.pictures.frames(), progress=False), video, options)
         return
     for id in results.frames.ids:
-        if id in results.broken:
-            writer.add(_broken(results, id))
-        else:
-            writer.add(options.outcome(id, results[id], details={"basis": results.basis[id]}))
+        broken = id in results.broken
+        writer.add(_broken(results, id) if broken else options.outcome(id, results[id]))
     writer.notes = video.notes
     write_clip(writer.out, video, results.frames_per_second or 0.0)
 
