@@ -22,7 +22,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
+from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
 from fieldcalib.problem.labelled_pixels import Pixels, in_left_half
@@ -148,23 +148,18 @@ def _with_halves(object_segments: ObjectSegments, observations: Observations, pa
     return replace(table, label=label)
 
 
-def cloud(segment: Segment) -> PointCloud:
-    """The samples that represent a segment other than a line; an arc has 128, both ends included.
+@lru_cache(maxsize=64)
+def cloud_samples(segment: Segment) -> Array:
+    """The samples (S, 3) that represent a segment other than a line; an arc has 128, both ends included.
 
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> cloud(soccer()["Circle left"]).X[[0, -1]].round(2)  # on the edge of the penalty area
+    >>> cloud_samples(soccer()["Circle left"])[[0, -1]].round(2)  # on the edge of the penalty area
     array([[-36.  ,  -7.31,   0.  ],
            [-36.  ,   7.31,   0.  ]])
     """
-    return PointCloud(tuple(map(tuple, segment.samples(CLOUD_SAMPLES).tolist())))
-
-
-@lru_cache(maxsize=64)
-def _samples(segment: Segment) -> Array:
-    """The samples of `cloud`, (S, 3)."""
-    return cloud(segment).X
+    return segment.samples(CLOUD_SAMPLES)
 
 
 def _line_distances(seen: _Labels) -> Array:
@@ -180,7 +175,7 @@ def _line_distances(seen: _Labels) -> Array:
 
 def _cloud_distances(seen: _Labels) -> Array:
     """NDC distance (P,) of pixels to the nearest samples of their segments."""
-    samples = [_samples(segment) for segment in seen.segments]
+    samples = [cloud_samples(segment) for segment in seen.segments]
     numbers = np.arange(max(map(len, samples)))  # the last sample is repeated
     hx, hy, hz = seen.cameras.points(np.array([X[np.minimum(numbers, len(X) - 1)] for X in samples]))
     hz = np.where(np.abs(hz) < NEARLY_BESIDE, NEARLY_BESIDE, hz)

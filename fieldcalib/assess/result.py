@@ -233,11 +233,11 @@ class Calibration:
 
     def __bool__(self) -> bool:
         """Whether there is a camera to use: the verdict is good or check."""
-        return self.verdict is not Verdict.REJECT
+        return self.accepted
 
     @property
     def accepted(self) -> bool:
-        """Whether the verdict is not reject."""
+        """Whether the status is "accepted": the verdict is then good or check."""
         return self.status is Status.ACCEPTED
 
     @property
