@@ -24,8 +24,8 @@ from fieldcalib.assess.whole_picture import (
     Declared,
     PrincipalPointEvidence,
     _freed,
+    differs_in_aspect,
     features,
-    is_squashed,
     largest_error_of_part,
     score,
     seems_part,
@@ -329,9 +329,9 @@ def test_what_was_squashed_was_a_whole_frame():
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
     thin = Placement((540, 540), SIZE, None).from_frame(found)
     solved = found.uncertainty.camera
-    assert not is_squashed(found.camera, solved)
-    assert is_squashed(thin.camera, solved)
-    assert not is_squashed(found.camera.cropped((0, -90), (960, 720)), solved)
+    assert not differs_in_aspect(found.camera, solved)
+    assert differs_in_aspect(thin.camera, solved)
+    assert not differs_in_aspect(found.camera.cropped((0, -90), (960, 720)), solved)
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():

@@ -35,7 +35,7 @@ NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
 PIXELS_AT_ONCE = 8192  # with the samples of their circles these take some 10 MB
 TINY = 1e-300  # added to the length of a normal: no division by zero
-NEARLY_BESIDE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
+DEPTH_IN_PLANE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
 
 
 def ndc_loss(
@@ -178,7 +178,7 @@ def _cloud_distances(seen: _Labels) -> Array:
     samples = [cloud_samples(segment) for segment in seen.segments]
     numbers = np.arange(max(map(len, samples)))  # the last sample is repeated
     hx, hy, hz = seen.cameras.points(np.array([X[np.minimum(numbers, len(X) - 1)] for X in samples]))
-    hz = np.where(np.abs(hz) < NEARLY_BESIDE, NEARLY_BESIDE, hz)
+    hz = np.where(np.abs(hz) < DEPTH_IN_PLANE, DEPTH_IN_PLANE, hz)
     x, y = hx / hz, hy / hz
     distance = np.empty(len(seen.pair))
     for begin in range(0, len(distance), PIXELS_AT_ONCE):

@@ -115,12 +115,14 @@ class SequenceCalibration(FrameSequence):
         if metres > SURE:
             found.append(f"the field in view is known to {metres:.1f} m only")
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
-            found.append("no line of it tells where its window is: static points hardly tell that from a turn")
+            found.append(
+                "without a line the position of its window is uncertain: static points hardly distinguish it from a turn"
+            )
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
         if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint overrules
-            found.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
+            found.append(f"the parameters that the frames share put its lines {frames.misfit[t]:.0f} px off")
         for x, y, z in self.alternatives.tolist():
-            found.append(f"its camera may as well stand at ({x:.1f}, {y:.1f}, {z:.1f})")
+            found.append(f"a camera at ({x:.1f}, {y:.1f}, {z:.1f}) fits as well")
         if t in frames.doubts:
             found.append(frames.doubts[t])
         return tuple(found)

@@ -92,7 +92,7 @@ class VideoCalibration(FrameSequence):
 
     def _frame(self, t: int) -> Calibration:
         if self.tripod[t] == NO_TRIPOD:
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot tells the camera")
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot determines the camera")
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
         found = tripod[int(self.number[t])]
         return found if self.shape is None else self.shape.in_picture(found)

@@ -1,6 +1,6 @@
 """The prior of cameras as a term of the cost: quadratic, with heavy tails for the lens.
 
-Some lenses displace the corner by a quarter.
+The tails are for lenses that displace the corner by as much as a quarter of its distance from the middle.
 """
 
 from __future__ import annotations

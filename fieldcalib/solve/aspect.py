@@ -21,7 +21,7 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
@@ -110,7 +110,7 @@ def with_likely_aspect(
         for one, other in zip(found, shown, strict=True)
     ]
     in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # in pixels of the picture
-    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
+    return [with_border_complaint(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
 
 
 def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:

@@ -79,7 +79,7 @@ class Ties:
         return len(self.pairs)
 
     @property
-    def some_tie(self) -> BoolArray:
+    def is_tied(self) -> BoolArray:
         """Mask (T,) of the frames that are in a pair."""
         return np.isin(np.arange(self.count), [self.pairs.first, self.pairs.second])
 
@@ -150,7 +150,7 @@ def _checked_match(
     return p, q
 
 
-def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
+def averaged_over_cells(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
     """Average matched pixels (N, 2) over the cells of the first frame; it is idempotent.
 
     Pixels of the second frame are averaged relative to a quadratic map between the frames, which is not linear in a
@@ -160,7 +160,7 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
     --------
     >>> x, y = np.meshgrid(np.arange(5.0, 960.0, 10.0), np.arange(5.0, 540.0, 10.0))
     >>> p = np.stack([x, y], axis=-1).reshape(-1, 2)
-    >>> cells, moved = thinned(p, 1.1 * p + (3.0, -5.0), (960, 540))
+    >>> cells, moved = averaged_over_cells(p, 1.1 * p + (3.0, -5.0), (960, 540))
     >>> cells.shape, bool(np.allclose(moved, 1.1 * cells + (3.0, -5.0)))
     ((60, 2), True)
     """
