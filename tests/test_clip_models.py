@@ -20,7 +20,7 @@ from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.ties import averaged_over_cells
+from fieldcalib.solve.ties import cell_means
 
 FIELD = soccer()
 
@@ -30,11 +30,7 @@ def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
     rng, size, count = np.random.default_rng(seed), cameras[0].image_size, len(cameras)
     pieces = Pieces(np.array(piece or [0] * count))
     found = matched(cameras, chain(count, 1, 2), rng)
-    matches = {
-        pair: averaged_over_cells(p, q, size)
-        for pair, (p, q) in found.items()
-        if np.ptp(pieces.number[list(pair)]) == 0
-    }
+    matches = {pair: cell_means(p, q, size) for pair, (p, q) in found.items() if np.ptp(pieces.number[list(pair)]) == 0}
     frames = [frame.pixels for frame in labelled(cameras, FIELD, rng, noise)]
     labels = {t: KeyframeLabels(PixelTable.of(FIELD, [pixels])) for t, pixels in enumerate(frames)}
     shots = Shots(0, size, pieces, np.array(loose or [False] * count), matches)

@@ -115,9 +115,7 @@ class SequenceCalibration(FrameSequence):
         if metres > SURE:
             found.append(f"the field in view is known to {metres:.1f} m only")
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
-            found.append(
-                "without a line the position of its window is uncertain: static points hardly distinguish it from a turn"
-            )
+            found.append("without a line the position of its window is uncertain: static points hardly determine it")
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
         if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint overrules
             found.append(f"the parameters that the frames share put its lines {frames.misfit[t]:.0f} px off")

@@ -126,9 +126,7 @@ def calibrate_labels(
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Check the labels of frames of one size and calibrate them, from initial cameras if these are given."""
-    checked, pixel_weights = checked_labels_of_frames(
-        task.object_segments, frames, weights, checked_image_size(image_size)
-    )
+    checked, pixel_weights = checked_batch(task.object_segments, frames, weights, checked_image_size(image_size))
     table = PixelTable.of(task.object_segments, checked, pixel_weights)
     found = calibrate_pixels(task, table, image_size, cameras, executor=executor)
     return [with_border_complaint(task.object_segments, *pair) for pair in zip(checked, found, strict=True)]
@@ -171,7 +169,7 @@ def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:
     return np.array([options.layout.theta(camera) for camera in cameras])
 
 
-def checked_labels_of_frames(
+def checked_batch(
     object_segments: ObjectSegments,
     frames: Iterable[ImageSegments],
     weights: Iterable[Weights] | None,
