@@ -81,7 +81,7 @@ def _bend(frames: FrameTable, run: IntArray, gaps: Gaps) -> Array:
     has, change = frames.has_camera, frames.theta[gaps.after] - frames.theta[gaps.before]
 
     def slope(near: IntArray, far: IntArray) -> Array:
-        """Slope at one end of each gap: from the next frame beyond it if that has a camera, else of a uniform motion."""
+        """Slope at one end of each gap: to the next frame beyond it if that has a camera, else of a uniform motion."""
         far = np.clip(far, 0, len(has) - 1)
         usable = (has[far] & (run[far] == run[near]) & (far != near))[:, None]
         beyond = gaps.length * (far - near)[:, None] * (frames.theta[far] - frames.theta[near])
