@@ -34,12 +34,14 @@ class FrameSequence(Sequence[Calibration]):
     A slice is of the same class. Two sequences are equal if their `to_dict` is.
     """
 
-    what: ClassVar[str]
+    _what: ClassVar[str]
     """Noun for it in messages."""
-    version: ClassVar[int]
+    _version: ClassVar[int]
     """Version of its `to_dict`."""
-    codecs: ClassVar[Mapping[str, Codec]]
+    _codecs: ClassVar[Mapping[str, Codec]]
     """Its attributes in JSON."""
+    _added: ClassVar[frozenset[str]] = frozenset()
+    """Attributes that older files of this version lack, and that are None there."""
 
     @abstractmethod
     def _frame(self, t: int) -> Calibration:
@@ -51,7 +53,7 @@ class FrameSequence(Sequence[Calibration]):
 
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`."""
-        return {"version": self.version} | {name: one.write(getattr(self, name)) for name, one in self.codecs.items()}
+        return {"version": self._version} | {name: one.write(getattr(self, name)) for name, one in self._codecs.items()}
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Self:
@@ -64,16 +66,17 @@ class FrameSequence(Sequence[Calibration]):
         """
         new: Callable[..., Self] = cls
         try:
-            if record["version"] != cls.version:
+            if record["version"] != cls._version:
                 raise ValueError(
-                    f"expected {cls.what} of version {cls.version}, got {record['version']!r}: "
+                    f"expected {cls._what} of version {cls._version}, got {record['version']!r}: "
                     f"another fieldcalib wrote it, use that or calibrate again"
                 )
-            return new(**{name: one.read(record[name]) for name, one in cls.codecs.items()})
+            complete = {**dict.fromkeys(cls._added), **record}
+            return new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
         except KeyError as error:
-            raise ValueError(f"is no calibration of {cls.what}: the key {error} is missing") from None
+            raise ValueError(f"is no calibration of {cls._what}: the key {error} is missing") from None
         except (TypeError, AttributeError) as error:
-            raise ValueError(f"is no calibration of {cls.what}: {error}") from error
+            raise ValueError(f"is no calibration of {cls._what}: {error}") from error
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...

@@ -62,9 +62,9 @@ class SequenceCalibration(FrameSequence):
     SequenceCalibration(names=(), together=0)
     """
 
-    what: ClassVar[str] = "a sequence"
-    version: ClassVar[int] = 3
-    codecs: ClassVar[Mapping[str, Codec]] = {
+    _what: ClassVar[str] = "a sequence"
+    _version: ClassVar[int] = 3
+    _codecs: ClassVar[Mapping[str, Codec]] = {
         "frames": Codec(FrameTable.to_dict, FrameTable.from_dict),
         "names": Codec(list, tuple),
         "values": Codec(to_json, from_json),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -51,9 +51,9 @@ class VideoCalibration(FrameSequence):
     (Shot(start=0, stop=1, tripod=-1),)
     """
 
-    what: ClassVar[str] = "a video"
-    version: ClassVar[int] = 2
-    codecs: ClassVar[Mapping[str, Codec]] = {
+    _what: ClassVar[str] = "a video"
+    _version: ClassVar[int] = 2
+    _codecs: ClassVar[Mapping[str, Codec]] = {
         "tripods": Codec(
             lambda tripods: [one.to_dict() for one in tripods],
             lambda records: tuple(map(SequenceCalibration.from_dict, records)),
@@ -64,6 +64,7 @@ class VideoCalibration(FrameSequence):
         "notes": Codec(list, tuple),
         "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
     }
+    _added: ClassVar[frozenset[str]] = frozenset({"shape"})
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
@@ -162,8 +163,3 @@ class VideoCalibration(FrameSequence):
         if not parts:
             return table.assign(**nothing, **dict.fromkeys(NUMBERS, np.nan))
         return table.join(pandas.concat(parts)).fillna(nothing)
-
-    @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> VideoCalibration:
-        """See `SequenceCalibration.from_dict`."""
-        return super().from_dict({"shape": None, **record})  # older files have none
