@@ -150,8 +150,8 @@ def largest_move(old: Camera | None, new: Camera | None) -> float:
     Examples
     --------
     >>> camera = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 66.0, -16.0), (960, 540))
-    >>> largest_move(camera, camera), round(largest_move(camera, camera.cropped((3.0, 4.0), (960, 540))), 6)
-    (0.0, 5.0)
+    >>> round(largest_move(camera, camera.cropped((3.0, 4.0), (960, 540))), 6)
+    5.0
     """
     if old is None or new is None:
         return float("nan")

@@ -15,7 +15,7 @@ import numpy as np
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes
 from fieldcalib.images.detected_lines import with_replaced
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip
 from fieldcalib.images.pieces import Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -54,7 +54,7 @@ def solve_around(
     held = {t: replace(one, weight=WEIGHT * one.weight) for t, one in anchors.labels.items()}
     known = _with_labels(_with_cuts(keyframes, anchors.cuts), held)
     lines = find_clip_lines(solve_tripods(solve_shots(known)), images(), network)
-    return finish(_with_lines(lines, held))
+    return finish_clip(_with_lines(lines, held))
 
 
 def _with_labels(keyframes: Keyframes, held: Mapping[int, PixelTable]) -> Keyframes:
