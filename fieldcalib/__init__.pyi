@@ -18,6 +18,7 @@ from .assess.result import NoCameraError as NoCameraError
 from .assess.result import Status as Status
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
+from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
 from .fields.field import Field as Field
 from .fields.segments import Arc as Arc

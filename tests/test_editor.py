@@ -47,8 +47,8 @@ def test_marks_that_are_moved_and_relabelled_and_removed(pixels, data):
     assert {label: xy.tolist() for label, xy in marks.pixels.items()} == {k: v.tolist() for k, v in pixels.items()}
     numbers = data.draw(st.sets(st.integers(0, len(marks) - 1))) if len(marks) else set()
     moved = marks.moved(dict.fromkeys(numbers, (1.0, 2.0)))
-    assert [one[1:] == (1.0, 2.0) for one in moved.all] == [
-        k in numbers or one[1:] == (1.0, 2.0) for k, one in enumerate(marks.all)
+    assert [one[1:3] == (1.0, 2.0) for one in moved.all] == [
+        k in numbers or one[1:3] == (1.0, 2.0) for k, one in enumerate(marks.all)
     ]
     assert {one.label for k, one in enumerate(marks.relabelled(numbers, "x").all) if k in numbers} <= {"x"}
     assert len(marks.without(numbers)) == len(marks) - len(numbers)
@@ -204,14 +204,13 @@ def test_a_frame_is_labelled_from_nothing(image, seed):
     assert not editor.calibration
     for label, xy in ends_of(LABELS[:4]).items():
         editor = editor.mark(label, xy + rng.normal(0.0, 2.0, xy.shape))
-    before = worst_in_view(editor.calibration.camera)
     for _ in range(4):
         label, asked, _ = editor.next_mark
         there = on_marking(label, spacing=0.05)
         editor = editor.mark(label, there[np.argmin(np.linalg.norm(there - asked, axis=1))] + rng.normal(0.0, 2.0, 2))
     assert editor.calibration.accepted
     assert len(editor.marks) == 12
-    assert worst_in_view(editor.calibration.camera) < min(5.0, 0.6 * before)
+    assert worst_in_view(editor.calibration.camera) < 1.0  # refined on the image
     assert np.all(editor.click_errors([(-40.0, 0.0, 0.0)]) < 1.0)
 
 
@@ -240,7 +239,7 @@ def test_marks_are_mended(image):
     assert mended.calibration.suspect_labels == ()
     assert editor.remove(numbers).marks == Marks.of(pixels)
     dragged = editor.move({numbers[0]: (480.0, 270.0)}, snap=False)
-    assert dragged.marks.all[numbers[0]] == ("Middle line", 480.0, 270.0)
+    assert dragged.marks.all[numbers[0]] == ("Middle line", 480.0, 270.0, True)
     assert dragged.undo().marks == editor.marks
 
 

@@ -10,6 +10,7 @@ from fieldcalib.console.parser import NEGATIVE, Parser
 
 COMMANDS = {
     "run": "calibrate images or a video",
+    "open": "see, mend and label frames in the browser",
     "localize": "find the markings in images",
     "calibrate": "calibrate annotated frames",
     "evaluate": "score cameras or homographies against annotations",

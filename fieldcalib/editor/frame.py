@@ -15,14 +15,14 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
+from fieldcalib.editor.fitting import fitted
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.snapping import snapped
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.problem.labelled_pixels import nearest_label
-from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.problem.labelled_pixels import Pixels, nearest_label
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 
 NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
@@ -77,10 +77,12 @@ class Known:
 
 @dataclass(frozen=True)
 class Edit:
-    """What a person has said about an image."""
+    """What is said about an image."""
 
     marks: Marks = attribute(default_factory=Marks)
     known: Known = attribute(default_factory=Known)
+    automatic: bool = False
+    """Whether it was found without a person: marks of a network, and a camera that does not follow from them alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,10 @@ class FrameEditor:
     field : Field
     history : History of Edit
         Marks and known values, now and before.
+    base : Calibration, optional
+        The camera that was found without a person.
+    found : Calibration, optional
+        The camera that follows from the marks, where it is known already.
 
     Examples
     --------
@@ -114,6 +120,10 @@ class FrameEditor:
     image: Image
     field: Field
     history: History[Edit]
+    base: Calibration | None = None
+    """The camera that was found without a person."""
+    found: Calibration | None = None
+    """The camera that follows from the marks, where it is known already."""
 
     @classmethod
     def of(
@@ -142,15 +152,32 @@ class FrameEditor:
         return self.history.present.marks
 
     @property
+    def ordered_pixels(self) -> Pixels:
+        """Pixels (N, 2) of the marks by label, in their order along the marking."""
+        return {label: xy[self.field[label].order(xy)] for label, xy in self.marks.pixels.items()}
+
+    @property
     def known(self) -> Known:
         """Known values of camera and field."""
         return self.history.present.known
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The camera that follows from the marks."""
-        size = size_of(self.image)
-        return calibrate_from_segments(self.known.of(self.field), self.marks.pixels, size, **self.known.arguments(size))
+        """The camera that follows from the marks, refined on the image where that agrees with them.
+
+        Until a person changes something, the one that was found without.
+        """
+        if self.is_automatic and self.base is not None:
+            return self.base
+        if self.found is not None:
+            return self.found
+        arguments = self.known.arguments(size_of(self.image))
+        return fitted(self.known.of(self.field), self.image, self.marks, arguments)
+
+    @property
+    def is_automatic(self) -> bool:
+        """Whether a person has changed nothing, or has taken all back."""
+        return self.history.present.automatic
 
     def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
         """Set marks of a label at pixels (2,) or (N, 2), snapped to paint."""
@@ -176,17 +203,32 @@ class FrameEditor:
         """Remove marks."""
         return self._then(marks=self.marks.without(numbers))
 
+    def clear(self) -> FrameEditor:
+        """Remove all marks, to label the image from nothing."""
+        return self._then(marks=Marks())
+
     def know(self, **values: Any) -> FrameEditor:
         """Set known values, see `Known`; None lets them be estimated."""
         return self._then(known=replace(self.known, **values))
 
+    def with_marks(self, marks: Marks) -> FrameEditor:
+        """Replace all marks."""
+        for label in marks.pixels:
+            _check_label(label, self.field)
+        return self._then(marks=marks)
+
+    def automatic(self, marks: Marks) -> FrameEditor:
+        """Go back to the camera that was found without a person, and to the marks of the network."""
+        edit = replace(self.history.present, marks=marks, known=Known(), automatic=True)
+        return replace(self, history=self.history.then(edit), found=None)
+
     def undo(self) -> FrameEditor:
         """Take the last change back."""
-        return replace(self, history=self.history.undone)
+        return replace(self, history=self.history.undone, found=None)
 
     def redo(self) -> FrameEditor:
         """Make the change again that was taken back last."""
-        return replace(self, history=self.history.redone)
+        return replace(self, history=self.history.redone, found=None)
 
     def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
         """The pixel that a click means: on the paint of a line or an arc near by, as it is for other labels."""
@@ -222,7 +264,8 @@ class FrameEditor:
         return click_errors(self.calibration, X)
 
     def _then(self, **changes: Any) -> FrameEditor:
-        return replace(self, history=self.history.then(replace(self.history.present, **changes)))
+        edit = replace(self.history.present, automatic=False, **changes)
+        return replace(self, history=self.history.then(edit), found=None)
 
 
 def _check_label(label: str, field: Field) -> None:

@@ -19,6 +19,8 @@ class Mark(NamedTuple):
     label: str
     x: float
     y: float
+    by_hand: bool = True
+    """Whether a person set it, not a network."""
 
 
 @dataclass(frozen=True)
@@ -32,17 +34,17 @@ class Marks:
     array([[481., 101.],
            [478., 300.]])
     >>> marks.without([0, 2]).all
-    (Mark(label='Middle line', x=478.0, y=300.0),)
+    (Mark(label='Middle line', x=478.0, y=300.0, by_hand=True),)
     """
 
     all: tuple[Mark, ...] = ()
 
     @classmethod
-    def of(cls, pixels: Mapping[str, Iterable[Iterable[float]]]) -> Marks:
+    def of(cls, pixels: Mapping[str, Iterable[Iterable[float]]], *, by_hand: bool = True) -> Marks:
         """Marks at labelled pixels."""
         marks = cls()
         for label, xy in pixels.items():
-            marks = marks.added(label, xy)
+            marks = marks.added(label, xy, by_hand=by_hand)
         return marks
 
     def __len__(self) -> int:
@@ -52,27 +54,32 @@ class Marks:
     def pixels(self) -> Pixels:
         """Pixels (N, 2) by label."""
         found: dict[str, list[tuple[float, float]]] = {}
-        for label, x, y in self.all:
+        for label, x, y, _ in self.all:
             found.setdefault(label, []).append((x, y))
         return {label: np.array(xy) for label, xy in found.items()}
 
-    def added(self, label: str, xy: Iterable[Iterable[float]]) -> Marks:
+    @property
+    def only_by_hand(self) -> Marks:
+        """Those that a person set."""
+        return Marks(tuple(one for one in self.all if one.by_hand))
+
+    def added(self, label: str, xy: Iterable[Iterable[float]], *, by_hand: bool = True) -> Marks:
         """With marks of a label at some pixels."""
-        return Marks((*self.all, *(Mark(label, float(x), float(y)) for x, y in xy)))
+        return Marks((*self.all, *(Mark(label, float(x), float(y), by_hand) for x, y in xy)))
 
     def moved(self, to: Mapping[int, Iterable[float]]) -> Marks:
         """With marks at other pixels, by their numbers."""
         self._check(to)
-        places = {number: tuple(map(float, xy)) for number, xy in to.items()}
+        places = {number: (float(x), float(y)) for number, (x, y) in to.items()}
         return Marks(
             tuple(Mark(one.label, *places[number]) if number in places else one for number, one in enumerate(self.all))
         )
 
     def relabelled(self, numbers: Collection[int], label: str) -> Marks:
-        """With another label for some marks."""
+        """With another label for some marks, which are then set by hand."""
         self._check(numbers)
         return Marks(
-            tuple(one._replace(label=label) if number in numbers else one for number, one in enumerate(self.all))
+            tuple(Mark(label, one.x, one.y) if number in numbers else one for number, one in enumerate(self.all))
         )
 
     def without(self, numbers: Collection[int]) -> Marks:

@@ -19,6 +19,8 @@ class LineLog:
     path : Path
     count : int, optional
         Lines to keep of those that are there; all by default.
+    durable : bool
+        Whether each line is on the disk when `append` returns, whatever happens to the machine then.
 
     Examples
     --------
@@ -32,7 +34,8 @@ class LineLog:
     '{"id": 1}\\n{"id": 2}\\n'
     """
 
-    def __init__(self, path: Path, count: int | None = None) -> None:
+    def __init__(self, path: Path, count: int | None = None, *, durable: bool = False) -> None:
+        self._durable = durable
         self._file = path.open("ab", buffering=0)
         try:
             size = sum(len(line) for index, line in enumerate(whole_lines(path)) if count is None or index < count)
@@ -47,6 +50,10 @@ class LineLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def append(self, line: str) -> None:
@@ -62,6 +69,8 @@ class LineLog:
         try:
             while content:
                 content = content[self._file.write(content) :]
+            if self._durable:
+                os.fsync(self._file.fileno())
         except BaseException:
             self._file.truncate(size)
             raise

@@ -1,0 +1,45 @@
+"""`fieldcalib open`: a page to see, mend and label pictures, clips and results, in the browser."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fieldcalib._extras import imported
+from fieldcalib.console.field_options import add_named_field
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments, which `run` takes."""
+    parser.description = (
+        "Open pictures, a clip or the results of a run in the browser: see the cameras, mend and label frames by "
+        "clicks, save labels and cameras. The address that is printed works on this machine only. Ctrl-C ends it."
+    )
+    parser.add_argument(
+        "source", type=Path, metavar="SOURCE", help="a picture, a folder of pictures, a video, or a folder of results"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder of the results (SOURCE if it is one, or NAME-fieldcalib beside it)",
+    )
+    add_named_field(parser)
+    parser.set_defaults(field=None)
+    parser.add_argument("--port", type=int, default=0, metavar="N", help="of the address (a free one)")
+    parser.add_argument(
+        "--host", default="127.0.0.1", metavar="H", help="address to listen at; others can reach it then (127.0.0.1)"
+    )
+    parser.add_argument("--no-browser", action="store_true", help="print the address only")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the page until it is interrupted; returns the exit code."""
+    imported("starlette", "web", "fieldcalib open")
+    imported("uvicorn", "web", "fieldcalib open")
+    from fieldcalib.editor.editor import Editor
+    from fieldcalib.web.server import serve
+
+    editor = Editor(options.source, options.field, out=options.out)
+    serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
+    return 0

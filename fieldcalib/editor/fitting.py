@@ -1,0 +1,114 @@
+"""The camera of a frame: found by itself, or from the marks of a person, refined on the image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.label_errors import rms_of_labels
+from fieldcalib.assess.result import Calibration
+from fieldcalib.editor.marks import Marks
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.refinement import refine_on_image
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.localize import Network, localize
+from fieldcalib.localize.grid import classes_without_segment
+from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.labelled_pixels import Weights
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import pixel_unit
+
+WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
+MOST_MARKS = 6  # of a label, of those that a network found
+LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
+FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
+
+
+@lru_cache(maxsize=1)
+def included_network() -> Network:
+    """The network that comes with the package, which knows soccer."""
+    from fieldcalib.localize.network import SegmentationNetwork
+
+    return SegmentationNetwork.load(threads=2)
+
+
+def network_of(field: Field) -> Network | None:
+    """The network that knows the markings of a field; None if there is none."""
+    network = included_network()
+    return None if classes_without_segment(network.classes, field) else network
+
+
+def automatic(field: Field, image: Image, network: Network | None) -> tuple[Calibration, Marks]:
+    """The camera that is found without a person, and the labels of the network, a few for each segment."""
+    if network is None:
+        return calibrate_from_segments(field, {}, size_of(image)), Marks()
+    (calibration,) = calibrate_from_images(field, [image], network)
+    return calibration, network_marks(field, image, network)
+
+
+def network_marks(field: Field, image: Image, network: Network) -> Marks:
+    """Labels that a network finds in an image, a few for each segment, in their order along it."""
+    (found,) = localize(field, [image], network)
+    pixels: dict[str, Array] = {}
+    for label, weight in found.weight.items():
+        xy = found.pixels[label]
+        if weight >= LEAST_WEIGHT:
+            some = np.linspace(0, len(xy) - 1, min(len(xy), MOST_MARKS)).round().astype(int)
+            pixels[label] = xy[field[label].order(xy)][some]
+    return Marks.of(pixels, by_hand=False)
+
+
+def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any]) -> Calibration:
+    """The camera that follows from marks, refined on the image where that agrees with the marks of the person.
+
+    Parameters
+    ----------
+    field : Field
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    marks : Marks
+        Those of a network count less.
+    arguments : mapping
+        Keyword arguments of `calibrate_from_segments`.
+    """
+    pixels, weights = marks.pixels, _weights(marks)
+    size = size_of(image)
+    by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
+    if not by_marks.accepted:
+        return by_marks
+    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=arguments["flags"])
+    if refined is by_marks or refined.camera is None or by_marks.camera is None:
+        return by_marks
+    before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
+    return refined if after <= before + FARTHER * pixel_unit(size) else by_marks
+
+
+def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:
+    """Distance (N,) of each mark from the projection of its segment, pixels."""
+    if not marks.all:
+        return np.zeros(0)
+    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])
+    return rms_of_labels(evaluate_cameras(len(marks) * [camera], field, table))
+
+
+def _distance(field: Field, marks: Marks, camera: Camera) -> float:
+    """Root mean square distance of the marks that a person set, pixels; 0 without any."""
+    errors = mark_errors(field, marks.only_by_hand, camera)
+    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else 0.0
+
+
+def _weights(marks: Marks) -> Weights | None:
+    """Weights of the marks by label; None where a person set all."""
+    if all(one.by_hand for one in marks.all):
+        return None
+    weights: dict[str, list[float]] = {}
+    for one in marks.all:
+        weights.setdefault(one.label, []).append(1.0 if one.by_hand else WEIGHT_OF_NETWORK)
+    return weights

@@ -1,0 +1,160 @@
+"""The frames that an editor shows: pictures in files, the frames of a video, or arrays; each is read on demand."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+
+from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.formats import IMAGES
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.videos import VideoReader
+
+MOST_BYTES = 256_000_000  # of the file of a picture
+CACHE_BYTES = 160_000_000  # of the images in memory: 25 of 1920 x 1080
+AHEAD = 50  # frames: a video is read on to a frame that is nearer than that, and opened again for others
+
+
+class Frames(ABC):
+    """Frames by their numbers, from 0. Reading is safe from several threads; the images last read are kept."""
+
+    ids: Sequence[str]
+    """Name of each frame."""
+    rate: float | None = None
+    """Frames per second of a video; None for pictures."""
+
+    def __init__(self, ids: Sequence[str]) -> None:
+        self.ids = ids
+        self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._lock = Lock()
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def image(self, number: int) -> Image:
+        """The image of a frame; do not write to it.
+
+        Raises
+        ------
+        BrokenFileError
+            If it cannot be read.
+        IndexError
+            If there is no such frame.
+        """
+        if not 0 <= number < len(self):
+            raise IndexError(f"expected a frame from 0 to {len(self) - 1}, got {number}")
+        with self._lock:
+            if number in self._kept:
+                self._kept.move_to_end(number)
+                return self._kept[number]
+            image = self._read(number)
+            self._kept[number] = image
+            while len(self._kept) > 1 and sum(one.nbytes for one in self._kept.values()) > CACHE_BYTES:
+                self._kept.popitem(last=False)
+            return image
+
+    @abstractmethod
+    def _read(self, number: int) -> Image:
+        """Read the image of a frame."""
+
+    def each(self, begin: int, end: int) -> Iterator[Image]:
+        """The images of frames from `begin` to `end`, one after the other, without keeping them."""
+        for number in range(begin, end):
+            with self._lock:
+                image = self._kept.get(number)
+                image = self._read(number) if image is None else image
+            yield image
+
+    def name(self, number: int) -> str:
+        """The name of a frame in annotations of other tools."""
+        return self.ids[number]
+
+    def close(self) -> None:  # noqa: B027 - pictures and arrays have nothing to close
+        """End reading."""
+
+
+class Arrays(Frames):
+    """Images in memory."""
+
+    def __init__(self, images: Sequence[Image]) -> None:
+        super().__init__([f"{number:06d}" for number in range(len(images))])
+        self._images = [checked_image(image) for image in images]
+
+    def _read(self, number: int) -> Image:
+        return self._images[number]
+
+
+class Pictures(Frames):
+    """Pictures in files, or in zips."""
+
+    def __init__(self, files: Sequence[FrameFile]) -> None:
+        super().__init__([file.id for file in files])
+        self._files = files
+
+    def _read(self, number: int) -> Image:
+        file = self._files[number]
+        try:
+            return IMAGES.read(file.read(MOST_BYTES))
+        except (BrokenFileError, MemoryError) as error:
+            raise BrokenFileError(f"{file.path.name}: {error or 'there is not enough memory for it'}") from None
+
+    def name(self, number: int) -> str:
+        """The name of the picture's file."""
+        return self._files[number].path.name
+
+
+class VideoFrames(Frames):
+    """Frames of a video, whose ids are their numbers with six digits.
+
+    Parameters
+    ----------
+    path : Path
+    numbers : sequence of int, optional
+        Numbers of the frames in the video; all by default.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError
+        As `fieldcalib.io.videos.VideoReader`.
+    """
+
+    def __init__(self, path: Path, numbers: Sequence[int] | None = None) -> None:
+        with VideoReader(path, threads=1) as reader:
+            self.rate = reader.frames_per_second
+            count = reader.count
+        self._numbers: Sequence[int] = range(count) if numbers is None else numbers
+        super().__init__([f"{number:06d}" for number in self._numbers])
+        self._path = path
+        self._reader: VideoReader | None = None
+        self._frames: Iterator[Image] = iter(())
+        self._next = 0
+
+    def _read(self, number: int) -> Image:
+        wanted = self._numbers[number]
+        if self._reader is None or not self._next <= wanted < self._next + AHEAD:
+            self._open(wanted)
+        image: Image | None = None
+        while self._next <= wanted:
+            image = next(self._frames, None)
+            self._next += 1
+        if image is None:
+            self.close()
+            raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")
+        return np.asarray(image)
+
+    def _open(self, number: int) -> None:
+        self.close()
+        self._reader = VideoReader(self._path, cut=Cut(Position(frame=number)))
+        self._frames, self._next = iter(self._reader), number
+
+    def close(self) -> None:
+        """End reading."""
+        if self._reader is not None:
+            self._reader.__exit__()
+            self._reader = None

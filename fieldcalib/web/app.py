@@ -1,0 +1,355 @@
+"""The application behind the page: addresses, and what each answers. It needs the extra ``web``."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from fieldcalib._json import to_json
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.editor.editor import Editor, StaleEdit
+from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
+from fieldcalib.editor.stored import ChangedFileError
+from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import encode_image
+from fieldcalib.web.edits import apply
+from fieldcalib.web.guard import Guard, TooLargeError
+from fieldcalib.web.job import ClipJob
+from fieldcalib.web.pictures import LARGEST, Pictures
+from fieldcalib.web.records import field_record
+from fieldcalib.web.state import error_map, frames_state
+from fieldcalib.web.worker import Worker
+
+TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".woff2": "font/woff2",
+}
+INDEX = "index.html"
+
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+def page_files() -> dict[str, bytes]:
+    """The files of the page in the package, by name: nothing else is ever sent from the disk."""
+    return {
+        one.name: one.read_bytes()
+        for one in files("fieldcalib.web").joinpath("static").iterdir()
+        if one.is_file() and any(one.name.endswith(ending) for ending in TYPES)
+    }
+
+
+class Page:
+    """Answers the page of an editor."""
+
+    def __init__(self, editor: Editor) -> None:
+        self.editor = editor
+        self.worker = Worker(editor)
+        self.job = ClipJob(editor)
+        self.pictures = Pictures(editor.frames)
+        self.files = page_files()
+        if len(editor):
+            self.worker.state(0)  # the first frame is calibrated before the browser asks for it
+
+    def application(self, token: str, hosts: list[str]) -> Guard:
+        """The ASGI application."""
+        get, post = partial(Route, methods=["GET"]), partial(Route, methods=["POST"])
+        routes = [
+            get("/", answered(self.index)),
+            get("/static/{name}", answered(self.static)),
+            get("/api/project", answered(self.project)),
+            get("/api/frames", answered(self.table)),
+            get("/api/field", answered(self.field)),
+            get("/api/frame/{n}", answered(self.frame)),
+            post("/api/frame/{n}/edit", answered(self.edit)),
+            get("/api/frame/{n}/likely", answered(self.likely)),
+            get("/api/frame/{n}/errors", answered(self.errors)),
+            get("/api/frame/{n}/ground", answered(self.ground)),
+            get("/api/frame/{n}/distance", answered(self.distance)),
+            get("/api/frame/{n}/offside", answered(self.offside)),
+            get("/api/frame/{n}/offside.png", answered(self.offside_picture)),
+            get("/api/frame/{n}/overlay.png", answered(self.overlay_picture)),
+            post("/api/save", answered(self.save)),
+            get("/api/clip/job", answered(self.job_report)),
+            get("/api/clip/proposed/{n}", answered(self.proposed)),
+            post("/api/clip/solve", answered(self.solve)),
+            post("/api/clip/cancel", answered(self.cancel)),
+            post("/api/clip/keep", answered(self.keep)),
+            post("/api/clip/discard", answered(self.cancel)),
+            post("/api/clip/cuts", answered(self.cuts)),
+            get("/image/{n}", answered(self.image)),
+            get("/image/{n}/crop", answered(self.crop)),
+        ]
+        app = Starlette(routes=routes, exception_handlers={404: _not_found, 405: _not_found})
+        return Guard(app, token, hosts)
+
+    def close(self) -> None:
+        """End the threads and close the files."""
+        self.job.close()
+        self.worker.close()
+        self.editor.close()
+
+    async def index(self, request: Request) -> Response:
+        """The page."""
+        return self._file(INDEX)
+
+    async def static(self, request: Request) -> Response:
+        """A file of the page."""
+        return self._file(request.path_params["name"])
+
+    def _file(self, name: str) -> Response:
+        content = self.files.get(name)
+        if content is None:
+            return problem(404, "there is no such file")
+        kind = next(TYPES[ending] for ending in TYPES if name.endswith(ending))
+        return Response(content, headers={"content-type": kind})
+
+    async def project(self, request: Request) -> Response:
+        """What is opened."""
+        editor = self.editor
+        return JSONResponse(
+            {
+                "title": editor.title,
+                "kind": "clip" if editor.is_clip else "pictures",
+                "folder": "" if editor.stored is None else str(editor.stored.folder),
+                "count": len(editor),
+                "rate": editor.frames.rate,
+                "version": editor.version,
+                "can_save": editor.stored is not None,
+                "unsaved": editor.unsaved,
+                "sports": list(FIELDS),
+                "cuts": editor.cuts,
+            }
+        )
+
+    async def table(self, request: Request) -> Response:
+        """All frames."""
+        return JSONResponse(frames_state(self.editor))
+
+    async def field(self, request: Request) -> Response:
+        """The field."""
+        return JSONResponse({"name": self.editor.field_name, **field_record(self.editor.field)})
+
+    async def frame(self, request: Request) -> Response:
+        """The state of a frame."""
+        return JSONResponse(await self._state(self._number(request)))
+
+    async def _state(self, number: int) -> dict[str, Any]:
+        return await asyncio.wrap_future(self.worker.state(number))
+
+    async def edit(self, request: Request) -> Response:
+        """Change a frame."""
+        number, body = self._number(request), await _body(request)
+        try:
+            await run_in_threadpool(apply, self.editor, number, body)
+        except StaleEdit as error:
+            return JSONResponse({"error": str(error), "state": await self._state(number)}, 409)
+        return JSONResponse(await self._state(number))
+
+    async def errors(self, request: Request) -> Response:
+        """How far ground points move if the clicks are 2 px off."""
+        one = await self._fitted(request)
+        return JSONResponse(await run_in_threadpool(error_map, one))
+
+    async def ground(self, request: Request) -> Response:
+        """The place on the ground at a pixel."""
+        one = await self._fitted(request)
+        X, sd, rms = ground_point(one.calibration, (_real(request, "x"), _real(request, "y")))
+        return JSONResponse({"X": _rounded(X), "sd": _rounded(sd), "rms": _rounded(rms)})
+
+    async def distance(self, request: Request) -> Response:
+        """The distance of the places at two pixels."""
+        one = await self._fitted(request)
+        first, second = ((_real(request, f"x{k}"), _real(request, f"y{k}")) for k in (1, 2))
+        metres, sd = distance(one.calibration, first, second)
+        return JSONResponse({"metres": _rounded(metres), "sd": _rounded(sd)})
+
+    async def offside(self, request: Request) -> Response:
+        """The line across the field at a pixel."""
+        one = await self._fitted(request)
+        found = line_across(one.calibration, one.field, (_real(request, "x"), _real(request, "y")))
+        if found is None:
+            return JSONResponse({"line": [], "X": None})
+        points = [point for curve in found.curves for point in curve.round(1).tolist()]
+        return JSONResponse({"line": points, "X": _rounded(found.x)})
+
+    async def offside_picture(self, request: Request) -> Response:
+        """The picture with the line across the field at a pixel."""
+        one = await self._fitted(request)
+        xy = _real(request, "x"), _real(request, "y")
+        drawn = await run_in_threadpool(draw_line_across, one.image, one.calibration, one.field, xy)
+        return await _png(drawn, "offside.png")
+
+    async def overlay_picture(self, request: Request) -> Response:
+        """The picture with its markings."""
+        one = await self._fitted(request)
+        field = one.calibration.field or one.field
+        return await _png(await run_in_threadpool(draw_calibration, one.image, one.calibration, field), "overlay.png")
+
+    async def _fitted(self, request: Request) -> FrameEditor:
+        """The frame in the address, with its camera."""
+        number = self._number(request)
+        await self._state(number)
+        return await run_in_threadpool(self.editor.fitted, number)
+
+    async def save(self, request: Request) -> Response:
+        """Write labels and cameras into the folder of results."""
+        await _body(request)
+        saved = await run_in_threadpool(self.editor.save)
+        return JSONResponse({"saved": saved, "folder": str(self.editor.stored.folder) if self.editor.stored else ""})
+
+    async def likely(self, request: Request) -> Response:
+        """Labels for a pixel, the likely ones first."""
+        one = await self._fitted(request)
+        return JSONResponse({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
+
+    async def job_report(self, request: Request) -> Response:
+        """Where the solution of the clip stands."""
+        return JSONResponse(await run_in_threadpool(self.job.report))
+
+    async def proposed(self, request: Request) -> Response:
+        """The camera of a frame in the solution that is not kept yet."""
+        return JSONResponse(await run_in_threadpool(self.job.proposed, self._number(request)))
+
+    async def solve(self, request: Request) -> Response:
+        """Begin to solve the clip."""
+        await _body(request)
+        self.job.start()
+        return JSONResponse(self.job.report())
+
+    async def cancel(self, request: Request) -> Response:
+        """End the solution, or drop it."""
+        await _body(request)
+        self.job.cancel()
+        return JSONResponse(self.job.report())
+
+    async def keep(self, request: Request) -> Response:
+        """Keep the solution."""
+        await _body(request)
+        return JSONResponse({"saved": await run_in_threadpool(self.job.keep)})
+
+    async def cuts(self, request: Request) -> Response:
+        """Set the first frames of the shots."""
+        cuts = (await _body(request)).get("cuts")
+        if not isinstance(cuts, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in cuts):
+            raise ValueError('expected the numbers of frames, as {"cuts": [0, 120]}')
+        await run_in_threadpool(self.editor.set_cuts, cuts)
+        return JSONResponse({"cuts": self.editor.cuts})
+
+    async def image(self, request: Request) -> Response:
+        """A picture."""
+        number, width = self._number(request), _whole(request, "width", LARGEST)
+        return _jpeg(await run_in_threadpool(self.pictures.whole, number, min(max(width, 1), LARGEST)))
+
+    async def crop(self, request: Request) -> Response:
+        """A part of a picture."""
+        number = self._number(request)
+        x, y, w, h = (_whole(request, name) for name in "xywh")
+        width = min(max(_whole(request, "width", LARGEST), 1), LARGEST)
+        return _jpeg(await run_in_threadpool(self.pictures.crop, number, (x, y), (w, h), width))
+
+    def _number(self, request: Request) -> int:
+        """The number of a frame in the address."""
+        text = request.path_params["n"]
+        if not (text.isascii() and text.isdecimal() and len(text) < 10) or int(text) >= len(self.editor):
+            raise NoSuchFrame(f"expected the number of a frame, from 0 to {len(self.editor) - 1}, got {text[:20]!r}")
+        return int(text)
+
+
+class NoSuchFrame(ValueError):
+    """A frame that does not exist."""
+
+
+def answered(answer: Answer) -> Answer:
+    """Turn what a request has wrong into an answer that says so."""
+
+    async def safely(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except NoSuchFrame as error:
+            return problem(404, str(error))
+        except TooLargeError as error:
+            return problem(413, str(error))
+        except (StaleEdit, ChangedFileError) as error:
+            return problem(409, str(error))
+        except BrokenFileError as error:
+            return problem(422, str(error))
+        except ValueError as error:
+            return problem(400, str(error))
+        except OSError as error:
+            return problem(507, f"nothing was written: {error.strerror or error}")
+
+    return safely
+
+
+def problem(status: int, message: str) -> Response:
+    """An answer that says what is wrong."""
+    return JSONResponse({"error": message}, status)
+
+
+async def _png(image: Image, name: str) -> Response:
+    content = await run_in_threadpool(encode_image, image, ".png")
+    return Response(
+        content, headers={"content-type": "image/png", "content-disposition": f'attachment; filename="{name}"'}
+    )
+
+
+def _rounded(value: Any) -> Any:
+    """Metres to millimetres; None stays."""
+    return None if value is None else to_json(np.round(value, 3))
+
+
+async def _not_found(request: Request, error: Exception) -> Response:
+    return problem(getattr(error, "status_code", 404), "there is nothing at this address")
+
+
+async def _body(request: Request) -> Mapping[str, Any]:
+    """The JSON object that a request has."""
+    try:
+        body = json.loads(await request.body())
+    except TooLargeError:
+        raise
+    except (ValueError, RecursionError):
+        body = None
+    if not isinstance(body, dict):
+        raise ValueError("expected a JSON object")
+    return body
+
+
+def _real(request: Request, name: str) -> float:
+    """A finite number of the query."""
+    try:
+        value = float(request.query_params.get(name, ""))
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < 1e6:
+        raise ValueError(f"expected a number {name}, got {request.query_params.get(name, '')[:40]!r}")
+    return value
+
+
+def _whole(request: Request, name: str, default: int | None = None) -> int:
+    """A whole number of the query."""
+    if default is not None and name not in request.query_params:
+        return default
+    return round(_real(request, name))
+
+
+def _jpeg(content: bytes) -> Response:
+    return Response(content, headers={"content-type": "image/jpeg", "cache-control": "private, max-age=3600"})

@@ -1,0 +1,148 @@
+"""Who may ask: only pages of this server, by a secret in the address, from names that stand for this machine.
+
+A page of another site can send requests to this machine. It does not know the token in the address, it cannot give
+itself the name of this machine (the Host header, against DNS rebinding), and its requests say where they come from (the
+Origin header).
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from typing import Any, TypeAlias
+
+Message: TypeAlias = MutableMapping[str, Any]
+Receive: TypeAlias = Callable[[], Awaitable[Message]]
+Send: TypeAlias = Callable[[Message], Awaitable[None]]
+Application: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
+
+MOST_BYTES = 1_000_000  # of the body of a request
+LONGEST_PATH = 300
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+)
+
+
+class Guard:
+    """Passes requests on to an application only if they may be answered.
+
+    Parameters
+    ----------
+    application : callable
+        An ASGI application; paths that it gets are without the token.
+    token : str
+        The first part of the path of every address.
+    hosts : iterable of str
+        Names, with the port, by which this server may be called.
+    """
+
+    def __init__(self, application: Application, token: str, hosts: Iterable[str]) -> None:
+        self._application = application
+        self._token = token.encode()
+        self._hosts = frozenset(host.lower() for host in hosts)
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+        if scope["type"] == "lifespan":
+            await self._application(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await _refuse(send, *refusal)
+            return
+        _, _, path = scope["path"].lstrip("/").partition("/")
+        inner = {**scope, "path": f"/{path}", "raw_path": f"/{path}".encode(errors="replace"), "root_path": ""}
+        body = _Body(receive)
+        await self._application(inner, body, _with_headers(send))
+
+    def _refusal(self, scope: Message) -> tuple[int, str] | None:
+        """Status and message for a request that is not answered."""
+        headers = _headers(scope)
+        host, origin = headers.get(b"host", b"").decode("latin-1").lower(), headers.get(b"origin")
+        token, slash, _ = scope["path"].lstrip("/").partition("/")
+        if host not in self._hosts:
+            return (
+                403,
+                f"expected one of {', '.join(sorted(self._hosts))} as the host: open the address that was printed",
+            )
+        if not slash or not hmac.compare_digest(token.encode(errors="replace"), self._token):
+            return 404, "there is nothing here: open the address that was printed, with all of its letters"
+        if len(scope["path"]) > LONGEST_PATH:
+            return 414, f"expected a path of at most {LONGEST_PATH} characters"
+        if scope["method"] not in ("GET", "POST"):
+            return 405, f"expected GET or POST, got {scope['method'][:20]}"
+        if scope["method"] == "POST":
+            return self._refused_post(headers)
+        if origin is not None and not self._is_own(origin):
+            return 403, "requests from pages of other sites are not answered"
+        return None
+
+    def _refused_post(self, headers: dict[bytes, bytes]) -> tuple[int, str] | None:
+        if not self._is_own(headers.get(b"origin", b"")):
+            return 403, "requests from pages of other sites are not answered"
+        if headers.get(b"content-type", b"").split(b";")[0].strip().lower() != b"application/json":
+            return 415, "expected a body of application/json"
+        length = headers.get(b"content-length", b"0")
+        if not length.isdigit() or int(length[:20]) > MOST_BYTES:
+            return 413, f"expected a body of at most {MOST_BYTES} bytes"
+        return None
+
+    def _is_own(self, origin: bytes) -> bool:
+        scheme, _, host = origin.decode("latin-1").lower().partition("://")
+        return scheme == "http" and host in self._hosts
+
+
+class TooLargeError(ValueError):
+    """A body that is larger than it may be."""
+
+
+class _Body:
+    """Receives a request's body up to its largest size."""
+
+    def __init__(self, receive: Receive) -> None:
+        self._receive = receive
+        self._count = 0
+
+    async def __call__(self) -> Message:
+        message = await self._receive()
+        self._count += len(message.get("body", b""))
+        if self._count > MOST_BYTES:
+            raise TooLargeError(f"expected a body of at most {MOST_BYTES} bytes")
+        return message
+
+
+def _headers(scope: Message) -> dict[bytes, bytes]:
+    """The headers of a request; one that is given twice is empty, which nothing accepts."""
+    found: dict[bytes, bytes] = {}
+    for name, value in scope["headers"]:
+        found[name] = b"" if name in found else value
+    return found
+
+
+def _with_headers(send: Send) -> Send:
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            given = {name.lower() for name, _ in message.get("headers", ())}
+            more = [(name, value) for name, value in HEADERS if name not in given]
+            message = {**message, "headers": [*message.get("headers", ()), *more]}
+        await send(message)
+
+    return sent
+
+
+async def _refuse(send: Send, status: int, problem: str) -> None:
+    body = json.dumps({"error": problem}).encode()
+    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode()), *HEADERS]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

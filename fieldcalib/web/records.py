@@ -1,0 +1,240 @@
+"""What the page and the report show of a field and of a calibration, as dicts for JSON.
+
+Pixels and metres are rounded to what can be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from string import ascii_lowercase
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._json import to_json
+from fieldcalib._types import Array
+from fieldcalib.assess.markings import MarkingInView, paint_share
+from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.draw.scene import image_curves
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import homogenize
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+
+MARGIN = 0.06  # share of the field's diagonal that its map shows around it
+FARTHEST = 2.0  # diagonals of the field from the camera: ground beyond is not shown
+BORDER = 24  # places along each side of the image whose ground is traced
+BEYOND = 1e6  # m: points of the ground that far off lie on the horizon
+AZIMUTHS = 721  # directions in which the horizon is traced
+FARTHEST_PAINT = 30.0 / 540.0  # of the height of an image: paint is looked for that far from its marking
+GRADES = {Verdict.GOOD: 0, Verdict.CHECK: 1, Verdict.REJECT: 2}
+
+
+def field_record(field: Field) -> dict[str, Any]:
+    """A field as a map: its size in metres, and the polylines of its segments.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> record = field_record(soccer())
+    >>> record["length"], record["segments"][0]["label"], record["segments"][0]["key"], record["segments"][0]["group"]
+    (105.0, 'Side line top', 'st', 'ground')
+    """
+    keys = short_keys(field)
+    segments = [
+        {
+            "label": label,
+            "key": keys[label],
+            "kind": "point" if one.is_point else "line" if one.is_straight else "arc" if one.is_arc else "cloud",
+            "points": _rounded(one.sample() if one.is_point or not one.is_curve else one.polyline(1.0), 3),
+            "group": "goal" if np.any(one.sample()[:, 2]) else "ground",
+        }
+        for label, one in field.items()
+    ]
+    margin = MARGIN * float(np.hypot(field.length, field.width))
+    return {"length": field.length, "width": field.width, "margin": round(margin, 1), "segments": segments}
+
+
+def short_keys(labels: Iterable[str]) -> dict[str, str]:
+    """One or two letters for each label, from its own letters where they are free.
+
+    Examples
+    --------
+    >>> short_keys(["Side line top", "Side line bottom", "Circle left", "Circle central", "Middle line"])
+    {'Side line top': 'st', 'Side line bottom': 'sb', 'Circle left': 'cl', 'Circle central': 'cc', 'Middle line': 'ml'}
+    """
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for label in labels:
+        found[label] = next(key for key in _candidates(label) if key not in taken)
+        taken.add(found[label])
+    return found
+
+
+def _candidates(label: str) -> Iterator[str]:
+    letters = "".join(one if one in ascii_lowercase else " " for one in label.lower())
+    first, *rest = letters.split() or ["x"]
+    yield from (first[0] + word[0] for word in reversed(rest))
+    yield from (first[0] + letter for word in (*reversed(rest), first[1:]) for letter in word)
+    yield from (first[0] + letter for letter in ascii_lowercase)
+    yield from map("".join, product(ascii_lowercase, repeat=2))
+    for count in range(3, 99):  # never of a field that a person labels: 676 pairs are enough
+        yield from map("".join, product(ascii_lowercase, repeat=count))
+
+
+def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]:
+    """A calibration as shown on its image: camera, verdict and reason, and what the camera projects and sees."""
+    camera = calibration.camera
+    record: dict[str, Any] = {
+        "status": str(calibration.status),
+        "message": calibration.message,
+        "verdict": str(calibration.verdict),
+        "reason": calibration.reason,
+        "remedy": calibration.remedy,
+        "probability": _probability(calibration),
+        "camera": None,
+        "curves": [],
+        "view": [],
+        "horizon": None,
+    }
+    if camera is None:
+        return record
+    of_field = calibration.field or field
+    return record | {
+        "camera": camera_record(calibration),
+        "curves": curves_of(camera, of_field, calibration.markings),
+        "view": view_of(camera, of_field),
+        "horizon": horizon_of(camera),
+    }
+
+
+def camera_record(calibration: Calibration) -> dict[str, Any]:
+    """The camera of a calibration, with standard deviations where they are known; angles in degrees."""
+    camera, field = calibration.required_camera, calibration.field
+    _, _, _, dist = camera.to_opencv()
+    pan, tilt, roll = np.degrees(camera.angles).tolist()
+    deviations = None
+    if calibration.knows_errors:
+        sigma = np.sqrt(np.diagonal(calibration.covariance))
+        angles = to_json(np.degrees(sigma[ANGLES]))
+        deviations = {"focal_length": to_json(float(camera.focal_length * sigma[LOG_F]))}
+        deviations |= {"position": to_json(sigma[CENTER]), **dict(zip(("pan", "tilt", "roll"), angles, strict=True))}
+    return {
+        "focal_length": camera.focal_length,
+        "position": camera.C.tolist(),
+        "pan": pan,
+        "tilt": tilt,
+        "roll": roll,
+        "dist": np.ravel(dist).tolist(),
+        "principal_point": camera.principal_point.tolist(),
+        "field_size": None if field is None else [field.length, field.width],
+        "sd": deviations,
+    }
+
+
+def _probability(calibration: Calibration) -> dict[str, float] | None:
+    if not calibration.has_probability or calibration.field is None or calibration.camera is None:
+        return None
+    metres = calibration.field.tolerance
+    value = calibration.probability(metres)
+    return {"metres": metres, "value": round(value, 4)} if np.isfinite(value) else None
+
+
+def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = ()) -> list[dict[str, Any]]:
+    """The projected markings of a field as polylines, bent by the lens, each with the state of its paint.
+
+    The state is "beside" where paint lies beside the marking, "unseen" where there is none, "paint" where it lies on
+    paint, and "plain" where none was looked for.
+    """
+    states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
+    return [
+        {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
+        for label, segment in field.markings.items()
+        for curve in image_curves(camera, segment)
+        if _is_in_view(curve, camera.image_size)
+    ]
+
+
+def _is_in_view(curve: Array, image_size: tuple[int, int]) -> bool:
+    """Whether the box around a curve meets the image."""
+    return bool(np.all(np.max(curve, axis=0) >= 0.0) and np.all(np.min(curve, axis=0) <= image_size))
+
+
+def view_of(camera: Camera, field: Field, places: int = BORDER) -> list[list[float]]:
+    """Corners (X, Y), metres, of the ground that a camera sees; empty where that is nothing.
+
+    The border of the image, `places` on each side, is traced to the ground. Rays that meet it more than two
+    diagonals of the field away, or not at all, are lowered until they meet it there.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> np.min(view_of(camera, soccer()), axis=0).round().tolist()
+    [-56.0, -123.0]
+    """
+    if camera.C[2] >= 0.0:
+        return []
+    width, height = np.array(camera.image_size) - 1.0
+    share = np.linspace(0.0, 1.0, places, endpoint=False)
+    zero, one = 0.0 * share, 1.0 + 0.0 * share
+    sides = [(share, zero), (one, share), (1.0 - share, one), (zero, 1.0 - share)]
+    border = np.concatenate([np.stack(side, axis=1) for side in sides]) * (width, height)
+    rays = homogenize(camera.normalized(border)) @ camera.R
+    rays = rays[np.all(np.isfinite(rays), axis=1)]
+    farthest = FARTHEST * float(np.hypot(field.length, field.width))
+    away = np.linalg.norm(rays[:, :2], axis=1)
+    is_ground = rays[:, 2] > 0.0
+    if not np.any(is_ground):
+        return []
+    down = np.maximum(rays[:, 2], away * -camera.C[2] / farthest)
+    return _rounded(camera.C[:2] - camera.C[2] * rays[:, :2] / np.maximum(down, 1e-9)[:, None], 2)
+
+
+def horizon_of(camera: Camera) -> list[list[float]] | None:
+    """The horizon across an image as a polyline of pixels, bent by the lens; None where it is not in view.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, np.radians(85), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> [round(y) for x, y in horizon_of(camera)] == [round(270 - 1500 * np.tan(np.radians(5)))] * 2
+    True
+    """
+    middle = camera.R[2]  # the optical axis
+    azimuth = np.arctan2(middle[1], middle[0]) + np.linspace(-0.5 * np.pi, 0.5 * np.pi, AZIMUTHS)
+    X = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(AZIMUTHS)], axis=-1)
+    xy = camera.project(camera.C + BEYOND * X)
+    size = np.array(camera.image_size)
+    near = np.flatnonzero(np.all(np.abs(xy - size / 2.0) <= 0.75 * size, axis=1))  # false for NaN
+    if len(near) < 2 or not _is_in_view(xy[near], camera.image_size):
+        return None
+    line = xy[near[0] : near[-1] + 1]
+    is_straight = not np.any(camera.dist)
+    return _rounded(line[[0, -1]] if is_straight else line, 1)
+
+
+def concern_of(calibration: Calibration | None) -> float:
+    """How much a frame should be looked at, 0 to 1: rejected ones from 2/3 on, those to check from 1/3 on.
+
+    Within a verdict the largest distance of paint from its marking counts first, then the share of paint that is
+    missing.
+
+    Examples
+    --------
+    >>> from fieldcalib import Status
+    >>> concern_of(None), concern_of(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels"))
+    (1.0, 1.0)
+    """
+    if calibration is None or calibration.camera is None:
+        return 1.0
+    markings = calibration.markings
+    size = calibration.camera.image_size
+    off = min(max((one.offset for one in markings), default=0.0) / (FARTHEST_PAINT * size[1]), 1.0)
+    missing = 1.0 - paint_share(markings) if markings else 0.5
+    within = 1.0 - (1.0 - off) * (1.0 - 0.1 * missing)
+    return round((GRADES[calibration.verdict] + within) / 3.0, 4)
+
+
+def _rounded(values: Array, digits: int) -> list[Any]:
+    return np.round(np.asarray(values, dtype=float), digits).tolist()  # type: ignore[no-any-return]

@@ -1,0 +1,123 @@
+"""What the page is told about a frame and about all frames: values for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._json import to_json
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.editor.editor import Editor
+from fieldcalib.editor.fitting import mark_errors
+from fieldcalib.editor.frame import LENSES, FrameEditor, Known
+from fieldcalib.io.image import size_of
+from fieldcalib.web.records import calibration_record
+
+ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
+NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "view": [], "horizon": None}
+
+
+def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
+    """All that the page shows of a frame."""
+    width, height = size_of(one.image)
+    return {
+        "number": number,
+        "id": editor.ids[number],
+        "revision": editor.revision(number),
+        "width": width,
+        "height": height,
+        "problem": None,
+        "marks": _marks(one),
+        "known": asdict(one.known),
+        "lenses": list(LENSES),
+        "can_undo": one.history.can_undo,
+        "can_redo": one.history.can_redo,
+        "automatic": one.is_automatic,
+        "by_hand": not one.is_automatic,
+        "basis": editor.table.rows[number].basis,
+        **calibration_record(one.calibration, one.field),
+        "next": _next_mark(one),
+        "milliseconds": round(milliseconds, 1),
+    }
+
+
+def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
+    """What the page is told of a frame whose image cannot be read."""
+    said = {"status": "broken file", "message": problem, "verdict": "", "reason": problem, "remedy": "", "basis": ""}
+    return {
+        "number": number,
+        "id": editor.ids[number],
+        "revision": editor.revision(number),
+        "width": 0,
+        "height": 0,
+        "problem": problem,
+        "marks": [],
+        "known": asdict(Known()),
+        "lenses": list(LENSES),
+        **dict.fromkeys(("can_undo", "can_redo", "by_hand"), False),
+        "automatic": True,
+        **said,
+        **NOTHING,
+        "next": None,
+        "milliseconds": 0.0,
+    }
+
+
+def _marks(one: FrameEditor) -> list[dict[str, Any]]:
+    """The marks of a frame, each with its distance from its marking, and whether the others contradict its label."""
+    calibration, marks = one.calibration, one.marks
+    suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}
+    return [
+        {
+            "label": mark.label,
+            "x": round(mark.x, 2),
+            "y": round(mark.y, 2),
+            "by_hand": mark.by_hand,
+            "suspect": mark.label in suspects,
+            "error": to_json(round(error, 2)),
+            "fits": suspects.get(mark.label),
+        }
+        for mark, error in zip(marks.all, _errors(one, calibration).tolist(), strict=True)
+    ]
+
+
+def _errors(one: FrameEditor, calibration: Calibration) -> Array:
+    """Distances (N,) of the marks from their markings, pixels; NaN without a camera."""
+    if calibration.camera is None:
+        return np.full(len(one.marks), np.nan)
+    return mark_errors(calibration.field or one.field, one.marks, calibration.camera)
+
+
+def _next_mark(one: FrameEditor) -> dict[str, Any] | None:
+    calibration = one.calibration
+    if calibration.camera is None or calibration.solved is None or calibration.field is None:
+        return None
+    found = one.next_mark
+    if found is None:
+        return None
+    x, y = found.xy
+    return {"label": found.label, "x": round(x, 1), "y": round(y, 1), "gain": to_json(round(found.gain, 4))}
+
+
+def error_map(one: FrameEditor) -> dict[str, Any]:
+    """How far ground points in view move, in metres, if the clicks are 2 px off, over a grid on the field.
+
+    No metres where the camera does not follow from labels of this frame alone.
+    """
+    calibration, field = one.calibration, one.calibration.field or one.field
+    x, y = (np.linspace(-half, half, count) for half, count in zip(field.half_extent, ERROR_GRID, strict=True))
+    grid = {"x": x.round(2).tolist(), "y": y.round(2).tolist()}
+    if calibration.camera is None or calibration.solved is None or calibration.field is None:
+        return {**grid, "metres": None}
+    X = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1)
+    xy = calibration.camera.project(X)
+    in_view = np.all((xy >= 0.0) & (xy < calibration.camera.image_size), axis=-1)
+    return {**grid, "metres": to_json(np.where(in_view, one.click_errors(X), np.nan).round(3))}
+
+
+def frames_state(editor: Editor) -> dict[str, Any]:
+    """The table of all frames, as columns."""
+    return {"version": editor.version, **editor.table.columns()}

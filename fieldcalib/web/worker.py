@@ -1,0 +1,90 @@
+"""The thread that fits cameras, so that the page never waits for one. Of the edits of a frame the last wins.
+
+What a person waits for comes first: frames that are looked at, the last one first; frames of a folder that nobody has
+looked at yet are calibrated when there is nothing else to do.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass
+from threading import Condition, Thread
+from typing import Any
+
+from fieldcalib.editor.editor import Editor
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.web.state import broken_state, frame_state
+
+
+@dataclass(frozen=True, eq=False)
+class _Wanted:
+    """A frame that somebody waits for."""
+
+    number: int
+    done: Future[dict[str, Any]]
+
+
+class Worker:
+    """Fits the cameras of an editor's frames, one after the other; a context manager."""
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor = editor
+        self._wanted: dict[int, _Wanted] = {}  # by frame, those wanted last at the end
+        self._rest: Iterator[int] = iter(range(0 if editor.is_clip else len(editor)))
+        self._changed = Condition()
+        self._is_closed = False
+        self._thread = Thread(target=self._run, name="fits", daemon=True)
+        self._thread.start()
+
+    def state(self, number: int) -> Future[dict[str, Any]]:
+        """The state of a frame, as soon as its camera follows from what was said before the fit began."""
+        with self._changed:
+            wanted = self._wanted.pop(number, None) or _Wanted(number, Future())
+            self._wanted[number] = wanted
+            self._changed.notify()
+            return wanted.done
+
+    def close(self) -> None:
+        """End the thread; what it has not done is dropped."""
+        with self._changed:
+            self._is_closed = True
+            for wanted in self._wanted.values():
+                wanted.done.cancel()
+            self._changed.notify()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        while (wanted := self._next()) is not None:
+            try:
+                state = self._state_of(wanted.number)
+            except Exception as error:  # it is raised where the state is waited for
+                if not wanted.done.cancelled():
+                    wanted.done.set_exception(error)
+            else:
+                if not wanted.done.cancelled():
+                    wanted.done.set_result(state)
+
+    def _next(self) -> _Wanted | None:
+        """The frame to fit next; None at the end."""
+        with self._changed:
+            while True:
+                if self._is_closed:
+                    return None
+                if self._wanted:
+                    return self._wanted.popitem()[1]
+                number = next(self._rest, None)
+                if number is not None:
+                    return _Wanted(number, Future())
+                self._changed.wait()
+
+    def _state_of(self, number: int) -> dict[str, Any]:
+        start = time.perf_counter()
+        try:
+            one = self._editor.fitted(number)
+            one.calibration.verdict  # noqa: B018 - computed here, within the time that is stated
+        except BrokenFileError as error:
+            return broken_state(self._editor, number, str(error))
+        milliseconds = 1e3 * (time.perf_counter() - start)
+        return frame_state(self._editor, number, one, milliseconds)
