@@ -89,6 +89,7 @@ export class Picture {
   clear() {
     this.source = this.base = this.frame = null;
     this.crops = [];
+    for (const name of ["frame", "revision"]) delete this.lines.dataset[name];
     this.draw();
   }
 
