@@ -31,6 +31,7 @@ from data_tools.synthetic.cameras import random_camera
 from data_tools.synthetic.clips import camera_path, labelled, painted
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
+from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER
@@ -103,7 +104,8 @@ def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field
     pitch, crown = random_pitch(rng)
     camera = random_camera(pitch, SIZE, rng, game.stands)
     ray = rays(camera)
-    image, _ = filmed(camera, ray, crowned_ground(camera, ray, pitch, crown), pitch, rng, game)
+    view = GroundView(camera, ray, crowned_ground(camera, ray, pitch, crown))
+    image, _ = filmed(view, pitch, rng, game)
     return image, camera, pitch, crown
 
 

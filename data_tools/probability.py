@@ -269,7 +269,6 @@ def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
 
 
 def _print_reliability(found: Sequence[Calibration], errors: Array, tolerance: float) -> None:
-    tolerance = 1.0 if found[0].field is None else found[0].field.tolerance
     for share in TOLERANCES:
         print(json.dumps(reliability(found, errors, share * tolerance)))
 

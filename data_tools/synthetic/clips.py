@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.measured_cameras import SIZE, read_camera, read_zoom
 from data_tools.random_frames import RandomFrame, mislabelled
+from data_tools.synthetic.colours import Range
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
@@ -25,8 +26,6 @@ from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.options import PAINT
-
-Range = tuple[float, float]
 
 RATE = 30.0  # frames per second
 MEASURED_RATE = 60.0  # frames per second of the measured sequences, by the one of them that has a video

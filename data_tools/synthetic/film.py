@@ -19,10 +19,9 @@ from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
 from data_tools.synthetic.pictures import add_graphics
-from data_tools.synthetic.surroundings import add_surroundings
+from data_tools.synthetic.surroundings import GroundView, add_surroundings
 from data_tools.synthetic.textures import BOARD_SCALE, boards_texture
 from fieldcalib._types import Array, Float32
-from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -89,12 +88,11 @@ class Scene:
 
     def at(self, frame: int, camera: Camera) -> Float32:
         """Render the picture at the moment of a frame, (height, width, 3)."""
-        ray = rays(camera)
-        ground = Ground.of_rays(camera, ray)
-        light = random_light(ground, self.field, self._rng(LIGHT))
-        picture = random_ground(ground, self.field, self._rng(GROUND)) * light
+        view = GroundView.of(camera)
+        light = random_light(view.ground, self.field, self._rng(LIGHT))
+        picture = random_ground(view.ground, self.field, self._rng(GROUND)) * light
         boards = _boards(self.seed, frame / self.rate)
-        add_surroundings(picture, camera, ray, ground, self.field, self._rng(STANDS), boards)
+        add_surroundings(picture, view, self.field, self._rng(STANDS), boards)
         image = to_uint8(picture)
         self._add_objects(image, light, frame, camera)
         return image.astype(np.float32)
