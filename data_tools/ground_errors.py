@@ -130,11 +130,11 @@ def run(options: argparse.Namespace) -> int:
     frames = list(read_frames([options.annotations], field, options.size).values())
     found = list(left_out_on_ground(field, frames, options.size, least=options.least))
     for low, high in pairwise((*RANGES, np.inf)):
-        print(json.dumps({"metres": [low, high if np.isfinite(high) else None], **summary(found, low, high)}))
+        print(json.dumps({"metres": [low, high if np.isfinite(high) else None], **range_summary(found, low, high)}))
     return 0
 
 
-def summary(found: Sequence[LeftOutMarking], low: float, high: float) -> dict[str, float | int | None]:
+def range_summary(found: Sequence[LeftOutMarking], low: float, high: float) -> dict[str, float | int | None]:
     """Statistics of pixels at distances in a range: medians in metres, shares within two standard deviations in %."""
     kept = [(one, (one.distance >= low) & (one.distance < high)) for one in found]
     values = [np.array([one.error, one.located, one.expected])[:, inside] for one, inside in kept if inside.any()]

@@ -28,7 +28,7 @@ from data_tools.crown import crowned, crowned_ground
 from data_tools.probability import TOLERANCES, largest_true_error
 from data_tools.sequences import EMPTY_SHARE, tied
 from data_tools.synthetic.cameras import random_camera
-from data_tools.synthetic.clips import camera_path, labelled, painted
+from data_tools.synthetic.clips import camera_path, labelled, with_displaced_lines
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.surroundings import GroundView
@@ -79,7 +79,7 @@ def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
     return soccer(rng.uniform(*length), rng.uniform(*width)), crown
 
 
-def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
+def judgements(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
     """Judge a calibration: one entry if it has a probability and the field is in view, otherwise none."""
     if found.camera is None or not found.has_probability or found.field is None:
         return
@@ -97,7 +97,7 @@ def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
         left -= len(shown)
         calibrations = calibrate_from_images(soccer(), [image for image, *_ in shown], network)
         for found, (_, camera, pitch, crown) in zip(calibrations, shown, strict=True):
-            yield from judged(found, camera, pitch, crown, "pictures")
+            yield from judgements(found, camera, pitch, crown, "pictures")
 
 
 def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field, float]:
@@ -115,17 +115,17 @@ def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
         pitch, crown = random_pitch(rng)
         ends = ONE_END if number % 2 else BOTH_ENDS
         cameras = camera_path(rng, PATH, pan_range=ends, image_size=SIZE)[:: PATH // FRAMES]
-        lines = painted(pitch, rng)
+        lines = with_displaced_lines(pitch, rng)
         frames = labelled(cameras, crowned(lines, crown) if crown else lines, rng, empty_share=EMPTY_SHARE)
         matches = tied(cameras, rng, on_ground=False)
         pixels = [one.pixels for one in frames]
         found = calibrate_sequence(soccer(), pixels, SIZE, matches=matches, trust_labels=True)  # no label is wrong
         kind = "clips, one end" if number % 2 else "clips, both ends"
         for one, camera in zip(found, cameras, strict=True):
-            yield from judged(one, camera, pitch, crown, kind)
+            yield from judgements(one, camera, pitch, crown, kind)
 
 
-def reliability(found: Sequence[Judged], metres: float) -> dict[str, object]:
+def reliability_of_bins(found: Sequence[Judged], metres: float) -> dict[str, object]:
     """Mean probability and share of right cameras of each bin, and the gaps between the two, percent."""
     p = np.array([one.found.probability(metres) for one in found])
     right = np.array([one.error < metres for one in found])
@@ -163,7 +163,7 @@ def run(options: argparse.Namespace) -> int:
         kind = kind or options.what
         print(json.dumps({"kind": kind, "frames": len(some), "good": len(good), "good_and_wrong": wrong}))
         for metres in TOLERANCES:
-            print(json.dumps(reliability(some, metres)))
+            print(json.dumps(reliability_of_bins(some, metres)))
     return 0
 
 

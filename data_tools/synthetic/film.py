@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.clips import RATE, between, camera_path, flight, seen_far_away
+from data_tools.synthetic.clips import RATE, camera_between, camera_path, flight, seen_far_away
 from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
@@ -171,8 +171,11 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     camera is warped independently of depth, so that one picture, with a rim, gives all instants. The motion of players
     during the exposure is left out: it blurs them by less than 0.1 m.
     """
-    before, after = before or between(camera, after or camera, -1.0), after or between(camera, before or camera, -1.0)
-    ahead = between(after, between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
+    before, after = (
+        before or camera_between(camera, after or camera, -1.0),
+        after or camera_between(camera, before or camera, -1.0),
+    )
+    ahead = camera_between(after, camera_between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
     speed = _moved(camera, ahead)  # px per frame
     shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
     blur = shutter * speed
@@ -185,7 +188,7 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     total = np.zeros((height, width, 3), np.float32)
     count = int(np.ceil(blur / BLUR_STEP))
     for share in shutter * ((np.arange(count) + 0.5) / count - 0.5):
-        instant = between(camera, ahead, share)
+        instant = camera_between(camera, ahead, share)
         total += cv2.remap(picture, *_seen(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return total / np.float32(count)
 
