@@ -88,7 +88,7 @@ def judgements(found: Calibration, truth: Camera, pitch: Field, crown: float, ki
         yield Judged(kind + (", crowned" if crown else ", level"), found, error)
 
 
-def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
+def judge_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
     """Render pictures and calibrate each by itself."""
     network, game = SegmentationNetwork.load(), game_named(SOCCER)
     left = frames
@@ -109,7 +109,7 @@ def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field
     return image, camera, pitch, crown
 
 
-def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
+def judge_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
     """Draw labelled clips and calibrate the frames of each together."""
     for number in range(clips):
         pitch, crown = random_pitch(rng)
@@ -155,9 +155,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     rng = np.random.default_rng(options.seed)
-    all_of = list(of_pictures(options.frames, rng) if options.what == "pictures" else of_clips(options.clips, rng))
-    for kind in ("", *sorted({one.kind for one in all_of})):
-        some = [one for one in all_of if one.kind.startswith(kind)]
+    all_of = list(
+        judge_pictures(options.frames, rng) if options.what == "pictures" else judge_clips(options.clips, rng)
+    )
+    for kind in ("", *sorted({one.kind for one in found})):
+        some = [one for one in found if one.kind.startswith(kind)]
         good = [one for one in some if one.found.verdict == Verdict.GOOD]
         wrong = sum(one.error > max(TOLERANCES) for one in good)
         kind = kind or options.what

@@ -141,7 +141,7 @@ def calibrated(pictures: Sequence[ChangedPicture], field: Field) -> list[Calibra
     return [found[index] for index in range(len(pictures))]
 
 
-def of_annotations(options: argparse.Namespace) -> int:
+def judge_annotations(options: argparse.Namespace) -> int:
     """Judge annotated frames, each changed in every way."""
     rng, field = np.random.default_rng(options.seed), soccer()
     frames = list(read_frames([options.annotations], field, options.size).values())
@@ -175,7 +175,7 @@ def _print_counts(kind: str, pictures: Sequence[ChangedPicture], field: Field) -
     print(json.dumps({"pictures": kind, **counts(pictures, calibrated(pictures, field), field)}), flush=True)
 
 
-def of_images(options: argparse.Namespace) -> int:
+def judge_images(options: argparse.Namespace) -> int:
     """Judge pictures, each changed in every way."""
     field, network = soccer(), SegmentationNetwork.load()
     paths = sorted(path for path in options.images.iterdir() if path.suffix in SUFFIXES)
@@ -239,7 +239,7 @@ def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera
     return found
 
 
-def of_basketball(options: argparse.Namespace) -> int:
+def judge_basketball(options: argparse.Namespace) -> int:
     """Judge views of basketball games, whose principal point may be far from the middle."""
     rng, field = np.random.default_rng(options.seed), field_named(BASKETBALL)
     pictures = [
@@ -287,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = [options.annotations is not None, options.images is not None, options.basketball is not None]
     if sum(given) != 1 or given[0] != (options.size is not None):
         parser.error("expected ANNOTATIONS and --size, or --images, or --basketball")
-    options.run = (of_annotations, of_images, of_basketball)[given.index(True)]
+    options.run = (judge_annotations, judge_images, judge_basketball)[given.index(True)]
     return run_command(options)
 
 

@@ -176,7 +176,7 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
         after or camera_between(camera, before or camera, -1.0),
     )
     ahead = camera_between(after, camera_between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
-    speed = _moved(camera, ahead)  # px per frame
+    speed = _image_motion(camera, ahead)  # px per frame
     shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
     blur = shutter * speed
     if blur < BLUR_STEP:
@@ -189,11 +189,11 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     count = int(np.ceil(blur / BLUR_STEP))
     for share in shutter * ((np.arange(count) + 0.5) / count - 0.5):
         instant = camera_between(camera, ahead, share)
-        total += cv2.remap(picture, *_seen(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        total += cv2.remap(picture, *_warp_maps(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return total / np.float32(count)
 
 
-def _seen(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
+def _warp_maps(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
     """Pixels x and y of `other` that show the same infinitely far points as the pixels of `camera`, (height, width).
 
     Within cells they are interpolated linearly: the lens bends a cell by less than a hundredth of a pixel.
@@ -232,7 +232,7 @@ def read_cameras(path: Path) -> list[TrueFrame]:
     ]
 
 
-def _moved(a: Camera, b: Camera) -> float:
+def _image_motion(a: Camera, b: Camera) -> float:
     """Largest motion, from one camera to another, of the image of infinitely far points, pixels."""
     width, height = a.image_size
     xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])
