@@ -155,9 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     rng = np.random.default_rng(options.seed)
-    all_of = list(
-        judge_pictures(options.frames, rng) if options.what == "pictures" else judge_clips(options.clips, rng)
-    )
+    found = list(judge_pictures(options.frames, rng) if options.what == "pictures" else judge_clips(options.clips, rng))
     for kind in ("", *sorted({one.kind for one in found})):
         some = [one for one in found if one.kind.startswith(kind)]
         good = [one for one in some if one.found.verdict == Verdict.GOOD]
