@@ -1,0 +1,71 @@
+"""What a camera that was searched for explains of the stripes of its picture, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import BoolArray
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.stripe_likelihood import StripeMaps
+from fieldcalib.localize.long_lines import LongLines
+from fieldcalib.localize.stripes import Stripes
+
+EXPLAINED = 6.0  # px from a projected marking
+ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
+SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
+MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
+
+
+@dataclass(frozen=True)
+class CourtEvidence:
+    """Evidence of the stripes in a picture for a camera."""
+
+    score: float
+    """Log likelihood ratio of the projected markings (`fieldcalib.images.stripe_likelihood`)."""
+    mean: float
+    """The same for each independent point in view."""
+    explained: float
+    """Share of the long stripes on the field that lie on projected markings, those above the ground included."""
+    long_stripes: int
+    """Pixels of long stripes on the field."""
+    runner_up: float
+    """Score of the best camera that projects the field elsewhere, as a share of this one's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The stripes of a picture, prepared for the comparison with many cameras."""
+
+    stripes: Stripes
+    is_long: BoolArray
+    """Which stripes lie on a long line, (N,)."""
+    maps: StripeMaps
+
+    @classmethod
+    def of(cls, stripes: Stripes, lines: LongLines) -> Picture:
+        """Prepare the stripes of a picture and its long lines."""
+        is_long = np.zeros(len(stripes.xy), dtype=bool)
+        for normal, offset in zip(lines.normal, lines.offset, strict=True):
+            turn = stripes.angle - np.arctan2(normal[0], -normal[1])
+            turn -= np.pi * np.round(turn / np.pi)
+            is_long |= (np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE)
+        return cls(stripes, is_long, StripeMaps.of(stripes))
+
+    def explained(self, field: Field, camera: Camera) -> tuple[float, int]:
+        """Share of the long stripes on the field that lie on markings, and the number of these stripes."""
+        from scipy.spatial import cKDTree
+
+        xy = self.stripes.xy[self.is_long]
+        ground = camera.image_to_field(xy)[:, :2]
+        on_field = np.all(np.abs(ground) < field.half_extent * (1.0 + MARGIN), axis=1)  # false for the sky
+        spacing = SPACING * float(np.hypot(field.length, field.width))
+        markings = np.concatenate([segment.sample(spacing) for segment in field.markings.values()])
+        seen = camera.project(markings)
+        seen = seen[np.all(np.isfinite(seen), axis=1)]
+        if not np.any(on_field) or not len(seen):
+            return 0.0, 0
+        distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
+        return float(np.mean(np.isfinite(distance))), int(np.count_nonzero(on_field))
