@@ -15,7 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.localize.long_lines import LongLines
@@ -44,7 +44,7 @@ class Cameras:
     def __len__(self) -> int:
         return len(self.f)
 
-    def take(self, index: Array | BoolArray) -> Cameras:
+    def take(self, index: BoolArray | IntArray) -> Cameras:
         """Some of them, by mask or by index."""
         return Cameras(self.f[index], self.R[index], self.C[index], self.size)
 
@@ -99,7 +99,7 @@ class FieldLines:
 def _without_duplicates(values: list[float]) -> Array:
     """Values in ascending order, of those nearer to each other than `SAME_LINE` one."""
     ordered = np.sort(np.array(values, dtype=float))
-    return ordered[np.append(True, np.diff(ordered) > SAME_LINE)[: len(ordered)]]
+    return np.asarray(ordered[np.append(True, np.diff(ordered) > SAME_LINE)[: len(ordered)]])
 
 
 def hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
@@ -118,7 +118,8 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras
                 parts.append(quads.cameras(*ends))
     if not parts:
         return Cameras(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
-    joined = Cameras(*(np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "R", "C")), size)
+    f, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "R", "C"))
+    joined = Cameras(f, R, C, size)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
@@ -168,15 +169,15 @@ class _Quads:
         """All pairs of lines across the field with all pairs along it that have no line in common."""
         width = float(size[0])
         middle = 0.5 * np.array(size)
-        l = lines.homogeneous
-        l = np.column_stack([l[:, :2], (l[:, 2] + l[:, :2] @ middle) / width])
+        line = lines.homogeneous
+        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ middle) / width])
         ends = (lines.ends - middle) / width
-        pairs = _pairs(l, ends)
+        pairs = _pairs(line, ends)
         first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
         a, b = pairs[first], pairs[second]
         apart = np.all(a[:, :, None] != b[:, None, :], axis=(1, 2))
         a, b = a[apart], b[apart]
-        a1, a2, b1, b2 = l[a[:, 0]], l[a[:, 1]], l[b[:, 0]], l[b[:, 1]]
+        a1, a2, b1, b2 = line[a[:, 0]], line[a[:, 1]], line[b[:, 0]], line[b[:, 1]]
         origin, far = np.cross(a1, b1), np.cross(a2, b2)
         of_x, of_y = np.cross(b1, b2), np.cross(a1, a2)  # vanishing points
         # far = alpha of_x + beta of_y + gamma origin
@@ -188,15 +189,13 @@ class _Quads:
             scale = 1.0 / h3[:, 2:]
             h1, h2, h3 = h1 * scale, h2 * scale, h3 * scale
         depth = np.stack([h3[:, 2], h3[:, 2] + h1[:, 2], h3[:, 2] + h2[:, 2], h3[:, 2] + h1[:, 2] + h2[:, 2]])
-        good = np.all(depth > 0.0, axis=0) & np.all(np.isfinite(h1 + h2 + h3), axis=1)  # false for NaN
+        good = np.all(depth > 0.0, axis=0) & np.all(np.isfinite(h1) & np.isfinite(h2) & np.isfinite(h3), axis=1)
         h1, h2, h3 = h1[good], h2[good], h3[good]
         corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])
         near = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
         h1, h2, h3 = h1[near], h2[near], h3[near]
         # seen from above, y is to the right of x, as in the picture; else the pair along the field is the other way
-        (xx, xy), (yx, yy) = (
-            ((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2)
-        )
+        (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))
         flip = (xx * yy - xy * yx < 0.0)[:, None]
         h3, h1, h2 = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2)
         return cls(h1, h2, h3, size)
@@ -217,7 +216,7 @@ class _Quads:
         return _cameras(h1[good], h2[good], h3[good], np.sqrt(squared[good]), self.size)
 
 
-def _pairs(lines: Array, ends: Array) -> Array:
+def _pairs(lines: Array, ends: Array) -> IntArray:
     """Pairs of lines (N, 2) that do not cross between their ends: lines that are parallel on the ground do not."""
     first, second = np.triu_indices(len(lines), 1)
     crossing = np.cross(lines[first], lines[second])
@@ -241,12 +240,19 @@ def _cameras(h1: Array, h2: Array, h3: Array, f: Array, size: tuple[int, int]) -
     r1, r2, t = h1 / K, h2 / K, h3 / K
     scale = 0.5 * (np.linalg.norm(r1, axis=1) + np.linalg.norm(r2, axis=1))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        r1, r2, t = (r1 / np.linalg.norm(r1, axis=1, keepdims=True), r2 / np.linalg.norm(r2, axis=1, keepdims=True), t / scale)
-        half, rest = r1 + r2, r1 - r2
-        half /= np.sqrt(2.0) * np.linalg.norm(half, axis=1, keepdims=True)
-        rest /= np.sqrt(2.0) * np.linalg.norm(rest, axis=1, keepdims=True)
+        r1, r2, t = (
+            r1 / np.linalg.norm(r1, axis=1, keepdims=True),
+            r2 / np.linalg.norm(r2, axis=1, keepdims=True),
+            t / scale,
+        )
+        half, rest = np.sqrt(0.5) * _unit(r1 + r2), np.sqrt(0.5) * _unit(r1 - r2)
     r1, r2 = half + rest, half - rest
     R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
     C = -np.einsum("nij,ni->nj", R, t)
     good = np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0)
     return Cameras(f[good] * size[0], R[good], C[good], size)
+
+
+def _unit(v: Array) -> Array:
+    """Vectors (N, 3) scaled to length 1."""
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

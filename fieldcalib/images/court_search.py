@@ -1,21 +1,21 @@
 """Cameras of a court from a picture alone, by search: no network, no labels.
 
-    picture, scaled to 1280 columns
-      |  stripes, and the long lines on which they lie                    localize/stripes, localize/long_lines
-      v
-    cameras that see four lines of the field in four lines of the picture  images/court_hypotheses
-      |  ranked by a likelihood ratio, in three rounds with more points     images/stripe_likelihood
-      v
-    the best different cameras, refined on the picture, lens included      images/refinement
-      |  equal ones merged; what each explains of the picture              images/court_evidence
-      v
-    ranked cameras, the first one accepted or not
+picture, scaled to 1280 columns
+  |  stripes, and the long lines on which they lie                    localize/stripes, localize/long_lines
+  v
+cameras that see four lines of the field in four lines of the picture  images/court_hypotheses
+  |  ranked by a likelihood ratio, in three rounds with more points     images/stripe_likelihood
+  v
+the best different cameras, refined on the picture, lens included      images/refinement
+  |  equal ones merged; what each explains of the picture              images/court_evidence
+  v
+ranked cameras, the first one accepted or not
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,7 @@ ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points of the field, and cameras
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
 OTHER = 30.0  # px: cameras that are further from one than this are others
-SAME = 3.0  # px: refined cameras that are nearer to each other than this are one
+SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
 GRID = 7  # points of the field along and across at which cameras are compared
 
@@ -51,6 +51,8 @@ class FoundCourt:
     calibration: Calibration
     """Its status says whether it is accepted."""
     evidence: CourtEvidence
+    twin: Camera | None = None
+    """The camera on the other side of the field whose picture is the same; None if the field tells its sides apart."""
 
 
 def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL) -> list[FoundCourt]:
@@ -100,9 +102,10 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
     found = _merged(refined, field)
-    evidence = _evidence(picture, ranked, field, [one.calibration.required_camera.scaled(size) for one in found])
+    evidence = _evidence(picture, ranked, field, found)
     order = sorted(range(len(found)), key=lambda index: -evidence[index].score)
-    return [FoundCourt(found[index].judged, evidence[index]) for index in order]
+    twins = [_twin(one.calibration.required_camera, field) for one in found]
+    return [FoundCourt(_judged(found[k], evidence[k]), evidence[k], twins[k]) for k in order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,19 +127,22 @@ def _ranked(picture: Picture, cameras: Cameras, field: Field) -> _Ranked:
     return _Ranked(cameras, score)
 
 
-def _evidence(picture: Picture, ranked: _Ranked, field: Field, cameras: Sequence[Camera]) -> list[CourtEvidence]:
+def _evidence(picture: Picture, ranked: _Ranked, field: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
     """The evidence for each camera, against the refined ones and those that were searched."""
     points, X = MarkingPoints.of(field, ROUNDS[-1][0]), _grid(field)
+    cameras = [one.calibration.required_camera.scaled(picture.stripes.size) for one in refined]
     scores = [picture.maps.score(camera, points) for camera in cameras]
     seen = [camera.project(X) for camera in cameras]
     searched = _projected(ranked.cameras, X)
     found = []
     for index, (camera, (score, weight)) in enumerate(zip(cameras, scores, strict=True)):
-        others = [other for k, (other, _) in enumerate(scores) if k != index]
+        apart = _distances(np.array(seen), seen[index], camera.image_size) > OTHER
+        others = [other for (other, _), is_other in zip(scores, apart, strict=True) if is_other]
         others += ranked.score[_distances(searched, seen[index], camera.image_size) > OTHER][:1].tolist()
         explained, count = picture.explained(field, camera)
-        runner_up = max(max(others, default=0.0) / max(score, 1e-9), 0.0)
-        found.append(CourtEvidence(score, score / max(weight, 1.0), explained, count, runner_up))
+        runner_up = max(others, default=0.0) / score if score > 0.0 else np.inf
+        paint, mean = refined[index].paint_share, score / max(weight, 1.0)
+        found.append(CourtEvidence(score, mean, explained, count, max(runner_up, 0.0), paint))
     return found
 
 
@@ -183,6 +189,23 @@ def _unjudged(camera: Camera, field: Field) -> Calibration:
     return Calibration(camera, Status.ACCEPTED, "found by search", np.nan, np.nan, {}, field=field)
 
 
+def _judged(refined: Refined, evidence: CourtEvidence) -> Calibration:
+    """The calibration of a refined camera, "probably wrong" without enough evidence."""
+    calibration = refined.judged
+    if not calibration.accepted or evidence.is_enough:
+        return calibration
+    doubt = "; ".join((f"found by search, right with a probability of {evidence.probability:.2f}", *evidence.doubts))
+    return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+
+
+def _twin(camera: Camera, field: Field) -> Camera | None:
+    """The camera turned by 180 degrees about the centre mark, where the field looks the same from there."""
+    if len(field.symmetric) < len(field):
+        return None
+    turn = np.array([-1.0, -1.0, 1.0])
+    return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
+
+
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
     """Of refined cameras that are the same, the best supported one; those that the solver refused are left out."""
     X, kept, seen = _grid(field), [], []
@@ -195,4 +218,3 @@ def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
             kept.append(one)
             seen.append(xy)
     return kept
-

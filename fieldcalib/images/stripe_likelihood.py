@@ -14,10 +14,11 @@ logarithms are tabulated, so that thousands of cameras are ranked at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib._types import Array, Float32
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_hypotheses import Cameras
@@ -36,6 +37,8 @@ STEP = 12.0  # px along a marking that count as one independent point
 MOST = 3.0  # independent points that one may stand for, where it is near to the camera
 AHEAD = 0.02  # m along a marking, for its direction in the picture
 AT_ONCE = 1024  # cameras: their arrays still fit the processor's cache
+
+Pixels: TypeAlias = Array | Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +68,9 @@ class StripeMaps:
             empty[row[own], column[own]] = 0
             count = np.zeros((h, w), np.float32)
             np.add.at(count, (row[own], column[own]), np.float32(1.0))
-            distance = np.float32(CELL) * cv2.distanceTransform(empty, cv2.DIST_L2, 3)
+            distance = np.minimum(cv2.distanceTransform(empty, cv2.DIST_L2, 3), np.float32(FARTHEST / CELL))
             mean = cv2.boxFilter(count, -1, (around, around), borderType=cv2.BORDER_REFLECT)
-            table[k] = _log_ratio(np.minimum(distance, np.float32(FARTHEST)), mean / np.float32(CELL * CELL))
+            table[k] = _log_ratio(np.float32(CELL) * distance, mean / np.float32(CELL * CELL))
         return cls(table, stripes.size)
 
     def scores(self, cameras: Cameras, points: MarkingPoints) -> Array:
@@ -90,7 +93,7 @@ class StripeMaps:
         ratio, weight = self._looked_up(*projected(P, points))
         return np.asarray(np.sum(ratio * weight, axis=1), dtype=float)
 
-    def _looked_up(self, x: Array, y: Array, direction: Array, step: Array) -> tuple[Array, Array]:
+    def _looked_up(self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels) -> tuple[Float32, Float32]:
         """Logarithms of points of markings, and how many independent points each counts for; 0 out of the picture."""
         width, height = self.size
         inside = (x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)  # false behind the camera
@@ -98,7 +101,7 @@ class StripeMaps:
         k = np.mod(np.round(direction * (BINS / np.pi)).astype(np.intp), BINS)
         ratio = self.table[k, row, column]
         weight = np.where(inside, np.minimum(step / np.float32(STEP), np.float32(MOST)), np.float32(0.0))
-        return ratio, weight
+        return ratio, np.asarray(weight, np.float32)
 
 
 def _log_ratio(distance: Float32, density: Float32) -> Float32:
@@ -118,8 +121,6 @@ class MarkingPoints:
     """Unit vectors, (N, 3)."""
     spacing: Array
     """Length of marking for which each stands, metres, (N,)."""
-    label: IntArray
-    """Index of its marking in `Markings.labels`, (N,)."""
 
     @classmethod
     def of(cls, field: Field, count: int) -> MarkingPoints:
@@ -132,15 +133,15 @@ class MarkingPoints:
         chosen, first = np.unique(cell, return_index=True)
         last = np.append(first[1:], len(cell)) - 1
         taken = ground[(first + last) // 2]
-        spacing = np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen))
-        return cls(markings.X[taken], markings.along[taken], spacing, markings.member[taken])
+        spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen)), dtype=float)
+        return cls(markings.X[taken], markings.along[taken], spacing)
 
 
 def _steps(markings: Markings) -> Array:
     """Length of marking (N,) for which each of its points stands."""
     joined = markings.member[1:] == markings.member[:-1]
     gap = np.where(joined, np.linalg.norm(np.diff(markings.X, axis=0), axis=1), 0.0)
-    return 0.5 * (np.append(gap, 0.0) + np.append(0.0, gap))
+    return np.asarray(0.5 * (np.append(gap, 0.0) + np.append(0.0, gap)))
 
 
 def projected(P: Float32, points: MarkingPoints) -> tuple[Float32, Float32, Float32, Float32]:

@@ -1,4 +1,4 @@
-"""The long straight lines of a picture, from its stripes: a Hough transform in which stripes vote in their direction."""
+"""The long straight lines of a picture: a Hough transform in which its stripes vote in their own direction."""
 
 from __future__ import annotations
 

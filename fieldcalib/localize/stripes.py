@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray, Float32
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.io.image import Image, size_of
 
 WORKING_WIDTH = 1280  # columns: pictures of 426 columns are searched as well as larger ones if they are enlarged to it
@@ -28,6 +28,7 @@ STRONG = 40.0  # contrast from which on a stripe counts fully for the direction 
 MIDDLE_BLUR = 1.2  # px, of the response: a wide stripe has its largest response in a row of pixels
 DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that agrees on a direction
 LEAST_COHERENCE = 0.55  # 1 where all of it runs in one direction, 0 where in all
+MOST = 15_000  # pixels, those of the largest contrast: the boards of a wooden floor are stripes too
 LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
 
 
@@ -43,6 +44,10 @@ class Stripes:
     """By how much it differs from both sides, levels of brightness, (N,)."""
     size: tuple[int, int]
     """Width and height of the picture."""
+
+    def take(self, index: BoolArray | IntArray) -> Stripes:
+        """Some of them, by mask or by index."""
+        return Stripes(self.xy[index], self.angle[index], self.contrast[index], self.size)
 
 
 def at_working_size(image: Image) -> Image:
@@ -78,14 +83,18 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
     """
     import cv2
 
-    luma = cv2.transform(image, np.array([LUMA if lighter else np.negative(LUMA)], np.float32)).astype(np.float32)
-    response = cv2.GaussianBlur(_response(cv2.GaussianBlur(luma, (0, 0), BLUR)), (0, 0), MIDDLE_BLUR)
+    grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
+    luma: Float32 = np.asarray(cv2.GaussianBlur(grey if lighter else -grey, (0, 0), BLUR), np.float32)
+    response: Float32 = np.asarray(cv2.GaussianBlur(_response(luma), (0, 0), MIDDLE_BLUR), np.float32)
     across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
     x, y, offset = _middles(response, across, coherence)
-    normal = across[y, x]
+    normal = across[y, x].astype(float)
     step = np.column_stack([np.cos(normal), np.sin(normal)])
     xy = np.column_stack([x, y]) + offset[:, None] * step
-    return Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), response[y, x].astype(float), size_of(image))
+    contrast = response[y, x].astype(float)
+    strongest = np.argsort(-contrast, kind="stable")[:MOST]
+    found = Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), contrast, size_of(image))
+    return found if len(strongest) == len(contrast) else found.take(np.sort(strongest))
 
 
 def _response(luma: Float32) -> Float32:
@@ -120,20 +129,21 @@ def _direction(response: Float32) -> tuple[Float32, Float32]:
     return 0.5 * angle, length / (xx + yy + np.float32(1.0))
 
 
-def _middles(response: Float32, across: Float32, coherence: Float32) -> tuple[Array, Array, Array]:
+def _middles(response: Float32, across: Float32, coherence: Float32) -> tuple[IntArray, IntArray, Float32]:
     """Columns and rows of pixels in the middle of stripes, and how far across it is from each."""
     candidates = (response > 0.5 * LEAST_CONTRAST) & (coherence > LEAST_COHERENCE)
     candidates[[0, 1, -2, -1]] = candidates[:, [0, 1, -2, -1]] = False
     y, x = np.nonzero(candidates)
     normal = across[y, x]
     nx, ny = np.cos(normal), np.sin(normal)
-    middle, after, before = response[y, x], _sampled(response, x + nx, y + ny), _sampled(response, x - nx, y - ny)
+    middle = response[y, x]
+    after, before = (_sampled(response, np.asarray(x + s * nx), np.asarray(y + s * ny)) for s in (1.0, -1.0))
     top = (middle >= before) & (middle > after)
     x, y, before, middle, after = x[top], y[top], before[top], middle[top], after[top]
     return x, y, 0.5 * (after - before) / np.maximum(2.0 * middle - before - after, 1e-6)
 
 
-def _sampled(values: Float32, x: Array, y: Array) -> Float32:
+def _sampled(values: Float32, x: Array | Float32, y: Array | Float32) -> Float32:
     """Values at places between pixels, none of them at the border."""
     column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)
