@@ -30,7 +30,7 @@ import numpy as np
 
 from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.ndc import cloud
+from fieldcalib.assess.ndc import cloud_samples
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
@@ -266,7 +266,7 @@ def _homogeneous(segment: Segment) -> Array:
     """Start and direction of a line (2, 4), or samples of any other segment (K, 4)."""
     if segment.is_straight:
         return np.column_stack([segment.vectors, (1.0, 0.0)])
-    return homogenize(cloud(segment).X)
+    return homogenize(cloud_samples(segment))
 
 
 # --- the loss and its gradient ---

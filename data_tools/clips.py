@@ -35,7 +35,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import KeyframeLabels, read_keyframes
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import find_clip_lines, finish
+from fieldcalib.images.finished_clip import find_clip_lines, finish_clip
 from fieldcalib.images.frame import Frame
 from fieldcalib.images.keyframes import TiedFrame, tied_frames
 from fieldcalib.images.matches import Matches, match_background
@@ -145,7 +145,7 @@ class Clip:
         solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
         lines = find_clip_lines(solved, read_ahead(self.images()), self.network)
         self.lines = dict(lines.labels)
-        return finish(replace(lines, labels=_kept(self.lines, withheld)))
+        return finish_clip(replace(lines, labels=_kept(self.lines, withheld)))
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:

@@ -12,15 +12,15 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
-from fieldcalib.images.clip_models import LeftOut, parts
+from fieldcalib.images.clip_models import HeldOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish, finish_again, off_paint
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip, finish_clip_again, off_paint
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.ties import thinned
+from fieldcalib.solve.ties import cell_means
 
 FIELD = soccer()
 
@@ -30,7 +30,7 @@ def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
     rng, size, count = np.random.default_rng(seed), cameras[0].image_size, len(cameras)
     pieces = Pieces(np.array(piece or [0] * count))
     found = matched(cameras, chain(count, 1, 2), rng)
-    matches = {pair: thinned(p, q, size) for pair, (p, q) in found.items() if np.ptp(pieces.number[list(pair)]) == 0}
+    matches = {pair: cell_means(p, q, size) for pair, (p, q) in found.items() if np.ptp(pieces.number[list(pair)]) == 0}
     frames = [frame.pixels for frame in labelled(cameras, FIELD, rng, noise)]
     labels = {t: KeyframeLabels(PixelTable.of(FIELD, [pixels])) for t, pixels in enumerate(frames)}
     shots = Shots(0, size, pieces, np.array(loose or [False] * count), matches)
@@ -44,7 +44,7 @@ def solved(clip):
 def finished(found):
     """All frames, from the labels of keyframes."""
     members = tuple(one.pieces for one in found.tripods)
-    return finish(ClipLines(found, members, found.keyframes.accepted, {}))
+    return finish_clip(ClipLines(found, members, found.keyframes.accepted, {}))
 
 
 def together(clip, labels=None):
@@ -138,9 +138,9 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     found = replace(found, tripods=tuple(one.seen_in_images({0: (beside,)}) for one in found.tripods))
     nothing = finished(replace(result, tripods=()))
     monkeypatch.setattr("fieldcalib.images.finished_clip.find_clip_lines", lambda *_: None)
-    monkeypatch.setattr("fieldcalib.images.finished_clip.finish", lambda *_: nothing)
+    monkeypatch.setattr("fieldcalib.images.finished_clip.finish_clip", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
-    assert finish_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
+    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     assert max(far_off(one, camera) for one, camera in labelled) < 1.2
     assert found[8].accepted
     assert [t for t, one in enumerate(found) if one.verdict is not Verdict.GOOD] == [8]
-    assert "no line of it" in found[8].reason
+    assert "position of its window is uncertain" in found[8].reason
 
 
 @pytest.mark.slow
@@ -223,7 +223,7 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     )
     lines = find_clip_lines(found, images, None)
     assert set(lines.labels) == set(lines.ridges) == set(range(14))
-    video = finish(replace(lines, ridges={}))
+    video = finish_clip(replace(lines, ridges={}))
     assert np.median([far_off(one, camera) for one, camera in zip(video, cameras, strict=True)]) < 1.0
     assert video.basis == ["lines"] * 14
 
@@ -253,7 +253,7 @@ def test_alternating_places_make_two_tripods():
 
 def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypatch):
     """Whatever the places of the pieces say."""
-    monkeypatch.setattr("fieldcalib.images.solved_tripods.grouped", lambda shots: [sorted(shots)])
+    monkeypatch.setattr("fieldcalib.images.solved_tripods.grouped_by_tripod", lambda shots: [sorted(shots)])
     one = panned(10, -0.4, 0.4)
     cameras = [*one[:6], *(moved(camera, (9.0, 6.0, 0.0)) for camera in panned(8, -0.3, 0.3)), *one[6:]]
     clip = clip_of(cameras, piece=[0] * 6 + [1] * 8 + [2] * 4)
@@ -274,7 +274,7 @@ def test_frames_that_nothing_ties_join_the_piece_before_where_it_explains_them(w
 def test_left_out_labels_are_predicted_by_the_right_cameras_only():
     cameras = panned(8, -0.4, 0.4)
     clip = clip_of(cameras)
-    left_out = LeftOut.of(clip.accepted)
+    left_out = HeldOut.of(clip.accepted)
     assert all(not left_out.left[t].by_label(0).keys() & left_out.kept[t].by_label(0).keys() for t in left_out.left)
     assert len(left_out.left) >= 6
     calibration = together(clip, left_out.kept)

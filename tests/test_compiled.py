@@ -40,7 +40,7 @@ def by_numpy(monkeypatch):
 
     def call(function, *arguments, **options):
         with monkeypatch.context() as context:
-            context.setattr(compilation, "compiled", lambda: None)
+            context.setattr(compilation, "compiled_module", lambda: None)
             return function(*arguments, **options)
 
     return call
@@ -70,7 +70,7 @@ def test_closest_points_and_their_derivatives(camera, rng, lens):
     start = problem_of(camera, rng, lens)
     compiled = evaluate(start.problem, start.theta)
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(compilation, "compiled", lambda: None)
+        context.setattr(compilation, "compiled_module", lambda: None)
         numpy = evaluate(start.problem, start.theta)
         JT, cost = numpy.JT, numpy.cost
     seen = start.problem.observations.label >= 0
@@ -95,10 +95,10 @@ def test_cost_gradient_and_hessian_term_by_term(camera, rng, lens, loss, prior):
     start = problem_of(camera, rng, lens, loss, prior)
     seen = start.problem.observations.label >= 0
     assume(np.all(np.abs(start.r[seen]) < 200.0))  # far from a circle the closest of its points may be another one
-    module, theta = compilation.compiled(), start.theta.copy()
+    module, theta = compilation.compiled_module(), start.theta.copy()
     terms = compiled_cost(module, start.problem, theta)
     with pytest.MonkeyPatch.context() as context:
-        context.setattr(compilation, "compiled", lambda: None)
+        context.setattr(compilation, "compiled_module", lambda: None)
         numpy = evaluate(start.problem, start.theta)
         expected = numpy.cost, numpy.gradient, numpy.hessian
     P = numpy.gradient.shape[1]
@@ -214,8 +214,10 @@ def test_annotated_frames_are_the_same(shared_data, by_numpy):
 
 
 def test_what_is_left_to_numpy():
-    assert compilation.kernels(Layout.of(SIZE, BrownConradyLens(RHO))) is None
-    assert compilation.kernels(Layout.of(SIZE, zoom_law=ZoomLaw(7.0))) is None
+    nothing = pack(FIELD, [{}], SIZE)
+    assert compilation.kernels(Layout.of(SIZE, BrownConradyLens(RHO)), nothing) is None
+    assert compilation.kernels(Layout.of(SIZE, zoom_law=ZoomLaw(7.0)), nothing) is None
+    assert compilation.kernels(Layout.of(SIZE), nothing) is not None
     cloud = {"balls": PointCloud([(0.0, 0.0, 0.0)])}
     observed = pack(cloud, [{"balls": np.array([(10.0, 20.0)])}], SIZE)
     assert compilation.kernels(Layout.of(SIZE), observed) is None
@@ -240,9 +242,9 @@ def test_the_command_line_says_that_it_compiles(tmp_path):
     """Once, where something is not in the cache. A small function stands in."""
     code = (
         "from fieldcalib.console.program import log_on_stderr\n"
-        "from fieldcalib.problem.compilation import compiled\n"
+        "from fieldcalib.problem.compilation import compiled_module\n"
         "with log_on_stderr():\n"
-        "    module = compiled()\n"
+        "    module = compiled_module()\n"
         "    for one in (float, int):\n"  # compiled for each
         "        module._unit(one(3), one(4), module.Limits())\n"
     )

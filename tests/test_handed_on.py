@@ -28,7 +28,7 @@ LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. l
 @pytest.fixture
 def searches(monkeypatch):
     """The searches of the closest points so far, of NumPy's way: of how many frames each was."""
-    monkeypatch.setattr(compilation, "compiled", lambda: None)
+    monkeypatch.setattr(compilation, "compiled_module", lambda: None)
     found, search = [], Observations.closest_points
 
     def counted(observations, projection):

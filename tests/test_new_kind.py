@@ -8,7 +8,7 @@ import pytest
 from fieldcalib import Camera, calibrate_batch, calibrate_from_segments, soccer
 from fieldcalib.draw import draw_field
 from fieldcalib.fields.segments import ArcRows, Line, Segment
-from fieldcalib.fields.segments.segment import mirrored
+from fieldcalib.fields.segments.segment import mirrored_point
 from fieldcalib.problem.evaluation import evaluate_camera
 
 SIZE = (960, 540)
@@ -44,7 +44,7 @@ class Ellipse(Segment):
         return min(pixels, 5)
 
     def mirrored(self, signs):
-        return Ellipse(mirrored(self.center, signs), self.a, self.b)
+        return Ellipse(mirrored_point(self.center, signs), self.a, self.b)
 
 
 SEGMENTS = {

@@ -190,7 +190,7 @@ def test_paint_has_the_last_word_on_frames_of_a_sequence():
     found = calibrate_sequence(soccer(size_known=True), labelled, PENALTY_AREA.image_size)
     assert {str(one.verdict) for one in found} == {"good"}
     pulled = replace(found, frames=replace(found.frames, misfit=np.full(3, 30.0)))
-    assert [one.complaints for one in pulled] == 3 * [("what the frames share brings its lines 30 px off",)]
+    assert [one.complaints for one in pulled] == 3 * [("the parameters that the frames share put its lines 30 px off",)]
     on = tuple(MarkingInView(name, 400.0, 30, share=0.95, offset=0.0) for name in ("front", "side", "arc"))
     off = (*on, MarkingInView("near", 400.0, 30, share=0.1, offset=9.0))
     seen = pulled.seen_in_images({0: on, 1: off, 2: on[:2]})

@@ -92,9 +92,9 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
     with monkeypatch.context() as patch:
-        finished = from_video.finish
+        finished = from_video.finish_clip
         ending = Interrupting(finished, count)
-        patch.setattr(from_video, "finish", lambda *arguments: ending(*arguments))
+        patch.setattr(from_video, "finish_clip", lambda *arguments: ending(*arguments))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert "--resume goes on with the run" in capsys.readouterr().err
@@ -102,7 +102,7 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert parts == [f".part-{index:04d}.json" for index in range(count)]
     solved = []
     with monkeypatch.context() as patch:
-        patch.setattr(from_video, "finish", lambda *arguments: solved.append(1) or finished(*arguments))
+        patch.setattr(from_video, "finish_clip", lambda *arguments: solved.append(1) or finished(*arguments))
         network_of_rest = network()
         network_of_rest.maps = network_of_rest.maps[count:]  # one keyframe a part
         assert run("run", video, "--out", tmp_path, "--resume") == 0

@@ -10,7 +10,7 @@ from strategies import any_angles, bounded, numbers
 
 from fieldcalib import calibrate_sequence, soccer
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.images.solved_tripods import LEAST_LOG_RATIO, grouped, same_tripod_log_ratio
+from fieldcalib.images.solved_tripods import LEAST_LOG_RATIO, grouped_by_tripod, same_tripod_log_ratio
 
 PLACE = ("x", "y", "z")
 SIZED = (*PLACE, "length", "width")
@@ -46,7 +46,7 @@ def test_shots_of_one_tripod_are_one_group():
     rng, whole = np.random.default_rng(0), 0
     for _ in range(100):
         sigmas = rng.choice([0.1, 0.2, 0.4, 0.8], size=4)
-        whole += len(grouped({k: seen(rng, HERE, sigma) for k, sigma in enumerate(sigmas)})) == 1
+        whole += len(grouped_by_tripod({k: seen(rng, HERE, sigma) for k, sigma in enumerate(sigmas)})) == 1
     assert whole >= 85
 
 
@@ -57,41 +57,41 @@ def test_a_camera_beside_is_another_one(sigma):
         angle = rng.uniform(0.0, 2.0 * np.pi)
         beside = HERE + 1.2 * np.array([np.cos(angle), np.sin(angle), 0.0])
         shots = {k: seen(rng, true, sigma) for k, true in enumerate((HERE, beside, HERE, beside))}
-        apart += grouped(shots) in ([[0, 2], [1, 3]], [[1, 3], [0, 2]])
+        apart += grouped_by_tripod(shots) in ([[0, 2], [1, 3]], [[1, 3], [0, 2]])
     assert apart >= 90
 
 
 @given(st.data(), numbers(0.05, 0.3), numbers(10.0, 60.0))
 def test_a_camera_elsewhere_is_another_one(data, sigma, distance):
     there = HERE + (distance, 0.0, 0.0)
-    assert len(grouped({k: data.draw(estimates(true, sigma)) for k, true in enumerate((HERE, there))})) == 2
+    assert len(grouped_by_tripod({k: data.draw(estimates(true, sigma)) for k, true in enumerate((HERE, there))})) == 2
 
 
 @given(numbers(0.0, 1.0))
 def test_places_that_are_hardly_known_are_not_joined(distance):
     vague = place(HERE + (distance, 0.0, 0.0), 400.0 * np.eye(3))
-    assert sorted(map(tuple, grouped({0: place(HERE, 0.01 * np.eye(3)), 1: vague}))) == [(0,), (1,)]
+    assert sorted(map(tuple, grouped_by_tripod({0: place(HERE, 0.01 * np.eye(3)), 1: vague}))) == [(0,), (1,)]
 
 
 def test_the_direction_that_is_not_known_may_differ():
     """Along the view distance and zoom trade off: there an estimate may be off by metres, across it not."""
     long = np.diag([0.1, 3.0, 0.1]) ** 2
     sure = place(HERE, 0.01 * np.eye(3))
-    assert grouped({0: sure, 1: place(HERE + (0.0, 2.5, 0.0), long)}) == [[0, 1]]
-    assert grouped({0: sure, 1: place(HERE + (2.5, 0.0, 0.0), long)}) == [[0], [1]]
+    assert grouped_by_tripod({0: sure, 1: place(HERE + (0.0, 2.5, 0.0), long)}) == [[0, 1]]
+    assert grouped_by_tripod({0: sure, 1: place(HERE + (2.5, 0.0, 0.0), long)}) == [[0], [1]]
 
 
 def test_places_that_are_very_sure_still_agree_to_a_decimetre():
     sure = 1e-4 * np.eye(3)
-    assert grouped({0: place(HERE, sure), 1: place(HERE + (0.15, -0.1, 0.05), sure)}) == [[0, 1]]
-    assert grouped({0: place(HERE, sure), 1: place(HERE + (1.0, 0.0, 0.0), sure)}) == [[0], [1]]
+    assert grouped_by_tripod({0: place(HERE, sure), 1: place(HERE + (0.15, -0.1, 0.05), sure)}) == [[0, 1]]
+    assert grouped_by_tripod({0: place(HERE, sure), 1: place(HERE + (1.0, 0.0, 0.0), sure)}) == [[0], [1]]
 
 
 def test_shots_whose_place_was_not_found_are_in_no_group():
     sure = place(HERE, 0.01 * np.eye(3))
-    assert grouped({}) == []
-    assert grouped({0: NOTHING, 1: NOTHING}) == []
-    assert grouped({5: NOTHING, 7: sure, 2: NOTHING, 3: sure}) == [[3, 7]]
+    assert grouped_by_tripod({}) == []
+    assert grouped_by_tripod({0: NOTHING, 1: NOTHING}) == []
+    assert grouped_by_tripod({5: NOTHING, 7: sure, 2: NOTHING, 3: sure}) == [[3, 7]]
 
 
 def test_the_most_certain_place_comes_first():
@@ -102,8 +102,8 @@ def test_the_most_certain_place_comes_first():
         4: place(there, covariance(0.1, axes)),
         9: place(HERE, 0.16 * np.eye(3)),
     }
-    assert grouped(shots) == [[4], [0, 9]]
-    assert grouped(dict(reversed(shots.items()))) == [[4], [0, 9]]
+    assert grouped_by_tripod(shots) == [[4], [0, 9]]
+    assert grouped_by_tripod(dict(reversed(shots.items()))) == [[4], [0, 9]]
 
 
 def test_a_shot_joins_the_group_that_it_most_probably_belongs_to():
@@ -113,7 +113,7 @@ def test_a_shot_joins_the_group_that_it_most_probably_belongs_to():
         1: place(near, 0.011 * np.eye(3)),
         2: place(near - (0.3, 0.0, 0.0), np.eye(3)),
     }
-    assert grouped(shots) == [[0], [1, 2]]
+    assert grouped_by_tripod(shots) == [[0], [1, 2]]
 
 
 def test_the_size_of_the_field_is_the_same_in_any_case():
@@ -122,10 +122,10 @@ def test_the_size_of_the_field_is_the_same_in_any_case():
     V[1, 4] = V[4, 1] = 0.95 * 0.5 * 0.5
     off = np.array([0.0, 1.0, 0.0, 0.0, 1.0])
     one, two = (place([*HERE, 105.0, 68.0] + k * off, V, SIZED) for k in (-0.5, 0.5))
-    assert grouped({0: one, 1: two}) == [[0, 1]]
+    assert grouped_by_tripod({0: one, 1: two}) == [[0, 1]]
     alone = same_tripod_log_ratio(off[:3], 2.0 * V[:3, :3])
     assert same_tripod_log_ratio(off, 2.0 * V) > alone  # than the place by itself says
-    assert grouped({0: one, 1: place(HERE, V[:3, :3])}) == [[0, 1]]  # of which one tells no size
+    assert grouped_by_tripod({0: one, 1: place(HERE, V[:3, :3])}) == [[0, 1]]  # of which one tells no size
 
 
 def test_what_else_is_shared_is_no_matter():
@@ -133,7 +133,7 @@ def test_what_else_is_shared_is_no_matter():
     V = 0.01 * np.eye(6)
     one = place([*HERE, 960.0, 68.0, 0.3], V, names)
     two = place([*HERE, 900.0, 68.05, 2.0], V, names)
-    assert grouped({0: one, 1: two}) == [[0, 1]]
+    assert grouped_by_tripod({0: one, 1: two}) == [[0, 1]]
 
 
 @given(numbers(0.05, 2.0), any_angles(), any_angles(), numbers(0.1, 3.0))

@@ -14,7 +14,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
+from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, cell_means, disagreeing, stepped, with_tied
 
 FIELD = soccer()
 LAYOUT = Layout.of(SIZE).fixed("centre", "principal point", "aspect", "lens")
@@ -46,10 +46,10 @@ def some(*frames, of):
 def test_what_is_thinned_stays_as_it_is(count, noise, rng):
     p = np.random.default_rng(0).uniform((0.0, 0.0), SIZE, (count, 2))
     q = 1.2 * p + (20.0, -9.0) + rng.normal(scale=noise, size=p.shape)
-    once = thinned(p, q, SIZE)
+    once = cell_means(p, q, SIZE)
     assert len(once[0]) <= min(count, CELLS[0] * CELLS[1])
     assume(len(once[0]) >= LEAST_CELLS)
-    np.testing.assert_allclose(thinned(*once, SIZE), once, atol=1e-8)
+    np.testing.assert_allclose(cell_means(*once, SIZE), once, atol=1e-8)
 
 
 @given(bounded((6, 2), -200.0, 200.0), st.integers(80, 400))
@@ -62,7 +62,7 @@ def test_a_map_that_bends_is_kept(bend, count):
         return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) @ bend
 
     p = np.random.default_rng(0).uniform((0.0, 0.0), SIZE, (count, 2))
-    mean, moved = thinned(p, bent(p), SIZE)
+    mean, moved = cell_means(p, bent(p), SIZE)
     np.testing.assert_allclose(moved, bent(mean), atol=1e-6)
 
 
@@ -71,7 +71,7 @@ def test_cells_are_means_of_what_lies_in_them():
     corner = rng.uniform((0.0, 0.0), (96.0, 90.0), (30, 2))
     others = np.array([[150.0, 20.0], [500.0, 300.0], [950.0, 530.0], [20.0, 530.0], [480.0, 20.0]])
     p = np.concatenate([corner, others])
-    mean, moved = thinned(p, p + (3.0, 4.0), SIZE)
+    mean, moved = cell_means(p, p + (3.0, 4.0), SIZE)
     assert len(mean) == 6
     at = np.argmin(np.linalg.norm(mean - corner.mean(axis=0), axis=1))
     np.testing.assert_allclose(mean[at], corner.mean(axis=0))
@@ -81,21 +81,21 @@ def test_cells_are_means_of_what_lies_in_them():
 def test_noise_is_averaged():
     rng = np.random.default_rng(1)
     p = rng.uniform((0.0, 0.0), SIZE, (6000, 2))
-    _, moved = thinned(p, p + rng.normal(size=p.shape), SIZE)
-    mean, _ = thinned(p, p, SIZE)
+    _, moved = cell_means(p, p + rng.normal(size=p.shape), SIZE)
+    mean, _ = cell_means(p, p, SIZE)
     assert 0.07 < np.std(moved - mean) < 0.13  # of 100 points a cell
 
 
 def test_too_few_points_are_none():
     few = np.ones((LEAST_CELLS - 1, 2))
-    assert [len(part) for part in thinned(few, few, SIZE)] == [0, 0]
+    assert [len(part) for part in cell_means(few, few, SIZE)] == [0, 0]
 
 
 def test_matches_in_a_corner_tie_nothing():
     corner = np.random.default_rng(0).uniform((0.0, 0.0), (180.0, 170.0), (100, 2))  # four cells
     ties = Ties.of(FIELD, {(0, 1): (corner, corner)}, 2, SIZE)
     assert len(ties) == 0
-    assert not ties.some_tie.any()
+    assert not ties.is_tied.any()
     assert ties.among(np.arange(2)) is None
 
 
@@ -174,7 +174,7 @@ def test_what_is_reached():
     assert ties.reached(some(1, of=5), none).tolist() == [0, 2]
     assert ties.reached(some(1, of=5), some(2, of=5)).tolist() == [0]
     assert ties.reached(none, none).tolist() == []
-    assert ties.some_tie.all()
+    assert ties.is_tied.all()
 
 
 # wrong cameras

@@ -179,7 +179,7 @@ def test_noise_is_found_through_the_robust_loss_and_gross_errors():
     prior = prior_for(["main center", "main left"] * 20)
     _, found = solved(frames, truth, PINHOLE, prior)
     assert np.median([u.sigma for u in found]) == pytest.approx(2.0, rel=0.1)
-    assert np.median([u.bent_sigma for u in found]) < 1.8
+    assert np.median([u.robust_sigma for u in found]) < 1.8
     for frame in frames:
         label = next(label for label in frame if isinstance(FIELD[label], Line))
         frame[label] = frame[label] + 100.0

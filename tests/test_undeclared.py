@@ -14,6 +14,7 @@ from synthetic import observe, whole_circle_markings
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.assess.whole_picture import (
     CUT,
@@ -23,8 +24,8 @@ from fieldcalib.assess.whole_picture import (
     Declared,
     PrincipalPointEvidence,
     _freed,
+    differs_in_aspect,
     features,
-    is_squashed,
     largest_error_of_part,
     score,
     seems_part,
@@ -37,7 +38,7 @@ from fieldcalib.images.pictures import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.problem.simulated import observe as demo_labels
 from fieldcalib.problem.simulated import pan_over_field
-from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, likelier
+from fieldcalib.solve.aspect import WAS_SQUASHED, likelier
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.label_ends import ENDS
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
@@ -326,11 +327,11 @@ def test_a_squashed_picture_is_told_by_its_labels(shape):
 def test_what_was_squashed_was_a_whole_frame():
     """The same labels are doubted to be of a part less where the picture was squashed."""
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
-    thin = in_pixels_of(found, (540, 540))
+    thin = Placement((540, 540), SIZE, None).from_frame(found)
     solved = found.uncertainty.camera
-    assert not is_squashed(found.camera, solved)
-    assert is_squashed(thin.camera, solved)
-    assert not is_squashed(found.camera.cropped((0, -90), (960, 720)), solved)
+    assert not differs_in_aspect(found.camera, solved)
+    assert differs_in_aspect(thin.camera, solved)
+    assert not differs_in_aspect(found.camera.cropped((0, -90), (960, 720)), solved)
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():

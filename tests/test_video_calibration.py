@@ -63,7 +63,7 @@ def test_frames_of_a_video_are_those_of_its_tripods(video):
     for found, expected in zip(video, expected_of(video), strict=True):
         if expected is None:
             assert (found.camera, str(found.status)) == (None, "too few segments")
-            assert found.message == "nothing in this shot tells the camera"
+            assert found.message == "nothing in this shot determines the camera"
         else:
             assert found == expected
     none = Basis.NOTHING

@@ -23,7 +23,7 @@ REACHED, SHORT = 0.012, 0.02  # of the width: labels with a smaller gap reach th
 LOG_RATIOS = (-3.0, 1.2, 4.6)
 MOST_LOG_RATIO = 8.0  # one picture in some thousands is unusual for another reason
 LEAST_PLACES = 2  # at one side: a single marking may have been followed less far than the others
-HABIT = 0.5  # share of the other places at which labels must reach the border
+LEAST_REACHED = 0.5  # share of the other places at which labels must reach the border
 WITH_LABELS = 0.5  # share of the cut pictures that were cut with their labels; the others were labelled afterwards
 SPACING = 0.5  # m, of points on a segment
 SIDES = 4
@@ -61,7 +61,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
         own = [gap for where, gap in places if where == side]
         others = [gap for where, gap in places if where != side]
         reached = sum(gap < REACHED for gap in others)
-        if len(own) >= LEAST_PLACES and reached >= max(HABIT * len(others), 1):
+        if len(own) >= LEAST_PLACES and reached >= max(LEAST_REACHED * len(others), 1):
             best = max(best, sum(LOG_RATIOS[int(np.searchsorted((REACHED, SHORT), gap, side="right"))] for gap in own))
     if not np.isfinite(best):
         return 0.0

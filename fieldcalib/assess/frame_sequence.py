@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Self, TypeVar, overload
+from typing import Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
@@ -12,7 +12,20 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
-T = TypeVar("T")
+
+class Codec(NamedTuple):
+    """How an attribute is written to JSON, and read from it."""
+
+    write: Callable[[Any], Any]
+    read: Callable[[Any], Any]
+
+    @property
+    def or_none(self) -> Codec:
+        """The codec of an attribute that may be None, which is null in JSON."""
+        return Codec(
+            lambda value: None if value is None else self.write(value),
+            lambda value: None if value is None else self.read(value),
+        )
 
 
 class FrameSequence(Sequence[Calibration]):
@@ -20,6 +33,15 @@ class FrameSequence(Sequence[Calibration]):
 
     A slice is of the same class. Two sequences are equal if their `to_dict` is.
     """
+
+    _what: ClassVar[str]
+    """Noun for it in messages."""
+    _version: ClassVar[int]
+    """Version of its `to_dict`."""
+    _codecs: ClassVar[Mapping[str, Codec]]
+    """Its attributes in JSON."""
+    _added: ClassVar[frozenset[str]] = frozenset()
+    """Attributes that older files of this version lack, and that are None there."""
 
     @abstractmethod
     def _frame(self, t: int) -> Calibration:
@@ -29,9 +51,32 @@ class FrameSequence(Sequence[Calibration]):
     def _at(self, index: IntArray) -> Self:
         """A sequence of some of the frames, in that order."""
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """The sequence as a dict for `json.dumps`."""
+        """The calibration as a dict for `json.dumps`."""
+        return {"version": self._version} | {name: one.write(getattr(self, name)) for name, one in self._codecs.items()}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Self:
+        """The inverse of `to_dict`.
+
+        Raises
+        ------
+        ValueError
+            If the record has another version, a key is missing, or a value is invalid.
+        """
+        new: Callable[..., Self] = cls
+        try:
+            if record["version"] != cls._version:
+                raise ValueError(
+                    f"expected {cls._what} of version {cls._version}, got {record['version']!r}: "
+                    f"another fieldcalib wrote it, use that or calibrate again"
+                )
+            complete = {**dict.fromkeys(cls._added), **record}
+            return new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
+        except KeyError as error:
+            raise ValueError(f"is no calibration of {cls._what}: the key {error} is missing") from None
+        except (TypeError, AttributeError) as error:
+            raise ValueError(f"is no calibration of {cls._what}: {error}") from error
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...
@@ -60,24 +105,3 @@ class FrameSequence(Sequence[Calibration]):
     def cameras(self) -> list[Camera | None]:
         """Cameras of the frames; None for frames without one."""
         return [frame.camera for frame in self]
-
-
-def read_record(record: Mapping[str, Any], what: str, version: int, read: Callable[[Mapping[str, Any]], T]) -> T:
-    """Read the record of a sequence of frames by `read`.
-
-    Raises
-    ------
-    ValueError
-        If the record has another version, a key is missing, or a value is invalid.
-    """
-    try:
-        if record["version"] != version:
-            raise ValueError(
-                f"expected {what} of version {version}, got {record['version']!r}: another fieldcalib wrote it, "
-                f"use that or calibrate again"
-            )
-        return read(record)
-    except KeyError as error:
-        raise ValueError(f"is no calibration of {what}: the key {error} is missing") from None
-    except (TypeError, AttributeError) as error:
-        raise ValueError(f"is no calibration of {what}: {error}") from error

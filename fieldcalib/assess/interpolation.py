@@ -14,7 +14,7 @@ from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 
-# Standard deviations from an even motion, for each missing frame:
+# Standard deviations from a uniform motion, for each missing frame:
 STEP = 1e-3  # radians, or of log f,
 STEP_OF_CENTRE = 0.05  # m, of a camera that moves,
 STEP_OF_POINT = 2e-3  # widths of the picture, of the principal point where a window moves
@@ -77,11 +77,11 @@ def _gaps(frames: FrameTable, run: IntArray, longest: int) -> Gaps:
 
 
 def _bend(frames: FrameTable, run: IntArray, gaps: Gaps) -> Array:
-    """Difference (G, n) between Hermite's cubic, with the slopes at both ends of the gap, and an even motion."""
+    """Difference (G, n) between Hermite's cubic, with the slopes at both ends of the gap, and a uniform motion."""
     has, change = frames.has_camera, frames.theta[gaps.after] - frames.theta[gaps.before]
 
     def slope(near: IntArray, far: IntArray) -> Array:
-        """Slope at one end, per gap: towards the next frame beyond it if that has a camera, else of an even motion."""
+        """Slope at one end of each gap: to the next frame beyond it if that has a camera, else of a uniform motion."""
         far = np.clip(far, 0, len(has) - 1)
         usable = (has[far] & (run[far] == run[near]) & (far != near))[:, None]
         beyond = gaps.length * (far - near)[:, None] * (frames.theta[far] - frames.theta[near])
@@ -92,7 +92,7 @@ def _bend(frames: FrameTable, run: IntArray, gaps: Gaps) -> Array:
 
 
 def _step(layout: Layout) -> Array:
-    """Standard deviation of each parameter from an even motion, for each frame that is missing, (n,)."""
+    """Standard deviation of each parameter from a uniform motion, for each frame that is missing, (n,)."""
     step = np.where(layout.is_centre, STEP_OF_CENTRE, STEP)
     step[PRINCIPAL_POINT] = STEP_OF_POINT * layout.image_size[0]
     return step

@@ -22,7 +22,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
+from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
 from fieldcalib.problem.labelled_pixels import Pixels, in_left_half
@@ -35,7 +35,7 @@ NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
 PIXELS_AT_ONCE = 8192  # with the samples of their circles these take some 10 MB
 TINY = 1e-300  # added to the length of a normal: no division by zero
-NEARLY_BESIDE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
+DEPTH_IN_PLANE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
 
 
 def ndc_loss(
@@ -148,23 +148,18 @@ def _with_halves(object_segments: ObjectSegments, observations: Observations, pa
     return replace(table, label=label)
 
 
-def cloud(segment: Segment) -> PointCloud:
-    """The samples that represent a segment other than a line; an arc has 128, both ends included.
+@lru_cache(maxsize=64)
+def cloud_samples(segment: Segment) -> Array:
+    """The samples (S, 3) that represent a segment other than a line; an arc has 128, both ends included.
 
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> cloud(soccer()["Circle left"]).X[[0, -1]].round(2)  # on the edge of the penalty area
+    >>> cloud_samples(soccer()["Circle left"])[[0, -1]].round(2)  # on the edge of the penalty area
     array([[-36.  ,  -7.31,   0.  ],
            [-36.  ,   7.31,   0.  ]])
     """
-    return PointCloud(tuple(map(tuple, segment.samples(CLOUD_SAMPLES).tolist())))
-
-
-@lru_cache(maxsize=64)
-def _samples(segment: Segment) -> Array:
-    """The samples of `cloud`, (S, 3)."""
-    return cloud(segment).X
+    return segment.samples(CLOUD_SAMPLES)
 
 
 def _line_distances(seen: _Labels) -> Array:
@@ -180,10 +175,10 @@ def _line_distances(seen: _Labels) -> Array:
 
 def _cloud_distances(seen: _Labels) -> Array:
     """NDC distance (P,) of pixels to the nearest samples of their segments."""
-    samples = [_samples(segment) for segment in seen.segments]
+    samples = [cloud_samples(segment) for segment in seen.segments]
     numbers = np.arange(max(map(len, samples)))  # the last sample is repeated
     hx, hy, hz = seen.cameras.points(np.array([X[np.minimum(numbers, len(X) - 1)] for X in samples]))
-    hz = np.where(np.abs(hz) < NEARLY_BESIDE, NEARLY_BESIDE, hz)
+    hz = np.where(np.abs(hz) < DEPTH_IN_PLANE, DEPTH_IN_PLANE, hz)
     x, y = hx / hz, hy / hz
     distance = np.empty(len(seen.pair))
     for begin in range(0, len(distance), PIXELS_AT_ONCE):

@@ -36,7 +36,7 @@ BORDER = 20  # and along each side of the field
 LARGEST_SCORE = 5.0  # larger z-scores count as this
 MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
 # Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
-PAINT_SHOWS, PAINT_COUNTS = 0.9, 3.5
+EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
 LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
 
 
@@ -195,5 +195,5 @@ def probability_given_paint(probability: float, share: float) -> float:
     >>> round(probability_given_paint(0.9, 0.95), 2), round(probability_given_paint(0.9, 0.4), 2)
     (0.9, 0.61)
     """
-    doubt = float(np.exp(PAINT_COUNTS * max(0.0, PAINT_SHOWS - share)))
+    doubt = float(np.exp(LOG_ODDS_PER_SHARE * max(0.0, EXPECTED_SHARE - share)))
     return probability / (probability + (1.0 - probability) * doubt)

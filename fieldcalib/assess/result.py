@@ -70,8 +70,8 @@ REMEDIES: Mapping[Status, str] = MappingProxyType(
     {
         Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
         Status.IMPROBABLE: "look at the overlay; label markings by hand, or give what is known of the camera",
-        Status.TOO_FEW_SEGMENTS: "more markings in view, or labelled by hand; frames around it tell its camera where "
-        "it is one of a clip",
+        Status.TOO_FEW_SEGMENTS: "more markings in view, or labelled by hand; the frames of a clip around it "
+        "determine its camera too",
         Status.DEGENERATE: "a marking elsewhere in view, or labelled by hand, that is not parallel to the others",
         Status.NOT_CONVERGED: "check the labels, or allow more iterations (criteria)",
         Status.IMPLAUSIBLE: "check the labels, the field and its size; say if the picture was cropped or squashed",
@@ -233,11 +233,11 @@ class Calibration:
 
     def __bool__(self) -> bool:
         """Whether there is a camera to use: the verdict is good or check."""
-        return self.verdict is not Verdict.REJECT
+        return self.accepted
 
     @property
     def accepted(self) -> bool:
-        """Whether the verdict is not reject."""
+        """Whether the status is "accepted": the verdict is then good or check."""
         return self.status is Status.ACCEPTED
 
     @property
@@ -284,7 +284,7 @@ class Calibration:
         Examples
         --------
         >>> Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels").remedy
-        'more markings in view, or labelled by hand; frames around it tell its camera where it is one of a clip'
+        'more markings in view, or labelled by hand; the frames of a clip around it determine its camera too'
         """
         if not self.accepted:
             return REMEDIES[self.status]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
-from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.frame_sequence import Codec, FrameSequence
 from fieldcalib.assess.frame_table import (
     ACCEPTED,
     BASES,
@@ -38,7 +38,6 @@ from fieldcalib.problem.records import layout_from_record, layout_to_record
 if TYPE_CHECKING:
     import pandas
 
-VERSION = 3  # of `SequenceCalibration.to_dict`
 SURE = 0.5  # m: frames with larger errors of the field in view are to be looked at
 NUMBERS = (  # columns of the table of frames, NaN for frames without a camera
     *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
@@ -63,6 +62,19 @@ class SequenceCalibration(FrameSequence):
     SequenceCalibration(names=(), together=0)
     """
 
+    _what: ClassVar[str] = "a sequence"
+    _version: ClassVar[int] = 3
+    _codecs: ClassVar[Mapping[str, Codec]] = {
+        "frames": Codec(FrameTable.to_dict, FrameTable.from_dict),
+        "names": Codec(list, tuple),
+        "values": Codec(to_json, from_json),
+        "covariance": Codec(to_json, lambda rows: from_json(rows).reshape(2 * (len(rows),))),
+        "field": Codec(field_to_record, field_from_record).or_none,
+        "together": Codec(int, int),
+        "layout": Codec(layout_to_record, layout_from_record).or_none,
+        "considered": Codec(array_to_record, array_from_record),
+        "alternatives": Codec(array_to_record, array_from_record),
+    }
     frames: FrameTable = attribute(repr=False)
     names: tuple[str, ...] = ()
     """Names of the shared parameters (`fieldcalib.problem.layout`); empty if no position of the tripod was found."""
@@ -115,12 +127,12 @@ class SequenceCalibration(FrameSequence):
         if metres > SURE:
             found.append(f"the field in view is known to {metres:.1f} m only")
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
-            found.append("no line of it tells where its window is: static points hardly tell that from a turn")
+            found.append("without a line the position of its window is uncertain: static points hardly determine it")
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
         if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint overrules
-            found.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
+            found.append(f"the parameters that the frames share put its lines {frames.misfit[t]:.0f} px off")
         for x, y, z in self.alternatives.tolist():
-            found.append(f"its camera may as well stand at ({x:.1f}, {y:.1f}, {z:.1f})")
+            found.append(f"a camera at ({x:.1f}, {y:.1f}, {z:.1f}) fits as well")
         if t in frames.doubts:
             found.append(frames.doubts[t])
         return tuple(found)
@@ -217,43 +229,3 @@ class SequenceCalibration(FrameSequence):
         numbers = np.column_stack([angles, f, C, frames.rms, frames.ground_error])
         words = {"status": [str(STATUSES[one]) for one in frames.status], "basis": [str(one) for one in self.basis]}
         return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
-
-    def to_dict(self) -> dict[str, Any]:
-        """The calibration as a dict for `json.dumps`."""
-        return {
-            "version": VERSION,
-            "frames": self.frames.to_dict(),
-            "names": list(self.names),
-            "values": to_json(self.values),
-            "covariance": to_json(self.covariance),
-            "field": None if self.field is None else field_to_record(self.field),
-            "together": self.together,
-            "layout": None if self.layout is None else layout_to_record(self.layout),
-            "considered": array_to_record(self.considered),
-            "alternatives": array_to_record(self.alternatives),
-        }
-
-    @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> SequenceCalibration:
-        """The inverse of `to_dict`.
-
-        Raises
-        ------
-        ValueError
-            If the record has another version, a key is missing, or a value is invalid.
-        """
-        return read_record(record, "a sequence", VERSION, cls._from_record)
-
-    @classmethod
-    def _from_record(cls, record: Mapping[str, Any]) -> SequenceCalibration:
-        return cls(
-            FrameTable.from_dict(record["frames"]),
-            tuple(record["names"]),
-            from_json(record["values"]),
-            from_json(record["covariance"]).reshape(2 * (len(record["names"]),)),
-            None if record["field"] is None else field_from_record(record["field"]),
-            record["together"],
-            None if record["layout"] is None else layout_from_record(record["layout"]),
-            array_from_record(record["considered"]),
-            array_from_record(record["alternatives"]),
-        )

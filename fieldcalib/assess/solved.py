@@ -13,7 +13,7 @@ from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right
 from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
-from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, is_squashed, seems_part
+from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_in_aspect, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.pixel_table import PixelTable
@@ -104,7 +104,7 @@ class Solved:
         if picture is None:
             return unusual
         solved = self.uncertainty.camera  # in a frame with square pixels
-        log_ratio = SQUASHED_LOG_ODDS * is_squashed(picture.camera, solved)
+        log_ratio = SQUASHED_LOG_ODDS * differs_in_aspect(picture.camera, solved)
         if picture.are_annotated:
             log_ratio += log_ratio_of_cut(picture.field, self.pixels.by_label(0), solved)
         part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)

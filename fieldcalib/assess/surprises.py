@@ -51,7 +51,7 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
     whole = is_whole_shape(problem.layout.image_size)
     for name, least, words in (
         ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, SQUASHED),
-        ("b2", LEAST_LENS, "the labels call for more of the lens than k1"),
+        ("b2", LEAST_LENS, "the labels require more lens coefficients than k1"),
     ):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
         if abs(offset) > max(least, CONTRADICTED * sigma):

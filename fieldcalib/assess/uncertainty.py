@@ -68,8 +68,8 @@ class Uncertainty(Estimate):
     """The problem of this frame alone, at the estimate. Parameters that are not free in it count as known."""
     sigma: float
     """Standard deviation of the labelled pixels, pixels."""
-    bent_sigma: float
-    """Standard deviation of ``psi / rms rho'``: the noise after robust weighting."""
+    robust_sigma: float
+    """Standard deviation of the noise after robust weighting, ``psi / rms rho'``, pixels."""
     curvature: float
     """kappa: mean curvature of the robust loss, divided by the one in the Gauss-Newton Hessian of the data."""
     dof: float
@@ -178,7 +178,7 @@ class Uncertainty(Estimate):
         theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
         there = evaluate(self.problem, theta[None])
         noise = Noise(there)
-        V = self.bent_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
+        V = self.robust_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
         if there.prior is not None:
             V += np.diag(1.0 / np.square(there.prior.effective_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
@@ -243,7 +243,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     level, crowned = _size_evidence(problem, kept)
     columns: dict[str, Any] = {
         "sigma": sigma.tolist(),
-        "bent_sigma": np.sqrt(variance).tolist(),
+        "robust_sigma": np.sqrt(variance).tolist(),
         "curvature": kappa.tolist(),
         "dof": dof.tolist(),
         "unit": units,

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from fieldcalib._extras import imported
 from fieldcalib._types import IntArray
-from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.frame_sequence import Codec, FrameSequence
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration, Status
@@ -20,7 +21,6 @@ from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
 if TYPE_CHECKING:
     import pandas
 
-VERSION = 2  # of `VideoCalibration.to_dict`
 NO_TRIPOD = -1
 
 
@@ -51,6 +51,20 @@ class VideoCalibration(FrameSequence):
     (Shot(start=0, stop=1, tripod=-1),)
     """
 
+    _what: ClassVar[str] = "a video"
+    _version: ClassVar[int] = 2
+    _codecs: ClassVar[Mapping[str, Codec]] = {
+        "tripods": Codec(
+            lambda tripods: [one.to_dict() for one in tripods],
+            lambda records: tuple(map(SequenceCalibration.from_dict, records)),
+        ),
+        "shots": Codec(lambda shots: list(map(list, shots)), lambda records: tuple(Shot(*shot) for shot in records)),
+        "tripod": Codec(np.ndarray.tolist, partial(np.array, dtype=np.intp)),
+        "number": Codec(np.ndarray.tolist, partial(np.array, dtype=np.intp)),
+        "notes": Codec(list, tuple),
+        "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
+    }
+    _added: ClassVar[frozenset[str]] = frozenset({"shape"})
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
@@ -92,7 +106,7 @@ class VideoCalibration(FrameSequence):
 
     def _frame(self, t: int) -> Calibration:
         if self.tripod[t] == NO_TRIPOD:
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot tells the camera")
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot determines the camera")
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
         found = tripod[int(self.number[t])]
         return found if self.shape is None else self.shape.in_picture(found)
@@ -149,37 +163,3 @@ class VideoCalibration(FrameSequence):
         if not parts:
             return table.assign(**nothing, **dict.fromkeys(NUMBERS, np.nan))
         return table.join(pandas.concat(parts)).fillna(nothing)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The calibration as a dict for `json.dumps`."""
-        return {
-            "version": VERSION,
-            "tripods": [tripod.to_dict() for tripod in self.tripods],
-            "shots": [list(shot) for shot in self.shots],
-            "tripod": self.tripod.tolist(),
-            "number": self.number.tolist(),
-            "notes": list(self.notes),
-            "shape": None if self.shape is None else self.shape.to_dict(),
-        }
-
-    @classmethod
-    def from_dict(cls, record: Mapping[str, Any]) -> VideoCalibration:
-        """The inverse of `to_dict`.
-
-        Raises
-        ------
-        ValueError
-            If the record has another version, a key is missing, or a value is invalid.
-        """
-        return read_record(record, "a video", VERSION, cls._from_record)
-
-    @classmethod
-    def _from_record(cls, record: Mapping[str, Any]) -> VideoCalibration:
-        return cls(
-            tuple(SequenceCalibration.from_dict(tripod) for tripod in record["tripods"]),
-            tuple(Shot(*shot) for shot in record["shots"]),
-            np.array(record["tripod"], dtype=np.intp),
-            np.array(record["number"], dtype=np.intp),
-            tuple(record["notes"]),
-            None if record.get("shape") is None else Shape.from_dict(record["shape"]),
-        )

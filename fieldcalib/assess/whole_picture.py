@@ -44,7 +44,7 @@ SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
 SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16:9: few pictures are changed twice
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
-CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
+CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part (--crop-of)"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
 
 
@@ -190,7 +190,7 @@ def seems_part(
     return (CUT,) if score(uncertainty, evidence, probability) + log_ratio_of_cut > 0.0 else ()
 
 
-def is_squashed(shown: Camera, solved: Camera) -> bool:
+def differs_in_aspect(shown: Camera, solved: Camera) -> bool:
     """Whether the pixels of a picture are not square, unlike those of the solved frame, from the cameras in both."""
     (a, b), (c, d) = np.diagonal(shown.K)[:2], np.diagonal(solved.K)[:2]
     return bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)

@@ -32,7 +32,7 @@ from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
@@ -172,7 +172,7 @@ class _Method:
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
             calibration = calibration.doubted(self.least_probability)
-        return with_border_asked(self.field, labels, placement.from_frame(calibration))
+        return with_border_complaint(self.field, labels, placement.from_frame(calibration))
 
 
 def _size_record(found: FieldSize) -> dict[str, Any]:

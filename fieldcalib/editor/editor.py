@@ -9,21 +9,30 @@ from pathlib import Path
 from threading import RLock
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
+from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.fitting import automatic, network_marks, network_of
 from fieldcalib.editor.frame import Edit, FrameEditor
-from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, read_journal
-from fieldcalib.editor.marks import History
+from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
+from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
-from fieldcalib.editor.stored import BY_HAND, Stored, source_of
+from fieldcalib.editor.stored import BY_HAND, Saved, Stored, source_of
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, IMAGES, OVERLAYS, VIDEOS
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network
+
+LABELS = "labels"  # folder of labels by hand, in the folder of results
+
+
+def ignored(done: int, count: int, stage: str) -> None:
+    """Take no notice of the progress of some work."""
 
 
 class StaleEdit(ValueError):
@@ -70,8 +79,9 @@ class Editor:
         out: str | os.PathLike[str] | None = None,
     ) -> None:
         paths, folder = _places(source, out)
-        self.stored = None if folder is None else Stored(folder)
-        self.field = _field(field, self.stored)
+        replayed = Replayed() if folder is None else read_journal(folder / JOURNAL)
+        self.stored = None if folder is None else Stored(folder, replayed.written)
+        self.field, self.field_name = _field(field, self.stored)
         self.title = "images" if paths is None else paths[0].name
         self.frames = _frames(source, paths, self.stored)
         self.version = 0
@@ -80,24 +90,33 @@ class Editor:
         self._states: dict[int, _FrameState] = {}
         self._rows = [Row()] * len(self.frames)
         self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
-        self._journal = None if folder is None else Journal(folder)
-        self.cuts: list[int] = []
-        self._restore()
+        self._journal = None if folder is None else Journal(folder, replayed.size)
+        self._options = {"field": self.field_name}
+        self.source = [] if paths is None else paths
+        self.cuts = replayed.cuts or ([] if self.stored is None else self.stored.cuts)
+        """First frames of the shots of a clip, as far as they are known."""
+        self.has_own_cuts = replayed.cuts is not None
+        """Whether a person has set the cuts."""
+        self._first_pass: FirstPass | None = None
+        self._restore(replayed)
 
-    def _restore(self) -> None:
+    def _restore(self, replayed: Replayed) -> None:
         """Take what results and journal say."""
-        if self.stored is None:
-            return
-        for id, row in self.stored.rows():
+        for id, row in () if self.stored is None else self.stored.rows():
             if id in self._numbers:
                 self._rows[self._numbers[id]] = row
-        replayed = read_journal(self.stored.folder / JOURNAL)
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
-                self._states[number] = _FrameState(edits, True, self.stored.calibration(id))
+                self._states[number] = _FrameState(edits, True, self._base(id, edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
-        self.cuts = replayed.cuts or []
+
+    def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
+        """The camera of a frame without a person: that of the results, unless it is one of a person."""
+        line = {} if self.stored is None else self.stored.lines.get(id, {})
+        if self.stored is not None and line and line.get("basis") != BY_HAND:
+            return self.stored.calibration(id)
+        return None if edits.base is None else Calibration.from_dict(edits.base)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -160,6 +179,10 @@ class Editor:
             with self.lock:
                 state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
+            if self.stored is not None:
+                self.stored.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
+        elif state.base is None:
+            state.base, _ = automatic(self.field, image, self.network)
         return state
 
     def fitted(self, number: int) -> FrameEditor:
@@ -200,6 +223,24 @@ class Editor:
             return self[number]
         return one
 
+    def automatic(self, number: int) -> FrameEditor:
+        """A frame with the camera that was found without a person, and with the labels of the network again."""
+        one, network = self[number], self.network
+        return one.automatic(Marks() if network is None else network_marks(one.field, one.image, network))
+
+    def with_marks_of(self, number: int, other: int) -> FrameEditor:
+        """A frame with the marks of another one, moved as the background moves and snapped to paint.
+
+        Raises
+        ------
+        ValueError
+            If the other frame has no marks, or shows no background that this one shows too.
+        """
+        one, source = self[number], self[other]
+        if not len(source.marks):
+            raise ValueError(f"frame {self.ids[other]} has no marks to copy: label it first")
+        return one.with_marks(moved_marks(source.marks, source.image, one))
+
     def put(self, number: int, changed: FrameEditor, revision: int | None = None) -> None:
         """Change a frame: keep its new state, in the journal first.
 
@@ -230,7 +271,7 @@ class Editor:
                 return
             if self._journal is not None:
                 if not state.has_begun:
-                    self._journal.begin(self.ids[number], before.present)
+                    self._journal.begin(self.ids[number], before.present, state.base)
                     state.has_begun = True
                 self._journal.change(self.ids[number], before, after)
             state.edits.history, state.found = after, changed.found
@@ -241,11 +282,144 @@ class Editor:
         """Change a frame, see `put`."""
         self.put(number, changed)
 
+    def set_cuts(self, cuts: Sequence[int]) -> None:
+        """Say which frames are the first ones of the shots of a clip; the first frame of all is one in any case.
+
+        Raises
+        ------
+        ValueError
+            If it is no clip, or they are not numbers of its frames.
+        """
+        if not self.is_clip:
+            raise ValueError("expected a clip: pictures have no cuts")
+        if not all(0 <= cut < len(self) for cut in cuts):
+            raise ValueError(f"expected numbers of frames from 0 to {len(self) - 1} as cuts")
+        with self.lock:
+            self.cuts = sorted({0, *cuts})
+            self.has_own_cuts = True
+            if self._journal is not None:
+                self._journal.cuts(self.cuts)
+
+    def solve(self, progress: Progress = ignored) -> Proposal:
+        """Solve a clip again around the frames that a person has mended; nothing is changed until `keep`.
+
+        Parameters
+        ----------
+        progress : callable
+            Gets the number of frames that are done, of all, and the stage; may raise an error to end the work.
+
+        Raises
+        ------
+        ValueError
+            If it is no clip, or there is no network for its field.
+        """
+        network = self.network
+        if not self.is_clip or network is None:
+            raise ValueError("expected a clip of a field that the network knows")
+        anchors = {n: self.fitted(n).calibration for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        window = window_around(len(self), [*anchors])
+        if self._first_pass is None or self._first_pass.window != window:
+            record = None if self.stored is None else self.stored.record
+            options = {} if record is None else record.options
+            self._first_pass = first_pass(self.frames, window, self.field, network, options, progress)
+        cuts = self.cuts if self.has_own_cuts else None
+        return solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
+
+    def _now(self, number: int) -> Calibration | None:
+        """The calibration that a frame has now."""
+        state = self._states.get(number)
+        if state is None:
+            return None if self.stored is None else self.stored.calibration(self.ids[number])
+        return state.found if _is_anchor(state) else state.base
+
+    def keep(self, proposal: Proposal) -> int:
+        """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
+
+        Raises
+        ------
+        ValueError, ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal = self.stored, self._journal
+        if stored is None or journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        with self.lock:
+            journal.open()
+            frames = []
+            for n, calibration in proposal.calibrations.items():
+                basis = BY_HAND if n in proposal.anchors else proposal.basis(n)
+                frames.append(Saved(self.ids[n], calibration, basis, {}))
+            stored.save(frames, self.ids, self._options)
+            for n, calibration in proposal.calibrations.items():
+                state = self._states.get(n)
+                if state is not None and not _is_anchor(state):
+                    state.base = calibration
+                if state is None or not _is_anchor(state):
+                    self._set_row(n, Row.of(calibration, proposal.basis(n)))
+            if not self.has_own_cuts:
+                self.cuts = [proposal.window.begin + shot.start for shot in proposal.video.shots]
+            self.version += 1
+        return len(frames)
+
+    def save(self) -> int:
+        """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
+
+        Frames that were changed are written, and those that have no result there yet but a camera that was found.
+        Labels by hand go to ``labels/<id>.json``. What is replaced is kept in ``history``.
+
+        Raises
+        ------
+        ValueError
+            If there is no folder.
+        ChangedFileError
+            If another program has changed a file that would be replaced; then nothing is written.
+        OSError
+            If a file cannot be written.
+        """
+        stored, journal = self.stored, self._journal
+        if stored is None or journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        numbers = [n for n, state in sorted(self._states.items()) if self._is_to_save(n, state)]
+        with self.lock:
+            journal.open()
+            revisions = {n: self.revision(n) for n in numbers}
+            frames = [self._saved(n) for n in numbers]
+            written = stored.save(frames, self.ids, self._options)
+            for n, revision in revisions.items():
+                self._states[n].edits.is_saved = self.revision(n) == revision
+            journal.saved(written)
+        return len(frames)
+
+    def _is_to_save(self, number: int, state: _FrameState) -> bool:
+        is_new = self.stored is not None and self.ids[number] not in self.stored.lines
+        return is_new or not state.edits.is_saved
+
+    def _saved(self, number: int) -> Saved:
+        """A frame with the contents of its files."""
+        one, id = self.fitted(number), self.ids[number]
+        calibration = one.calibration
+        files: dict[str, bytes | None] = {label_file(id): None}
+        if not one.is_automatic and len(one.marks):
+            files[label_file(id)] = (ANNOTATIONS.write(one.ordered_pixels, size_of(one.image)) + "\n").encode()
+        if not self.is_clip:
+            drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
+            files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
+        return Saved(id, calibration, self._rows[number].basis, files)
+
     def close(self) -> None:
         """Close the files."""
         self.frames.close()
         if self._journal is not None:
             self._journal.close()
+
+
+def _is_anchor(state: _FrameState) -> bool:
+    return not state.edits.history.present.automatic
+
+
+def label_file(id: str) -> str:
+    """The name of the file with the labels of a frame, in the folder of results."""
+    return f"{LABELS}/{ANNOTATIONS.file_name(id)}"
 
 
 def _places(
@@ -274,9 +448,12 @@ def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> 
     return Pictures(files)
 
 
-def _field(field: Field | str | None, stored: Stored | None) -> Field:
+def _field(field: Field | str | None, stored: Stored | None) -> tuple[Field, str]:
+    """The field, and what it is called."""
     if isinstance(field, Field):
-        return field
+        return field, "field"
     record = None if stored is None or field is not None else stored.record
     name = field or (record is not None and record.options.get("field")) or "soccer"
-    return field_by_name(name) if name in FIELDS or not is_field_file(name) else read_field(name)
+    if name in FIELDS or not is_field_file(name):
+        return field_by_name(name), name
+    return read_field(name), Path(name).stem

@@ -22,7 +22,7 @@ from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.problem.labelled_pixels import nearest_label
+from fieldcalib.problem.labelled_pixels import Pixels, nearest_label
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 
 NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
@@ -152,6 +152,11 @@ class FrameEditor:
         return self.history.present.marks
 
     @property
+    def ordered_pixels(self) -> Pixels:
+        """Pixels (N, 2) of the marks by label, in their order along the marking."""
+        return {label: xy[self.field[label].order(xy)] for label, xy in self.marks.pixels.items()}
+
+    @property
     def known(self) -> Known:
         """Known values of camera and field."""
         return self.history.present.known
@@ -205,6 +210,17 @@ class FrameEditor:
     def know(self, **values: Any) -> FrameEditor:
         """Set known values, see `Known`; None lets them be estimated."""
         return self._then(known=replace(self.known, **values))
+
+    def with_marks(self, marks: Marks) -> FrameEditor:
+        """Replace all marks."""
+        for label in marks.pixels:
+            _check_label(label, self.field)
+        return self._then(marks=marks)
+
+    def automatic(self, marks: Marks) -> FrameEditor:
+        """Go back to the camera that was found without a person, and to the marks of the network."""
+        edit = replace(self.history.present, marks=marks, known=Known(), automatic=True)
+        return replace(self, history=self.history.then(edit), found=None)
 
     def undo(self) -> FrameEditor:
         """Take the last change back."""

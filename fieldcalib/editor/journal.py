@@ -1,24 +1,27 @@
 """The journal of an editor: every change, on the disk before it is answered, so that nothing is lost.
 
-A line is a change of a frame (``{"frame": id, "begin": edit}``, then ``"then": edit``, ``"undo": true`` or
-``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was saved
-(``{"saved": true}``). Nothing is ever removed from it.
+A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
+``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
+saved (``{"saved": {name of a file: its size and time}}``). Nothing is ever removed from it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
 from typing import Any
 
+from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame import Edit
 from fieldcalib.editor.marks import History
 from fieldcalib.editor.records import edit_from_record, edit_to_record
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.io.line_log import LineLog, whole_lines
+from fieldcalib.io.output_folder import output_folder
 
 JOURNAL = "edits.jsonl"
 
@@ -31,6 +34,8 @@ class FrameHistory:
     revision: int = 0
     is_saved: bool = True
     """Whether its present state is in the files of the folder."""
+    base: Mapping[str, Any] | None = None
+    """The camera that was found without a person, as `Calibration.to_dict` gives it."""
 
 
 @dataclass
@@ -39,6 +44,10 @@ class Replayed:
 
     frames: dict[str, FrameHistory] = attribute(default_factory=dict)
     cuts: list[int] | None = None
+    written: dict[str, tuple[int, int]] = attribute(default_factory=dict)
+    """States of the files that were written."""
+    size: int = 0
+    """Bytes of the journal."""
 
     def apply(self, line: dict[str, Any]) -> None:
         """Repeat the change of a line; a ValueError if it is none."""
@@ -47,8 +56,10 @@ class Replayed:
         elif "saved" in line:
             for frame in self.frames.values():
                 frame.is_saved = True
+            self.written |= {name: (int(size), int(time)) for name, (size, time) in line["saved"].items()}
         elif "begin" in line:
-            self.frames[str(line["frame"])] = FrameHistory(History(edit_from_record(line["begin"])))
+            history = History(edit_from_record(line["begin"]))
+            self.frames[str(line["frame"])] = FrameHistory(history, base=line.get("base"))
         else:
             self._change(line)
 
@@ -74,6 +85,7 @@ def read_journal(path: Path) -> Replayed:
     """
     found = Replayed()
     for number, text in enumerate(_lines(path), 1):
+        found.size += len(text)
         try:
             found.apply(parse_json_object(text, "a change"))
         except (ValueError, KeyError, TypeError) as error:
@@ -86,15 +98,20 @@ def _lines(path: Path) -> Iterable[bytes]:
 
 
 class Journal:
-    """Appends changes to the journal of a folder, which is made with the first change."""
+    """Appends changes to the journal of a folder, which is made with the first change.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    From then on no other program writes results to the folder, until the journal is closed.
+    """
+
+    def __init__(self, folder: Path, size: int = 0) -> None:
+        self._folder, self._size = folder, size
+        self._open = ExitStack()
         self._log: LineLog | None = None
 
-    def begin(self, id: str, edit: Edit) -> None:
+    def begin(self, id: str, edit: Edit, base: Calibration | None) -> None:
         """The state of a frame before its first change."""
-        self._append({"frame": id, "begin": edit_to_record(edit)})
+        record = None if base is None else base.to_dict()
+        self._append({"frame": id, "begin": edit_to_record(edit), "base": record})
 
     def change(self, id: str, before: History[Edit], after: History[Edit]) -> None:
         """The change of a frame: a new edit, an undo or a redo."""
@@ -110,18 +127,33 @@ class Journal:
         """The first frames of the shots of a clip."""
         self._append({"cuts": list(cuts)})
 
-    def saved(self) -> None:
-        """A note that all changes so far are in the files of the folder."""
-        self._append({"saved": True})
+    def saved(self, written: Mapping[str, tuple[int, int]]) -> None:
+        """A note that all changes so far are in files of the folder."""
+        self._append({"saved": dict(written)})
 
     def _append(self, line: dict[str, Any]) -> None:
+        self.open().append(json.dumps(line, allow_nan=False))
+
+    def open(self) -> LineLog:
+        """Make the folder and its journal, if they are not there; no other program may write there then.
+
+        Raises
+        ------
+        OSError
+            If they cannot be made, or another program writes there.
+        """
         if self._log is None:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            self._log = LineLog(self._folder / JOURNAL, durable=True)
-        self._log.append(json.dumps(line, allow_nan=False))
+            with ExitStack() as opened:
+                opened.enter_context(output_folder(self._folder))
+                path = self._folder / JOURNAL
+                if sum(map(len, _lines(path))) != self._size:
+                    raise OSError(f"{path} was changed by another program: end this one and open the folder again")
+                self._log = opened.enter_context(LineLog(path, durable=True))
+                self._open = opened.pop_all()
+        return self._log
 
     def close(self) -> None:
         """Close the file."""
-        if self._log is not None:
-            self._log.close()
-            self._log = None
+        self._log = None
+        self._open.close()
+        self._size = sum(map(len, _lines(self._folder / JOURNAL)))

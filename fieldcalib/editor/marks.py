@@ -70,7 +70,7 @@ class Marks:
     def moved(self, to: Mapping[int, Iterable[float]]) -> Marks:
         """With marks at other pixels, by their numbers."""
         self._check(to)
-        places = {number: tuple(map(float, xy)) for number, xy in to.items()}
+        places = {number: (float(x), float(y)) for number, (x, y) in to.items()}
         return Marks(
             tuple(Mark(one.label, *places[number]) if number in places else one for number, one in enumerate(self.all))
         )

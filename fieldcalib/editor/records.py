@@ -34,7 +34,8 @@ def edit_from_record(record: dict[str, Any]) -> Edit:
     """
     try:
         marks = [Mark(str(label), float(x), float(y), bool(by_hand)) for label, x, y, by_hand in record["marks"]]
-        values = {name: tuple(one) if isinstance(one, list) else one for name, one in record["known"].items()}
+        known = record["known"].items()
+        values: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in known}
         return Edit(Marks(tuple(marks)), Known(**values), bool(record["automatic"]))
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"is no edit of a frame: {error}") from None

@@ -34,26 +34,28 @@ class Row(NamedTuple):
     def of(cls, calibration: Calibration, basis: str = "", *, by_hand: bool = False) -> Row:
         """The row of a calibration."""
         probability = calibration.probability() if calibration.has_probability else float("nan")
-        angles: Sequence[float | None] = (None, None, None)
-        f = None
+        pan, tilt, roll, f = None, None, None, None
         if calibration.camera is not None:
-            angles = [round(float(one), 4) for one in np.degrees(calibration.camera.angles)]
+            pan, tilt, roll = (round(angle, 4) for angle in np.degrees(calibration.camera.angles).tolist())
             f = round(calibration.camera.focal_length, 2)
         verdict = calibration.verdict
-        return cls(str(verdict), calibration.reason, _concern(verdict, probability), *angles, f, basis, by_hand)
+        concern = _concern(verdict, probability)
+        return cls(str(verdict), calibration.reason, concern, pan, tilt, roll, f, basis, by_hand)
 
     @classmethod
     def of_line(cls, line: Mapping[str, Any]) -> Row:
         """The row of a line of ``cameras.jsonl``."""
         verdict = str(line.get("verdict", ""))
         probability = float(line.get("probability_right_1m") or np.nan)
-        degrees = line.get("angles_degrees") or {}
-        K = line.get("K")
+        degrees, K = line.get("angles_degrees") or {}, line.get("K")
+        pan, tilt, roll = (degrees.get(name) for name in ANGLE_NAMES)
         return cls(
             verdict,
             str(line.get("reason") or line.get("message", "")),
             _concern(Verdict(verdict), probability) if verdict else 1.0,
-            *(degrees.get(name) for name in ANGLE_NAMES),
+            pan,
+            tilt,
+            roll,
             None if K is None else float(K[0][0]),
             str(line.get("basis", "")),
         )

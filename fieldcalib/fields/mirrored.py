@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import groupby
 from types import MappingProxyType
-from typing import TypeAlias
 
 from fieldcalib.fields.segments import Segment
+from fieldcalib.fields.segments.segment import Vector
 
-Vector: TypeAlias = tuple[float, float, float]
 NONE: Mapping[str, Segment] = MappingProxyType({})
 
 

@@ -86,7 +86,7 @@ class Misprediction(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOut:
     """Labels and matches of keyframes that are left out, to see how well a camera model predicts them."""
 
     kept: Mapping[int, PixelTable]
@@ -97,7 +97,7 @@ class LeftOut:
     """Matches that are left out."""
 
     @classmethod
-    def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
+    def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> HeldOut:
         """Leave one label out of each frame; which one changes from frame to frame.
 
         If a frame is matched with several others, the match with the farthest one is left out too.
@@ -105,7 +105,7 @@ class LeftOut:
         Examples
         --------
         >>> one = PixelTable.of("abcd", [{name: np.zeros((3, 2)) for name in "abcd"}])
-        >>> found = LeftOut.of({0: one, 5: one})
+        >>> found = HeldOut.of({0: one, 5: one})
         >>> [(t, *table.by_label(0)) for t, table in found.left.items()], list(found.kept[0].by_label(0))
         ([(0, 'a'), (5, 'b')], ['b', 'c', 'd'])
         """

@@ -20,7 +20,7 @@ from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_c
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
 from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.ties import LEAST_CELLS, thinned
+from fieldcalib.solve.ties import LEAST_CELLS, cell_means
 
 Cells = tuple[Array, Array]
 """Matched pixels (n, 2) of two frames, averaged over cells."""
@@ -76,7 +76,7 @@ def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, .
 
 def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:
     """Matches averaged over cells; None if they are too few to tie two frames."""
-    cells = thinned(matches.first, matches.second, image_size)
+    cells = cell_means(matches.first, matches.second, image_size)
     return cells if len(cells[0]) >= LEAST_CELLS else None
 
 

@@ -126,7 +126,7 @@ def _picture_sigma(calibration: Calibration) -> float:
     return float(np.sqrt(np.max(np.diagonal(J.T @ errors.covariance @ J))))
 
 
-def finish(lines: ClipLines) -> VideoCalibration:
+def finish_clip(lines: ClipLines) -> VideoCalibration:
     """Calibrate all frames of every tripod; paint beside projected markings counts against a camera."""
     solved, pieces = lines.solved, lines.solved.pieces
     tripod_of, number = np.full(len(pieces.number), NO_TRIPOD), np.zeros(len(pieces.number), dtype=np.intp)
@@ -140,7 +140,7 @@ def finish(lines: ClipLines) -> VideoCalibration:
         calibration = solved.keyframes.calibrate(pieces, members, lines.labels, start)
         if pieces.models_of(members) != {CameraModel.ALONE}:
             calibration = calibration.interpolated(pieces.number[frames], LONGEST_GAP)
-        calibration = calibration.with_notes({NO_PIXELS: f"{NO_MARKING}, and no frame around it tells its camera"})
+        calibration = calibration.with_notes({NO_PIXELS: f"{NO_MARKING}, and no frame around it determines its camera"})
         calibrations.append(calibration.seen_in_images(_markings_seen(lines, calibration, frames)))
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
@@ -155,13 +155,13 @@ def finish(lines: ClipLines) -> VideoCalibration:
     )
 
 
-def finish_again(
+def finish_clip_again(
     first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network
 ) -> VideoCalibration:
     """Find lines near the markings of finished cameras, and finish again if more markings lie on paint then."""
     kept = [members for members in lines.members if members]
     tripods = tuple(Tripod(*one) for one in zip(kept, first.tripods, strict=True))
-    second = finish(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
+    second = finish_clip(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
     return second if _cameras(second) >= _cameras(first) and off_paint(second) < off_paint(first) else first
 
 

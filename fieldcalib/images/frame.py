@@ -172,7 +172,7 @@ def pair(first: Image | Frame, second: Image | Frame) -> tuple[Frame, Frame]:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class VideoFrame:
     """A frame of a video, with a small picture by which its likeness with others is measured."""
 
     index: int
@@ -191,7 +191,7 @@ class View:
         return np.asarray(small - cv2.blur(small, (LOCAL, LOCAL)), dtype=np.float32)
 
 
-def likeness(first: View, second: View, H: Array) -> float:
+def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
     """Share of the contrast of either picture that is in the other, once the first is moved by H (in full size).
 
     It is the covariance over the larger variance in each block, and the median over the half of the blocks with more

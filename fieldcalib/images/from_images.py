@@ -26,7 +26,7 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.from_segments import checked_frame
+from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.size_from_labels import with_size_from_labels
@@ -67,12 +67,12 @@ def calibrate_from_images(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. They are taken and worked on `IMAGES_AT_ONCE` by `IMAGES_AT_ONCE`.
+        Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
-        As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. What
-        flags fix holds in the refinement too, and is in the results to the last bit.
+        As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
+        that flags fix are kept by the refinement too, to the last bit.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
@@ -218,7 +218,7 @@ def _labels(object_segments: ObjectSegments, found: Localization, image_size: tu
     strong = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
     if len(strong) >= LEAST_SEGMENTS:
         found = found.only(strong)
-    pixels, weights = checked_frame(object_segments, found.pixels, found.weights, image_size)
+    pixels, weights = checked_labels(object_segments, found.pixels, found.weights, image_size)
     return PixelTable.of(object_segments, [pixels], [weights])
 
 

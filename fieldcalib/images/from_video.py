@@ -1,11 +1,11 @@
 """Calibration of a video in stages. Each is a function from one frozen value to the next:
 
-    frames                 -> Keyframes         read_keyframes   shots, matches of their frames, labels in keyframes
-    Keyframes              -> SolvedShots       solve_shots      each shot, with the camera model that predicts best
-    SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
-    SolvedTripods, frames  -> ClipLines         find_clip_lines  lines near the projected markings of every frame
-    ClipLines              -> VideoCalibration  finish           all frames of each tripod together
-    VideoCalibration       -> VideoCalibration  finish_again     again, if more markings then lie on their paint
+    frames                 -> Keyframes         read_keyframes     shots, matches of their frames, labels in keyframes
+    Keyframes              -> SolvedShots       solve_shots        each shot, with the camera model that predicts best
+    SolvedShots            -> SolvedTripods     solve_tripods      shots of one tripod together
+    SolvedTripods, frames  -> ClipLines         find_clip_lines    lines near the projected markings of every frame
+    ClipLines              -> VideoCalibration  finish_clip        all frames of each tripod together
+    VideoCalibration       -> VideoCalibration  finish_clip_again  again, if more markings then lie on their paint
 
 The video is read twice, or once more to finish again: lines can be found in a frame only when its camera is known to
 some pixels, and that takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
@@ -32,7 +32,7 @@ from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_models import crown_notes
 from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
-from fieldcalib.images.finished_clip import find_clip_lines, finish, finish_again, off_paint
+from fieldcalib.images.finished_clip import find_clip_lines, finish_clip, finish_clip_again, off_paint
 from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -53,7 +53,7 @@ LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, from which
 PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
-class Parts(Protocol):
+class PartStore(Protocol):
     """Calibrations of parts of a video by their number: a dict, or another store."""
 
     def get(self, index: int, /) -> VideoCalibration | None:
@@ -78,7 +78,7 @@ def calibrate_video(
     estimate_size: bool = True,
     every: int = EVERY,
     camera: Mount = "tripod",
-    parts: Parts | None = None,
+    parts: PartStore | None = None,
 ) -> VideoCalibration:
     """Calibrate the frames of a video together.
 
@@ -180,7 +180,7 @@ def _in_frame(placement: Placement, image: Image) -> Image:
 
 
 def _calibrated_parts(
-    clip: _Clip, options: ClipOptions, network: Network, every: int, kept: Parts | None
+    clip: _Clip, options: ClipOptions, network: Network, every: int, kept: PartStore | None
 ) -> VideoCalibration:
     """Calibrate part by part, so that memory does not grow with the video; both passes advance together."""
     parts = []
@@ -217,12 +217,12 @@ def _calibrated_part(
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
     lines = find_clip_lines(solved, islice(second, count), network)
-    found = finish(lines)
+    found = finish_clip(lines)
     if off_paint(found) <= LOOK_AGAIN:
         return found
     begin = keyframes.shots.begin
     with clip.opened() as third:
-        return finish_again(found, lines, islice(clip.frames(third), begin, begin + count), network)
+        return finish_clip_again(found, lines, islice(clip.frames(third), begin, begin + count), network)
 
 
 def _in_parts(frames: Iterable[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:

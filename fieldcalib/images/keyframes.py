@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.images.frame import MOST_CORNERS, Frame, View, likeness, same_picture, shared_view
+from fieldcalib.images.frame import MOST_CORNERS, Frame, VideoFrame, likeness, same_picture, shared_view
 from fieldcalib.images.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image
 
@@ -97,7 +97,7 @@ class KeyframeTracker:
             raise ValueError(f"every must be 1 or more frames, got {every}")
         self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
-        self._last: View | None = None  # the last one that is no duplicate
+        self._last: VideoFrame | None = None  # the last one that is no duplicate
         self._piece: _Piece | None = None
         self._lost = 0  # frames since the last one that was tied to the piece
         self._candidate: _Piece | None = None  # what may become a new piece
@@ -115,7 +115,7 @@ class KeyframeTracker:
         if self._last is not None and frame.image_size != self._last.frame.image_size:
             (width, height), (w, h) = frame.image_size, self._last.frame.image_size
             raise ValueError(f"frame {self._count} has {width} x {height} pixels, those before it {w} x {h}")
-        view = View(self._count, frame, self._last is not None and same_picture(self._last.frame, frame))
+        view = VideoFrame(self._count, frame, self._last is not None and same_picture(self._last.frame, frame))
         self._count += 1
         if not view.duplicate:
             self._last = view
@@ -214,8 +214,8 @@ def tied_frames(
 class KeyframePair:
     """A keyframe and an earlier one of its piece, which are to be matched."""
 
-    first: View
-    second: View
+    first: VideoFrame
+    second: VideoFrame
     H: Array
     """Homography between them, to a few pixels."""
     moving: bool
@@ -244,7 +244,7 @@ class _PieceOptions:
 class _Piece:
     """A piece that grows: its last keyframes, and how the camera moved last."""
 
-    def __init__(self, view: View, number: int, options: _PieceOptions) -> None:
+    def __init__(self, view: VideoFrame, number: int, options: _PieceOptions) -> None:
         self.number = number
         self.first = TiedFrame(view.index, number, view.index, (), view.duplicate)
         self._options = options
@@ -254,7 +254,7 @@ class _Piece:
         self._motion: Array = np.eye(3)  # homography from the last frame but one to the last
 
     @property
-    def key(self) -> View:
+    def key(self) -> VideoFrame:
         return self._keys[-1][0]
 
     @property
@@ -262,7 +262,7 @@ class _Piece:
         """Homography from the newest keyframe to the last frame."""
         return np.eye(3) if self._matches is None else self._matches.homography
 
-    def tied(self, view: View, least: float = LEAST_LIKENESS) -> TiedFrame | None:
+    def tied(self, view: VideoFrame, least: float = LEAST_LIKENESS) -> TiedFrame | None:
         """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
@@ -278,7 +278,7 @@ class _Piece:
             self._motion = found[0].homography @ np.linalg.inv(self._H)
         return self._added(view, *found)
 
-    def found_again(self, view: View, missed: int) -> TiedFrame | None:
+    def found_again(self, view: VideoFrame, missed: int) -> TiedFrame | None:
         """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
             found = _matched(self.key, view, start, CORNERS, self._options.moving)
@@ -294,10 +294,10 @@ class _Piece:
         self._motion = np.eye(3)
         return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
 
-    def _is_due(self, view: View) -> bool:
+    def _is_due(self, view: VideoFrame) -> bool:
         return view.index - self.key.index >= self._options.every
 
-    def _added(self, view: View, matches: Matches, likeness: float) -> TiedFrame:
+    def _added(self, view: VideoFrame, matches: Matches, likeness: float) -> TiedFrame:
         due = self._is_due(view) or len(matches) < FEW_MATCHES
         due = due or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
         key = None
@@ -305,11 +305,11 @@ class _Piece:
             key = self._keyframe(view, matches.homography, matches)
         return self._ordinary(view, matches) if key is None else key
 
-    def _ordinary(self, view: View, matches: Matches) -> TiedFrame:
+    def _ordinary(self, view: VideoFrame, matches: Matches) -> TiedFrame:
         self._last, self._matches = view, matches
         return TiedFrame(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
-    def _keyframe(self, view: View, H: Array, matches: Matches | None = None) -> TiedFrame | None:
+    def _keyframe(self, view: VideoFrame, H: Array, matches: Matches | None = None) -> TiedFrame | None:
         """Make a frame the next keyframe; None if it is unlike earlier ones.
 
         `H` maps the newest keyframe to it; `matches` are those with the newest keyframe, if it was tied to that one as
@@ -336,7 +336,9 @@ class _Piece:
         return TiedFrame(view.index, self.number, view.index, ties, view.duplicate, unmatched)
 
 
-def _matched(first: View, second: View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
+def _matched(
+    first: VideoFrame, second: VideoFrame, start: Array, corners: int, moving: bool
+) -> tuple[Matches, float] | None:
     """Matches of two frames, and the likeness of the frames; None if they do not show the same scene."""
     matches = match_background(first.frame, second.frame, start=start, corners=corners, moving=moving)
     if matches is None:

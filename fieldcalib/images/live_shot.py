@@ -22,7 +22,7 @@ from fieldcalib.images.detected_lines import detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.finished_clip import LEAST_LINES
 from fieldcalib.images.keyframes import KeyframePair
-from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
+from fieldcalib.images.shot_solver import FrameCamera, ShotProblem, ShotSolution, SolvedShot
 from fieldcalib.io.image import Image
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
@@ -40,7 +40,7 @@ class FollowedFrame:
     basis: Basis = Basis.NOTHING
     lines: PixelTable = NO_PIXELS
     """The lines in the frame."""
-    camera: KnownCamera | None = None
+    camera: FrameCamera | None = None
     """Camera of the frame, for frames that are tied to it; None if it is not tied itself."""
 
 
@@ -60,15 +60,15 @@ class LiveShot:
     """Keyframes that are still to be matched."""
     solved: SolvedShot | None = None
     """The keyframes that were solved together last."""
-    followed: Mapping[int, KnownCamera] = field(default_factory=dict)
+    followed: Mapping[int, FrameCamera] = field(default_factory=dict)
     """Cameras of keyframes that are not solved yet, calibrated from solved ones."""
-    last: tuple[tuple[int, KnownCamera], ...] = ()
+    last: tuple[tuple[int, FrameCamera], ...] = ()
     """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
     """The markings that were seen in a frame, with its number."""
 
     @property
-    def known(self) -> dict[int, KnownCamera]:
+    def known(self) -> dict[int, FrameCamera]:
         """The cameras of keyframes."""
         return {**self.followed, **(self.solved.cameras if self.solved is not None else {})}
 
@@ -112,10 +112,10 @@ class LiveShot:
             ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
             found = _tied(shot, solution.solved, ties, None) if ties else None
             if found is not None:
-                shot = replace(shot, followed={**shot.followed, key: KnownCamera.of(found[0])})
+                shot = replace(shot, followed={**shot.followed, key: FrameCamera.of(found[0])})
         return shot
 
-    def with_tied(self, index: int, camera: KnownCamera | None) -> LiveShot:
+    def with_tied(self, index: int, camera: FrameCamera | None) -> LiveShot:
         """The shot with the camera of the newest frame, if that is tied."""
         return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
 
@@ -139,7 +139,7 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
     if found is None:
         return _without_camera("the matches of this frame contradict its keyframes")
     row, lines = found
-    return _of_only_frame(solved, row, lines, KnownCamera.of(row))
+    return _of_only_frame(solved, row, lines, FrameCamera.of(row))
 
 
 def _tied(
@@ -169,7 +169,7 @@ def _tied(
     return solved_rows(shared, SolvedFrames(followed, shared.errors(followed, of_first), np.array([True]))), lines
 
 
-def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFrame:
+def _placed(solved: SolvedShot, camera: FrameCamera, basis: Basis) -> FollowedFrame:
     """A frame with a camera that is known already."""
     shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
     metres = ground_errors(theta, errors, shared.considered, shared.options.field)
@@ -177,7 +177,7 @@ def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFr
 
 
 def _of_only_frame(
-    solved: SolvedShot, row: FrameTable, lines: PixelTable = NO_PIXELS, camera: KnownCamera | None = None
+    solved: SolvedShot, row: FrameTable, lines: PixelTable = NO_PIXELS, camera: FrameCamera | None = None
 ) -> FollowedFrame:
     sequence = replace(solved.sequence, frames=row)
     return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
@@ -193,7 +193,7 @@ def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
     return len(lines.frame) >= LEAST_LINES * max(profiles, 1)
 
 
-def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: BoolArray) -> KnownCamera | None:
+def _extrapolated(last: Sequence[tuple[int, FrameCamera]], index: int, free: BoolArray) -> FrameCamera | None:
     """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
     if not last or index - last[-1][0] > MOST_EXTRAPOLATED:
         return None
@@ -202,4 +202,4 @@ def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: Boo
     motion = np.zeros_like(camera.theta) if t == before else (camera.theta - other.theta) / (t - before)
     spread = gap * (0.5 * np.abs(motion[free]) + STEP * gap)
     errors = camera.errors._replace(own=camera.errors.own + np.diag(np.square(spread)))
-    return KnownCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)
+    return FrameCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)

@@ -28,7 +28,7 @@ from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.from_homography import calibrate_from_homography
-from fieldcalib.solve.from_segments import checked_frame
+from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.solve.task import Task
 
@@ -94,7 +94,7 @@ def refine_on_image(
     if calibration.camera is None:
         return calibration
     size = calibration.camera.image_size
-    pixels, pixel_weights = checked_frame(object_segments, image_segments or {}, weights, size)
+    pixels, pixel_weights = checked_labels(object_segments, image_segments or {}, weights, size)
     labels = PixelTable.of(object_segments, [pixels], [pixel_weights])
     one = ToRefine(checked_image(image, size), calibration, labels)
     (refined,) = refine_all(Task(object_segments, flags=flags, prior=prior), Markings.of(object_segments), [one])

@@ -29,7 +29,7 @@ from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
 from fieldcalib.solve.shared_parameters import SharedParameters
 
 
-class KnownCamera(NamedTuple):
+class FrameCamera(NamedTuple):
     """The camera of a frame to which other frames can be tied."""
 
     theta: Array
@@ -38,7 +38,7 @@ class KnownCamera(NamedTuple):
     """Errors of one frame: E (o, o) and F (o, S)."""
 
     @classmethod
-    def of(cls, frames: FrameTable, k: int = 0) -> KnownCamera:
+    def of(cls, frames: FrameTable, k: int = 0) -> FrameCamera:
         """The camera of row k of a table."""
         return cls(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
 
@@ -50,7 +50,7 @@ class SolvedShot:
     shared: SharedParameters
     sequence: SequenceCalibration
     markings: Markings
-    cameras: Mapping[int, KnownCamera]
+    cameras: Mapping[int, FrameCamera]
     """Cameras of the keyframes that have one."""
 
     @property
@@ -110,7 +110,7 @@ class ShotSolution(NamedTuple):
 def prepare(options: ClipOptions) -> None:
     """Import what `solve_shot` needs, which takes longer than the first keyframe.
 
-    If the options cannot be pickled, this shows it at once.
+    `OtherProcess.run` calls it with the options, and raises an error at once if these cannot be pickled.
     """
     import_module("scipy.spatial.transform")
 
@@ -142,5 +142,5 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
         sequence, shared = solve_from_cameras(problem.from_zero, layout, known_cameras)
     if shared is None or not np.any(sequence.usable):
         return None
-    known = {key: KnownCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
+    known = {key: FrameCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
     return SolvedShot(shared, sequence, Markings.of(shared.object_segments), known)

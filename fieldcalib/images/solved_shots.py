@@ -11,7 +11,7 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_keyframes import Keyframes, witnesses_of
-from fieldcalib.images.clip_models import LeftOut, Misprediction, is_preferred, misfit_note, model_note, parts
+from fieldcalib.images.clip_models import HeldOut, Misprediction, is_preferred, misfit_note, model_note, parts
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.centres import nearest_places
@@ -127,7 +127,7 @@ def _best_model(
     return best
 
 
-def _misprediction(solved: SolvedShots, left_out: LeftOut) -> Misprediction:
+def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
     """The misprediction of labels and matches that are left out, by pieces solved again without them."""
     clip, pieces = solved.keyframes, solved.pieces
     found = [
@@ -137,11 +137,11 @@ def _misprediction(solved: SolvedShots, left_out: LeftOut) -> Misprediction:
     return left_out.misprediction(clip.options.object_segments, found)
 
 
-def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> LeftOut:
+def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
     """Labels of the keyframes of a piece, and matches of keyframes with one another, without some of them."""
     keys = {key for key, _ in clip.shots.matches}
     labels = {t: one for t, one in clip.accepted.items() if pieces.number[t] == piece}
     between = {
         pair: cells for pair, cells in clip.shots.matches.items() if pair[1] in keys and pieces.number[pair[1]] == piece
     }
-    return LeftOut.of(labels, between)
+    return HeldOut.of(labels, between)

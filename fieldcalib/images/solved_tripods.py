@@ -54,7 +54,7 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     elif options.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
         groups = [located] if located else []
     else:
-        groups = grouped({piece: shot for piece, shot in shots.calibrations.items() if piece not in moving})
+        groups = grouped_by_tripod({piece: shot for piece, shot in shots.calibrations.items() if piece not in moving})
         groups += [[piece] for piece in moving]
     groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
@@ -79,7 +79,7 @@ def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> 
         others = _contradicted(shots, members, calibration)
         if others:
             left.append([piece for piece in members if piece not in others])
-            left += grouped({piece: shots.calibrations[piece] for piece in others})
+            left += grouped_by_tripod({piece: shots.calibrations[piece] for piece in others})
         else:
             found.append(Tripod(tuple(members), calibration))
     return found
@@ -145,7 +145,7 @@ def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
     return log_density(0.0) - float(np.logaddexp(log_density(SAME_PLATFORM), log_density(ELSEWHERE)) - np.log(2.0))
 
 
-def grouped(shots: Mapping[int, SequenceCalibration]) -> list[list[int]]:
+def grouped_by_tripod(shots: Mapping[int, SequenceCalibration]) -> list[list[int]]:
     """Group shots by their tripods; those whose place was not found are in no group.
 
     The shot with the most certain place comes first. Each joins the group that it most probably belongs to, or begins a

@@ -34,7 +34,7 @@ from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.sequence_problem import SHARED
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
-NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules that this process imports at once
+PRELOADED = ("cv2", "fieldcalib.images.shot_solver")  # modules that this process imports at once
 SEGMENTED = 4  # first keyframes of a shot, all of which the network sees and after each of which all are solved
 SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later: keyframes per solution, and per one that the network sees
 PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
@@ -112,7 +112,7 @@ class Tracker:
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
         self._options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED, estimate_size), given)
         self._options.check(network)
-        self._other = None if wait else OtherProcess(NICENESS, NEEDED)  # it starts while the network is loaded
+        self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         # one core is left to `update`
         self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network

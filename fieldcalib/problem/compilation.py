@@ -2,7 +2,7 @@
 
 Compiled code solves independent frames of lines, arcs and points under a radial lens or none, on fields whose size is
 known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and other lenses.
-Where both can, results differ by rounding only.
+If both can solve a frame, their results differ by rounding only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.geometry.lens import Pinhole, RadialLens
 from fieldcalib.problem.layout import Layout
@@ -22,7 +22,7 @@ from fieldcalib.problem.observations import Observations
 
 
 @cache
-def compiled() -> ModuleType | None:
+def compiled_module() -> ModuleType | None:
     """The module `fieldcalib.problem.compiled`; None where Numba is not installed."""
     if find_spec("numba") is None:
         return None
@@ -33,14 +33,11 @@ def compiled() -> ModuleType | None:
     return module
 
 
-def kernels(layout: Layout, observations: Observations | None = None) -> ModuleType | None:
+def kernels(layout: Layout, observations: Observations) -> ModuleType | None:
     """The compiled functions; None if they do not support the lens or the kinds of rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
-    if not plain:
-        return None
-    if observations is not None and any(rows and not rows.compiled for rows in observations.rows):
-        return None
-    return compiled()
+    supported = plain and all(rows.compiled for rows in observations.rows if rows)
+    return compiled_module() if supported else None
 
 
 def compiled_closest_points(theta: Array, layout: Layout, observations: Observations) -> ClosestPoints | None:
@@ -53,20 +50,6 @@ def compiled_closest_points(theta: Array, layout: Layout, observations: Observat
     frames = packed_frames(module, layout, observations)
     module.closest_points(frames, unknowns(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
     return found
-
-
-def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, free: BoolArray) -> Array | None:
-    """`Projection.derivatives` by the parameters `free` (n,), (B, P, M); None if they are not compiled."""
-    module = kernels(layout)
-    if module is None:
-        return None
-    index = np.flatnonzero(free)
-    B, M = points.r.shape
-    JT = np.zeros((B, len(index), M))
-    feet = module.Feet(*map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal)))
-    cameras = theta[:, : layout.lens_block.stop].copy()
-    module.derivatives(cameras, layout.lens.rho, module.Limits(), feet, index, JT)
-    return JT
 
 
 def _is_sized(layout: Layout) -> bool:

@@ -1,4 +1,4 @@
-"""Closest points, their derivatives and Levenberg-Marquardt, compiled by Numba: one frame after the other.
+"""Closest points and Levenberg-Marquardt, compiled by Numba: one frame after the other.
 
 Mathematics and names are those of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which explain
 them. A frame has some dozens of pixels, for which NumPy spends more time on calls than on computing: a batch of frames
@@ -15,6 +15,7 @@ from numba import njit
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import closest as by_numpy
+from fieldcalib.fields.segments.segment import Vector
 from fieldcalib.geometry.lens.model import FOLD
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL, Bounds
@@ -23,8 +24,6 @@ from fieldcalib.problem.projection import UNDISTORTING_STEPS
 
 compiled = njit(cache=True, error_model="numpy")  # a division by zero is infinite, as in NumPy
 inlined = njit(cache=True, error_model="numpy", inline="always")  # a camera as an argument is forty numbers
-
-Vector = tuple[float, float, float]
 
 A1 = LOG_ASPECT + 1  # where the coefficients (a1, b2) of a radial lens begin in theta
 LINES, ARCS, ALONG_X, ALONG_Y, ENDS = range(5)  # kinds of residuals
@@ -48,7 +47,7 @@ class Limits(NamedTuple):
     fold: float = FOLD
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """The quantities of a camera that its projection needs."""
 
     R: tuple[Vector, Vector, Vector]
@@ -81,14 +80,6 @@ class Foot(NamedTuple):
     ny: float
 
 
-class Feet(NamedTuple):
-    """The closest points of B x M residuals, as in `ClosestPoints`."""
-
-    s: Array
-    inverse_depth: Array
-    normal: Array
-
-
 class Loss(NamedTuple):
     """A robust loss: its number, and its scale squared."""
 
@@ -97,7 +88,7 @@ class Loss(NamedTuple):
 
 
 @compiled
-def view_of(theta: Array, rho: float, limits: Limits) -> View:
+def view_of(theta: Array, rho: float, limits: Limits) -> CameraView:
     """The camera of a parameter vector."""
     c_pan, c_tilt, c_roll = math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2])
     s_pan, s_tilt, s_roll = math.sin(theta[0]), math.sin(theta[1]), math.sin(theta[2])
@@ -107,7 +98,7 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
     f = math.exp(theta[LOG_F])
     a1, b2 = (theta[A1], theta[A1 + 1]) if len(theta) > A1 else (0.0, 0.0)
     barrel = min(a1, 0.0)
-    return View(
+    return CameraView(
         (R0, R1, R2),
         ((f * R0[0], f * R0[1], f * R0[2]), (f * R1[0], f * R1[1], f * R1[2]), R2),
         f,
@@ -138,28 +129,28 @@ def centre_of(theta: Array, motion: Array, b: int, i: int, change: Array) -> Vec
 
 
 @inlined
-def _direction(view: View, x: float, y: float, z: float) -> Vector:
+def _direction(view: CameraView, x: float, y: float, z: float) -> Vector:
     """A world direction in scaled camera coordinates."""
     a, b, c = view.scaled_R
     return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
 @inlined
-def _point(view: View, C: Vector, geometry: Array, b: int, i: int) -> Vector:
+def _point(view: CameraView, C: Vector, geometry: Array, b: int, i: int) -> Vector:
     """The first vector of a row, a world point, in scaled camera coordinates."""
     x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
     return _direction(view, x - C[0], y - C[1], z - C[2])
 
 
 @inlined
-def _gain(view: View, x: float, y: float) -> tuple[float, float]:
+def _gain(view: CameraView, x: float, y: float) -> tuple[float, float]:
     """``1 + a1 q + a2 q^2`` of the lens at an ideal offset, and ``2 / rho^2`` times its derivative by q."""
     q = (x * x + y * y) * view.per_rho2
     return 1.0 + q * (view.a1 + q * view.a2), 2.0 * view.per_rho2 * (view.a1 + 2.0 * view.a2 * q)
 
 
 @inlined
-def _push(view: View, gain: float, slope: float, sx: float, sy: float, x: float, y: float) -> tuple[float, float]:
+def _push(view: CameraView, gain: float, slope: float, sx: float, sy: float, x: float, y: float) -> tuple[float, float]:
     """The image of a small step (x, y) from an ideal offset s."""
     inner = slope * (sx * x + sy * y)
     return gain * x + inner * sx, view.aspect * (gain * y + inner * sy)
@@ -172,7 +163,7 @@ def _unit(x: float, y: float, limits: Limits) -> tuple[float, float]:
 
 
 @inlined
-def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
+def _nearly_ideal(view: CameraView, dx: float, dy: float) -> tuple[float, float]:
     """Approximate ideal offset of a real one, by a few fixed-point steps."""
     dy = dy / view.aspect
     sx, sy = dx, dy
@@ -184,7 +175,7 @@ def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
 
 
 @inlined
-def on_line(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def on_line(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on an infinite line."""
     ax, ay, az = _point(view, C, geometry, b, i)
     bx, by, bz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
@@ -215,7 +206,7 @@ def on_line(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -
 
 
 @inlined
-def on_arc(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on a whole circle."""
     limits = view.limits
     ax, ay, az = _point(view, C, geometry, b, i)
@@ -258,7 +249,9 @@ def on_arc(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) ->
 
 
 @inlined
-def at_point(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]) -> Foot:
+def at_point(
+    view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]
+) -> Foot:
     """The residual of a world point along a direction of the image."""
     nx, ny = normal
     hx, hy, hz = _point(view, C, geometry, b, i)
@@ -270,7 +263,7 @@ def at_point(view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int, 
 
 
 @inlined
-def foot_of(kind: int, view: View, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def foot_of(kind: int, view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point of a residual of a kind."""
     if kind == LINES:
         return on_line(view, C, xy, geometry, b, i)
@@ -284,7 +277,7 @@ def foot_of(kind: int, view: View, C: Vector, xy: Array, geometry: Array, b: int
 
 
 @inlined
-def set_derivatives(view: View, foot: Foot, row: Array) -> None:
+def set_derivatives(view: CameraView, foot: Foot, row: Array) -> None:
     """Write derivatives of a point's image along its normal to `row` (n,): ``n . dpi(X*) / dtheta``, see
     `Projection`."""
     sx, sy, w = foot.sx, foot.sy, foot.inverse_depth
@@ -409,21 +402,6 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
                 m += 1
-
-
-@compiled
-def derivatives(theta: Array, rho: float, limits: Limits, feet: Feet, free: IntArray, JT: Array) -> None:
-    """Write `Projection.derivatives` by the parameters `free` into JT (B, P, M)."""
-    row = np.empty(theta.shape[1])
-    for b in range(len(theta)):
-        view = view_of(theta[b], rho, limits)
-        for m in range(JT.shape[2]):
-            s, w, n = feet.s, feet.inverse_depth, feet.normal
-            foot = Foot(0.0, s[0, b, m], s[1, b, m], w[b, m], n[0, b, m], n[1, b, m])
-            set_derivatives(view, foot, row)
-            for j in range(len(free)):
-                if free[j] < len(row):  # other parameters move points, not the camera
-                    JT[b, j, m] = row[free[j]]
 
 
 @compiled

@@ -38,4 +38,5 @@ class CostTerm(Protocol):
 
     @property
     def coupling(self) -> Coupling | None:
-        """Hessian between frames; None if they are independent."""
+        """Hessian between frames; None if they are independent, as by default."""
+        return None

@@ -29,7 +29,7 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
-from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
+from fieldcalib.problem.compilation import compiled_closest_points
 from fieldcalib.problem.cost_term import CostTerm, Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
@@ -163,10 +163,7 @@ class Evaluation:
     def _by_camera(self, free: BoolArray) -> Array:
         """`derivatives` for a field of constant size."""
         points = self.points
-        of_images = compiled_derivatives(self.theta, self.problem.layout, points, free)
-        if of_images is None:
-            of_images = self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
-        return -of_images
+        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
 
     @cached_property
     def motion_of_points(self) -> Array:
@@ -304,7 +301,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False)
-class PixelTerm:
+class PixelTerm(CostTerm):
     """The labelled pixels of an evaluation as a term of its cost."""
 
     evaluation: Evaluation
@@ -324,11 +321,6 @@ class PixelTerm:
     def hessian(self) -> Array:
         """Gauss-Newton Hessian, (B, P, P)."""
         return self.evaluation.information
-
-    @property
-    def coupling(self) -> None:
-        """None: pixels of different frames are independent."""
-        return None
 
 
 def _sum(parts: Sequence[Array]) -> Array:

@@ -201,7 +201,7 @@ class Observations:
     def motion_of_rows(self) -> tuple[Array, ...]:
         """Derivatives of the segment of each pixel by the field's size, for each kind of rows (T, N, 3, 2).
 
-        Those of a line are of its middle.
+        For a line they are those of its middle.
         """
         assert self.motion is not None
         return tuple(rows.motion(self.motion) for rows in self.rows)

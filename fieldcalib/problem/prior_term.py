@@ -1,6 +1,6 @@
 """The prior of cameras as a term of the cost: quadratic, with heavy tails for the lens.
 
-Some lenses displace the corner by a quarter.
+The tails are for lenses that displace the corner by as much as a quarter of its distance from the middle.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.problem.cost_term import CostTerm
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.prior import GaussianPrior
@@ -27,7 +28,7 @@ def prior_costs(squared: Array, layout: Layout) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False)
-class PriorTerm:
+class PriorTerm(CostTerm):
     """The prior of B frames at their cameras theta (B, n)."""
 
     prior: GaussianPrior
@@ -66,8 +67,3 @@ class PriorTerm:
     def hessian(self) -> Array:
         """Hessian, (B, P, P)."""
         return np.asarray((self._costs[1] / np.square(self.sigma))[:, :, None] * np.eye(self.sigma.shape[1]))
-
-    @property
-    def coupling(self) -> None:
-        """None: the priors of frames are independent."""
-        return None

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
@@ -78,21 +79,13 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
     log_ratio += SQUARE_LOG_ODDS * (image_size[0] == image_size[1])
     only_one = abs(log_ratio) <= CERTAIN and shown.accepted != as_it_is.accepted
     if shown.camera is not None and (shown.accepted if only_one else log_ratio > 0.0):
-        found = in_pixels_of(shown, image_size)
+        found = Placement(image_size, shown_size(image_size), None).from_frame(shown)
         found = replace(found, message=f"{found.message}; {WAS_SQUASHED}")
     else:
         found = as_it_is
     if abs(log_ratio) > CERTAIN or not found.accepted or SHAPE in found.complaints:
         return found
     return replace(found, complaints=(*found.complaints, SHAPE))
-
-
-def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration:
-    """Scale the cameras of a calibration to the squashed picture; errors stay in pixels of the stretched picture."""
-    if shown.camera is None:
-        return shown
-    others = tuple(camera.scaled(image_size) for camera in shown.alternatives)
-    return replace(shown, camera=shown.camera.scaled(image_size), alternatives=others)
 
 
 def with_likely_aspect(
@@ -117,7 +110,7 @@ def with_likely_aspect(
         for one, other in zip(found, shown, strict=True)
     ]
     in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # in pixels of the picture
-    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
+    return [with_border_complaint(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
 
 
 def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:

@@ -35,7 +35,7 @@ class Part:
     """Lens coefficients estimated in addition to those that the user asked for."""
 
 
-def with_lens_as_called_for(solution: Solution, prior: GaussianPrior, options: Options) -> Iterator[Part]:
+def with_required_lens(solution: Solution, prior: GaussianPrior, options: Options) -> Iterator[Part]:
     """Divide solved frames into parts, each solved with the lens coefficients that its labels require."""
     part = Part(np.arange(len(prior.mean)), solution, prior, options)
     for freed in LEVELS:

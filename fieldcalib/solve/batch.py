@@ -26,9 +26,9 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.aspect import with_likely_aspect
-from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
+from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_labels
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     GUESS,
@@ -126,10 +126,10 @@ def calibrate_labels(
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Check the labels of frames of one size and calibrate them, from initial cameras if these are given."""
-    checked, pixel_weights = checked_frames(task.object_segments, frames, weights, checked_image_size(image_size))
+    checked, pixel_weights = checked_batch(task.object_segments, frames, weights, checked_image_size(image_size))
     table = PixelTable.of(task.object_segments, checked, pixel_weights)
     found = calibrate_pixels(task, table, image_size, cameras, executor=executor)
-    return [with_border_asked(task.object_segments, *pair) for pair in zip(checked, found, strict=True)]
+    return [with_border_complaint(task.object_segments, *pair) for pair in zip(checked, found, strict=True)]
 
 
 def calibrate_pixels(
@@ -153,9 +153,9 @@ def calibrate_pixels(
 
 def _check_nothing_given(given: GivenCamera) -> None:
     if given.camera_matrix is not None or given.dist_coeffs is not None:
-        raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
+        raise ValueError("cameras give the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
     if given.rvec is not None or given.tvec is not None:
-        raise ValueError("cameras say the pose of each frame: leave rvec and tvec out")
+        raise ValueError("cameras give the pose of each frame: leave rvec and tvec out")
 
 
 def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:
@@ -169,7 +169,7 @@ def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:
     return np.array([options.layout.theta(camera) for camera in cameras])
 
 
-def checked_frames(
+def checked_batch(
     object_segments: ObjectSegments,
     frames: Iterable[ImageSegments],
     weights: Iterable[Weights] | None,
@@ -184,7 +184,7 @@ def checked_frames(
     for index, frame in enumerate(frames):
         try:
             of_frame = None if weights is None else weights[index]
-            pixels, weight = checked_frame(object_segments, frame, of_frame, image_size)
+            pixels, weight = checked_labels(object_segments, frame, of_frame, image_size)
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)

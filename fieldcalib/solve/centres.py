@@ -89,7 +89,7 @@ def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
 def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
     """The centres of frames `index` (B,), from those of known frames.
 
-    Between two known frames an even motion is expected, with the uncertainty of an acceleration during that time;
+    Between two known frames a uniform motion is expected, with the uncertainty of an acceleration during that time;
     before the first and after the last one the centre may move in any direction at its largest speed.
     """
     time, C, sigma = known

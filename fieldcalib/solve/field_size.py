@@ -260,7 +260,7 @@ def _uncertainty(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> 
     if not calibrations:
         return np.diag(size_prior.sigma**2), np.zeros(2)
     found = [one.solved.uncertainty for one in calibrations if one.solved is not None]
-    kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T
+    kappa, sigma = np.array([(one.curvature, one.robust_sigma) for one in found]).T
     system = ReducedSystem.of(_joint(calibrations, size_prior), sigma, kappa)
     share = np.maximum(1.0 - np.diagonal(system.inverse) / size_prior.sigma**2, 0.0)  # below 0 by rounding
     return system.white_covariance, share

@@ -19,7 +19,7 @@ from fieldcalib.assess.frame_table import (
     Basis,
     FrameTable,
 )
-from fieldcalib.assess.label_errors import squares_by_label
+from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation
@@ -61,13 +61,10 @@ def solved_rows(
     """
     evaluation, errors, is_tied = solved
     rows = table_without_cameras(shared, len(evaluation.theta))
-    squares, counts = squares_by_label(evaluation)
+    counts = evaluation.problem.observations.pixels_by_label
     number = np.array([rows.labels.index(label) for label in evaluation.problem.observations.labels], dtype=np.intp)
     label_errors, label_counts = rows.label_errors.copy(), rows.label_counts.copy()
-    with np.errstate(invalid="ignore"):
-        rms = np.sqrt(np.sum(squares, axis=1) / np.sum(counts, axis=1))
-        label_errors[:, number] = np.nan_to_num(np.sqrt(squares / counts))
-    label_counts[:, number] = np.round(counts)
+    label_errors[:, number], label_counts[:, number] = np.nan_to_num(rms_by_label(evaluation)), np.round(counts)
     for k, one in alone.items():
         for suspect in one.suspect_labels:
             column = rows.labels.index(suspect.label)
@@ -83,7 +80,7 @@ def solved_rows(
         following=errors.following,
         status=np.where((status == ACCEPTED) & (metres > largest_error), IMPROBABLE, status),
         basis=_bases(np.sum(counts, axis=1) > 0, is_tied),
-        rms=rms,
+        rms=rms_of_labels(evaluation),
         ground_error=metres,
         label_errors=label_errors,
         label_counts=label_counts,

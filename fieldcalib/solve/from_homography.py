@@ -155,7 +155,7 @@ def judged_camera(
     missed = [label for label, error in errors.items() if error > far]
     complaint = disagreement(labels, missed, unknowns=0)  # the camera was not fitted to them
     if reasons:
-        complaint = f"no camera that could be: {'; '.join(reasons)}"
+        complaint = f"the camera is physically implausible: {'; '.join(reasons)}"
     status = Status.IMPLAUSIBLE if complaint else Status.ACCEPTED
     rms, loss = float(rms_of_labels(evaluation)[0]), float(ndc_losses(evaluation, object_segments)[0])
     return Calibration(camera, status, complaint or message, rms, loss, errors)

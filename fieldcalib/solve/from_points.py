@@ -271,7 +271,9 @@ def _calibrate_without_prior(points: Points, task: Task, options: Options) -> Ca
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message)
     start = _start(points, options)
     if start is None:
-        message = "no camera sees the points so: on one line they tell nothing, one that misses it would help"
+        message = (
+            "no camera projects the points to these pixels: if they lie on one line, a point off that line would help"
+        )
         return Calibration.without_camera(Status.DEGENERATE, message)
     return _calibrated_nearby(points, _started(task, start), start)
 

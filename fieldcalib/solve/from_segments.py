@@ -41,9 +41,9 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
 from fieldcalib.solve.aspect import with_likely_aspect
-from fieldcalib.solve.auto_lens import with_lens_as_called_for
+from fieldcalib.solve.auto_lens import with_required_lens
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.options import DEFAULT_CRITERIA, Criteria, Options, Prior
 from fieldcalib.solve.search import find_cameras
@@ -174,15 +174,15 @@ def calibrate_frame(
 ) -> Calibration:
     """Check the labels of one frame and calibrate it."""
     options = task.options(image_size)
-    pixels, pixel_weights = checked_frame(task.object_segments, frame, weights, options.image_size)
+    pixels, pixel_weights = checked_labels(task.object_segments, frame, weights, options.image_size)
     if not pixels:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
     table = PixelTable.of(task.object_segments, [pixels], [pixel_weights])
     (found,) = as_fixed(calibrate_checked(table, options, finished), task.given, options.flags)
-    return with_border_asked(task.object_segments, pixels, found)
+    return with_border_complaint(task.object_segments, pixels, found)
 
 
-def checked_frame(
+def checked_labels(
     object_segments: ObjectSegments, frame: ImageSegments, weights: Weights | None, image_size: tuple[int, int]
 ) -> tuple[Pixels, PixelWeights | None]:
     """The checked pixels and weights of one frame."""
@@ -224,7 +224,7 @@ def calibrate_checked(
     if not options.auto_lens:
         return _judged(_Frames(observations, relabelled, solution, options))
     calibrations: dict[int, Calibration] = {}
-    for part in with_lens_as_called_for(solution, relabelled.prior, options):
+    for part in with_required_lens(solution, relabelled.prior, options):
         its = relabelled.take(part.frames, part.prior)
         some = _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
         calibrations |= dict(zip(part.frames.tolist(), _judged(some), strict=True))
@@ -277,7 +277,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
-            notes.append(f"{', '.join(frames.freed)} estimated too, as the labels call for it")
+            notes.append(f"{', '.join(frames.freed)} estimated too, as the labels require it")
         found = Calibration(
             camera=cameras[t],
             status=status,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.problem.evaluation import Evaluation, Problem
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
@@ -116,20 +117,16 @@ def joint_start(
         if agreeing:
             labels = {t: one for t, one in labels.items() if right[t]}
     theta = theta[index]
-    stands = gaussian_priors(options.distributions, layout)
-    like = Problem(
-        pack(options.object_segments, [], layout.image_size),
-        layout,
-        options.loss,
-        options.noise,
-        given_cameras(theta, stands).prior if options.use_prior else None,
-        paint=options.paint,
-        scale=options.scale,
+    stands = given_cameras(theta, gaussian_priors(options.distributions, layout)).prior
+    pixels = PixelTable.joined(options.object_segments, [labels.get(t, NO_PIXELS) for t in index.tolist()])
+    path = SmoothPath(index, ACCELERATION) if problem.moves else None
+    like = replace(
+        options.problem(pack(options.object_segments, [], layout.image_size), stands if options.use_prior else None),
+        layout=layout,
         background=ties.among(index),
-        path=SmoothPath(index, ACCELERATION) if problem.moves else None,
+        path=path,
     )
     once = (layout.roles == Role.SHARED) | layout.is_centre
-    pixels = PixelTable.joined(options.object_segments, [labels.get(t, NO_PIXELS) for t in index.tolist()])
     return JointStart(index, joint_evaluation(like, options.object_segments, pixels, theta, once))
 
 

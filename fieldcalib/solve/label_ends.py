@@ -26,7 +26,7 @@ SPACING = 1.0  # m, of points on a segment
 ENDS = "the labels end at column"
 
 
-def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
+def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
     """The calibration with the complaint of `other_border` replaced; only for labels that were set by hand."""
     others = tuple(one for one in calibration.complaints if not one.startswith(ENDS))
     if calibration.camera is not None and calibration.are_annotated:

@@ -230,16 +230,16 @@ class _Search:
         The present camera decides if it explains the rest more cheaply than by giving up a segment. Otherwise it may be
         wrong altogether: then others are searched without one label at a time, if the rest suffices for a camera.
         """
-        at_hand = self._at_hand()
-        needy = []
+        present = self._by_present_cameras()
+        unexplained = []
         for t in range(len(self)):
-            found = at_hand.take(at_hand.frame == t)
+            found = present.take(present.frame == t)
             if not np.sum(found.cheapest[np.argmin(found.cost)]) <= self.costs.missed:
-                needy.append(t)
-        every = _Explanations.joined([at_hand, *self._from_anew(needy)])
+                unexplained.append(t)
+        every = _Explanations.joined([present, *self._by_new_cameras(unexplained)])
         return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self))]
 
-    def _at_hand(self) -> _Explanations:
+    def _by_present_cameras(self) -> _Explanations:
         """Explanations by the present cameras, and by these solved again without the labels that they give up."""
         frame = np.arange(len(self))
         first = self._explained(frame, self.evaluation, self.evaluation)
@@ -248,12 +248,12 @@ class _Search:
         again = self._solved(self.evaluation.of(believed))
         return _Explanations.joined([first, self._explained(frame, again.of(problem), again)])
 
-    def _from_anew(self, needy: list[int]) -> list[_Explanations]:
-        """Explanations of the frames `needy` by cameras that are searched without one of the labels."""
+    def _by_new_cameras(self, unexplained: list[int]) -> list[_Explanations]:
+        """Explanations of the frames `unexplained` by cameras that are searched without one of the labels."""
         labels = self.observations.labels
         left_out = [
             (t, index)
-            for t in needy
+            for t in unexplained
             for index in self.observations.in_order[t]
             if self._can_do_without(t, [labels[index]])
         ]

@@ -7,7 +7,7 @@ eps).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import cached_property
 from typing import TypeAlias
@@ -18,8 +18,10 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
+from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, Layout
 from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
@@ -201,6 +203,11 @@ class Options:
     def noise(self) -> float:
         """Standard deviation of the observed pixels."""
         return NOISE * pixel_unit(self.image_size)
+
+    def problem(self, observations: Observations, prior: GaussianPrior | None) -> Problem:
+        """The problem of frames with these observations, each under a prior (B, n) if it is not None."""
+        problem = Problem(observations, self.layout, self.loss, self.noise, prior, scale=self.scale)
+        return replace(problem, paint=self.paint, considered=self.considered)
 
 
 def pixel_unit(image_size: tuple[int, int]) -> float:

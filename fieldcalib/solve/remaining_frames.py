@@ -22,7 +22,7 @@ from fieldcalib.solve.sequence_problem import SequenceProblem
 from fieldcalib.solve.shared_parameters import SharedParameters
 from fieldcalib.solve.ties import contradicted, with_tied
 
-OFF_PATH = "its centre is not where the frames around it let it be"
+OFF_PATH = "its centre is off the path of the frames around it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ def _initial_frames(
     options = shared.options
     if problem.is_linked:
         if before is not None:
-            again = before.usable & ~done & problem.ties.some_tie
+            again = before.usable & ~done & problem.ties.is_tied
             theta[again] = np.where(options.layout.free, before.frames.theta[again], options.known)
             known |= again
         every = np.arange(len(known))

@@ -69,16 +69,7 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     if only_turned:
         theta = _turned_as_known(theta, options.known[ANGLES])
         prior = _around_known_lens(given_cameras(theta, options.stands).prior, options)
-    problem = Problem(
-        observations,
-        options.layout,
-        options.loss,
-        options.noise,
-        prior if options.use_prior else None,
-        scale=options.scale,
-        paint=options.paint,
-        considered=options.considered,
-    )
+    problem = options.problem(observations, prior if options.use_prior else None)
     found = evaluation.of(problem) if theta is evaluation.theta else evaluate(problem, theta)
     return Found(found, prior)
 

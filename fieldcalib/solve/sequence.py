@@ -14,7 +14,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.batch import checked_frames
+from fieldcalib.solve.batch import checked_batch
 from fieldcalib.solve.options import PAINT, CalibrationFlags, Prior, default_flags
 from fieldcalib.solve.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence_solver import solve_sequence
@@ -101,7 +101,7 @@ def calibrate_sequence(
     if flags is None:
         task = replace(task, flags=default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2)
     options = task.options(image_size)
-    checked = checked_frames(object_segments, frames, weights, options.image_size)
+    checked = checked_batch(object_segments, frames, weights, options.image_size)
     problem = SequenceProblem.of(options, PixelTable.of(object_segments, *checked), shared, matches)
     if start is not None and not trust_labels:
         raise ValueError("start needs trust_labels=True: from there labels are not doubted again")

@@ -87,7 +87,7 @@ def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
     if options.layout.field_size is not None:
         probability, sigma = options.layout.field_size.possibilities_with_crown
         np.fill_diagonal(variance, probability @ np.square(sigma))
-    noise = np.median([(one.bent_sigma, one.curvature) for one in found], axis=0) if found else np.ones(2)
+    noise = np.median([(one.robust_sigma, one.curvature) for one in found], axis=0) if found else np.ones(2)
     shared = SharedParameters(replace(options, considered=variance), PixelNoise(*noise.tolist()))
     table = table_without_cameras(shared, len(problem))
     if found:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from fieldcalib.assess.level import Considered
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
@@ -69,21 +69,10 @@ class SharedParameters:
             Ties from known cameras to these frames, numbered from 0.
         """
         options = self.options
-        problem = Problem(
-            Observations.of(self.object_segments, pixels, options.image_size, options.motion),
-            options.layout,
-            options.loss,
-            options.noise,
-            prior,
-            paint=options.paint,
-            considered=options.considered,
-            scale=options.scale,
-            background=pairs,
-        )
+        observations = Observations.of(self.object_segments, pixels, options.image_size, options.motion)
+        start = evaluate(replace(options.problem(observations, prior), background=pairs), theta)
         tolerance = max(options.tolerance, FOLLOWED)
-        return levenberg_marquardt(
-            evaluate(problem, theta), max_iterations=options.max_iterations, tolerance=tolerance
-        ).evaluation
+        return levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=tolerance).evaluation
 
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
         """Errors of solved frames; `of_first` are those of the first frame of each pair, if its camera is known."""

@@ -71,7 +71,7 @@ def best_of_other_starts(
         if np.linalg.norm(one.evaluation.theta[0, CENTER] - best.evaluation.theta[0, CENTER]) > SAME
     ]
     same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
-    alternatives = _elsewhere(same, solved.evaluation, solved.covariance_if_level[:3, :3])
+    alternatives = _other_centres(same, solved.evaluation, solved.covariance_if_level[:3, :3])
     return replace(solved, left_out=left_out, alternatives=np.reshape(alternatives, (-1, 3)))
 
 
@@ -132,7 +132,7 @@ def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
     return _narrowing(start.of(replace(start.problem, prior=prior)), WIDTHS, max_iterations, APPROACHED)
 
 
-def _elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
+def _other_centres(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
     """Other centres (3,) of solutions that fit as well as the best one; `covariance` (3, 3) is of the best centre."""
     others: list[Array] = []
     least, V = _cost(best), covariance + SAME**2 * np.eye(3)

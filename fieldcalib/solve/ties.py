@@ -60,7 +60,7 @@ class Ties:
         if not isinstance(matches, Mapping):
             raise ValueError(f"matches must be a mapping of pairs of frames to pixels, got {type(matches).__name__}")
         checked = {pair: _checked_match(pair, both, count) for pair, both in matches.items()}
-        thin = {pair: thinned(*both, image_size) for pair, both in checked.items() if both is not None}
+        thin = {pair: cell_means(*both, image_size) for pair, both in checked.items() if both is not None}
         kept = {pair: both for pair, both in thin.items() if len(both[0]) >= LEAST_CELLS}
         unit, N = pixel_unit(image_size), max((len(p) for p, _ in kept.values()), default=0)
         pixels, weights = np.zeros((2, len(kept), N, 2)), np.zeros((len(kept), N))
@@ -79,7 +79,7 @@ class Ties:
         return len(self.pairs)
 
     @property
-    def some_tie(self) -> BoolArray:
+    def is_tied(self) -> BoolArray:
         """Mask (T,) of the frames that are in a pair."""
         return np.isin(np.arange(self.count), [self.pairs.first, self.pairs.second])
 
@@ -150,7 +150,7 @@ def _checked_match(
     return p, q
 
 
-def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
+def cell_means(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
     """Average matched pixels (N, 2) over the cells of the first frame; it is idempotent.
 
     Pixels of the second frame are averaged relative to a quadratic map between the frames, which is not linear in a
@@ -160,7 +160,7 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
     --------
     >>> x, y = np.meshgrid(np.arange(5.0, 960.0, 10.0), np.arange(5.0, 540.0, 10.0))
     >>> p = np.stack([x, y], axis=-1).reshape(-1, 2)
-    >>> cells, moved = thinned(p, 1.1 * p + (3.0, -5.0), (960, 540))
+    >>> cells, moved = cell_means(p, 1.1 * p + (3.0, -5.0), (960, 540))
     >>> cells.shape, bool(np.allclose(moved, 1.1 * cells + (3.0, -5.0)))
     ((60, 2), True)
     """

@@ -9,19 +9,29 @@ from functools import partial
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from fieldcalib._json import to_json
+from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.editor import Editor, StaleEdit
+from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
+from fieldcalib.editor.stored import ChangedFileError
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import encode_image
 from fieldcalib.web.edits import apply
 from fieldcalib.web.guard import Guard, TooLargeError
+from fieldcalib.web.job import ClipJob
 from fieldcalib.web.pictures import LARGEST, Pictures
-from fieldcalib.web.state import field_state, frames_state
+from fieldcalib.web.records import field_record
+from fieldcalib.web.state import error_map, frames_state
 from fieldcalib.web.worker import Worker
 
 TYPES = {
@@ -52,6 +62,7 @@ class Page:
     def __init__(self, editor: Editor) -> None:
         self.editor = editor
         self.worker = Worker(editor)
+        self.job = ClipJob(editor)
         self.pictures = Pictures(editor.frames)
         self.files = page_files()
         if len(editor):
@@ -69,6 +80,20 @@ class Page:
             get("/api/frame/{n}", answered(self.frame)),
             post("/api/frame/{n}/edit", answered(self.edit)),
             get("/api/frame/{n}/likely", answered(self.likely)),
+            get("/api/frame/{n}/errors", answered(self.errors)),
+            get("/api/frame/{n}/ground", answered(self.ground)),
+            get("/api/frame/{n}/distance", answered(self.distance)),
+            get("/api/frame/{n}/offside", answered(self.offside)),
+            get("/api/frame/{n}/offside.png", answered(self.offside_picture)),
+            get("/api/frame/{n}/overlay.png", answered(self.overlay_picture)),
+            post("/api/save", answered(self.save)),
+            get("/api/clip/job", answered(self.job_report)),
+            get("/api/clip/proposed/{n}", answered(self.proposed)),
+            post("/api/clip/solve", answered(self.solve)),
+            post("/api/clip/cancel", answered(self.cancel)),
+            post("/api/clip/keep", answered(self.keep)),
+            post("/api/clip/discard", answered(self.cancel)),
+            post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
             get("/image/{n}/crop", answered(self.crop)),
         ]
@@ -77,6 +102,7 @@ class Page:
 
     def close(self) -> None:
         """End the threads and close the files."""
+        self.job.close()
         self.worker.close()
         self.editor.close()
 
@@ -119,7 +145,7 @@ class Page:
 
     async def field(self, request: Request) -> Response:
         """The field."""
-        return JSONResponse(field_state(self.editor.field))
+        return JSONResponse({"name": self.editor.field_name, **field_record(self.editor.field)})
 
     async def frame(self, request: Request) -> Response:
         """The state of a frame."""
@@ -137,12 +163,95 @@ class Page:
             return JSONResponse({"error": str(error), "state": await self._state(number)}, 409)
         return JSONResponse(await self._state(number))
 
+    async def errors(self, request: Request) -> Response:
+        """How far ground points move if the clicks are 2 px off."""
+        one = await self._fitted(request)
+        return JSONResponse(await run_in_threadpool(error_map, one))
+
+    async def ground(self, request: Request) -> Response:
+        """The place on the ground at a pixel."""
+        one = await self._fitted(request)
+        X, sd, rms = ground_point(one.calibration, (_real(request, "x"), _real(request, "y")))
+        return JSONResponse({"X": _rounded(X), "sd": _rounded(sd), "rms": _rounded(rms)})
+
+    async def distance(self, request: Request) -> Response:
+        """The distance of the places at two pixels."""
+        one = await self._fitted(request)
+        first, second = ((_real(request, f"x{k}"), _real(request, f"y{k}")) for k in (1, 2))
+        metres, sd = distance(one.calibration, first, second)
+        return JSONResponse({"metres": _rounded(metres), "sd": _rounded(sd)})
+
+    async def offside(self, request: Request) -> Response:
+        """The line across the field at a pixel."""
+        one = await self._fitted(request)
+        found = line_across(one.calibration, one.field, (_real(request, "x"), _real(request, "y")))
+        if found is None:
+            return JSONResponse({"line": [], "X": None})
+        points = [point for curve in found.curves for point in curve.round(1).tolist()]
+        return JSONResponse({"line": points, "X": _rounded(found.x)})
+
+    async def offside_picture(self, request: Request) -> Response:
+        """The picture with the line across the field at a pixel."""
+        one = await self._fitted(request)
+        xy = _real(request, "x"), _real(request, "y")
+        drawn = await run_in_threadpool(draw_line_across, one.image, one.calibration, one.field, xy)
+        return await _png(drawn, "offside.png")
+
+    async def overlay_picture(self, request: Request) -> Response:
+        """The picture with its markings."""
+        one = await self._fitted(request)
+        field = one.calibration.field or one.field
+        return await _png(await run_in_threadpool(draw_calibration, one.image, one.calibration, field), "overlay.png")
+
+    async def _fitted(self, request: Request) -> FrameEditor:
+        """The frame in the address, with its camera."""
+        number = self._number(request)
+        await self._state(number)
+        return await run_in_threadpool(self.editor.fitted, number)
+
+    async def save(self, request: Request) -> Response:
+        """Write labels and cameras into the folder of results."""
+        await _body(request)
+        saved = await run_in_threadpool(self.editor.save)
+        return JSONResponse({"saved": saved, "folder": str(self.editor.stored.folder) if self.editor.stored else ""})
+
     async def likely(self, request: Request) -> Response:
         """Labels for a pixel, the likely ones first."""
-        number = self._number(request)
-        xy = _real(request, "x"), _real(request, "y")
-        one = await run_in_threadpool(self.editor.fitted, number)
-        return JSONResponse({"labels": one.likely_labels(xy)})
+        one = await self._fitted(request)
+        return JSONResponse({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
+
+    async def job_report(self, request: Request) -> Response:
+        """Where the solution of the clip stands."""
+        return JSONResponse(await run_in_threadpool(self.job.report))
+
+    async def proposed(self, request: Request) -> Response:
+        """The camera of a frame in the solution that is not kept yet."""
+        return JSONResponse(await run_in_threadpool(self.job.proposed, self._number(request)))
+
+    async def solve(self, request: Request) -> Response:
+        """Begin to solve the clip."""
+        await _body(request)
+        self.job.start()
+        return JSONResponse(self.job.report())
+
+    async def cancel(self, request: Request) -> Response:
+        """End the solution, or drop it."""
+        await _body(request)
+        self.job.cancel()
+        return JSONResponse(self.job.report())
+
+    async def keep(self, request: Request) -> Response:
+        """Keep the solution."""
+        await _body(request)
+        return JSONResponse({"saved": await run_in_threadpool(self.job.keep)})
+
+    async def cuts(self, request: Request) -> Response:
+        """Set the first frames of the shots."""
+        cuts = (await _body(request)).get("cuts")
+        if not isinstance(cuts, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in cuts):
+            raise ValueError('expected the numbers of frames, as {"cuts": [0, 120]}')
+        await run_in_threadpool(self.editor.set_cuts, cuts)
+        return JSONResponse({"cuts": self.editor.cuts})
 
     async def image(self, request: Request) -> Response:
         """A picture."""
@@ -178,14 +287,14 @@ def answered(answer: Answer) -> Answer:
             return problem(404, str(error))
         except TooLargeError as error:
             return problem(413, str(error))
-        except StaleEdit as error:
+        except (StaleEdit, ChangedFileError) as error:
             return problem(409, str(error))
         except BrokenFileError as error:
             return problem(422, str(error))
         except ValueError as error:
             return problem(400, str(error))
         except OSError as error:
-            return problem(507, f"the file could not be written: {error.strerror}")
+            return problem(507, f"nothing was written: {error.strerror or error}")
 
     return safely
 
@@ -193,6 +302,18 @@ def answered(answer: Answer) -> Answer:
 def problem(status: int, message: str) -> Response:
     """An answer that says what is wrong."""
     return JSONResponse({"error": message}, status)
+
+
+async def _png(image: Image, name: str) -> Response:
+    content = await run_in_threadpool(encode_image, image, ".png")
+    return Response(
+        content, headers={"content-type": "image/png", "content-disposition": f'attachment; filename="{name}"'}
+    )
+
+
+def _rounded(value: Any) -> Any:
+    """Metres to millimetres; None stays."""
+    return None if value is None else to_json(np.round(value, 3))
 
 
 async def _not_found(request: Request, error: Exception) -> Response:

@@ -34,47 +34,60 @@ def apply(editor: Editor, number: int, body: Mapping[str, Any]) -> None:
         raise ValueError(f"expected an edit, one of {', '.join(EDITS)}, got {str(what)[:40]!r}")
     if revision != editor.revision(number):
         raise StaleEdit(f"the frame was changed meanwhile (revision {editor.revision(number)}, not {revision})")
-    changed = do(editor, editor.begun(number), body)
+    changed = do(editor, number, body)
     if len(changed.marks) > MOST_MARKS:
         raise ValueError(f"expected at most {MOST_MARKS} marks in a frame")
     editor.put(number, changed, revision)
 
 
-def _mark(editor: Editor, one: FrameEditor, body: Mapping[str, Any]) -> FrameEditor:
-    return one.mark(_label(body), _points(body.get("xy")), snap=_snap(body))
+def _mark(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
+    return editor.begun(number).mark(_label(body), _points(body.get("xy")), snap=_snap(body))
 
 
-def _move(editor: Editor, one: FrameEditor, body: Mapping[str, Any]) -> FrameEditor:
+def _move(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
     to = body.get("to")
     if not isinstance(to, dict) or not all(isinstance(key, str) and key.isdecimal() and len(key) < 8 for key in to):
         raise ValueError('expected places by numbers of marks, as {"0": [480, 100]}')
-    return one.move({int(key): _points([xy])[0] for key, xy in to.items()}, snap=_snap(body))
+    return editor.begun(number).move({int(key): _points([xy])[0] for key, xy in to.items()}, snap=_snap(body))
 
 
-def _relabel(editor: Editor, one: FrameEditor, body: Mapping[str, Any]) -> FrameEditor:
-    return one.relabel(_numbers(body), _label(body))
+def _relabel(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
+    return editor.begun(number).relabel(_numbers(body), _label(body))
 
 
-def _remove(editor: Editor, one: FrameEditor, body: Mapping[str, Any]) -> FrameEditor:
-    return one.remove(_numbers(body))
+def _remove(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
+    return editor.begun(number).remove(_numbers(body))
 
 
-def _know(editor: Editor, one: FrameEditor, body: Mapping[str, Any]) -> FrameEditor:
+def _know(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
     values = body.get("values")
     if not isinstance(values, dict) or not values.keys() <= set(KNOWN):
         raise ValueError(f"expected values of {', '.join(KNOWN)}")
-    return one.know(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+    return editor.begun(number).know(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
 
 
-EDITS: Mapping[str, Callable[[Editor, FrameEditor, Mapping[str, Any]], FrameEditor]] = {
+def _automatic(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
+    return editor.automatic(number)
+
+
+def _copy(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
+    other = body.get("from")
+    if not isinstance(other, int) or isinstance(other, bool) or not 0 <= other < len(editor) or other == number:
+        raise ValueError(f"expected the number of another frame, from 0 to {len(editor) - 1}")
+    return editor.with_marks_of(number, other)
+
+
+EDITS: Mapping[str, Callable[[Editor, int, Mapping[str, Any]], FrameEditor]] = {
     "mark": _mark,
     "move": _move,
     "relabel": _relabel,
     "remove": _remove,
     "know": _know,
-    "undo": lambda editor, one, body: one.undo(),
-    "redo": lambda editor, one, body: one.redo(),
-    "clear": lambda editor, one, body: one.clear(),
+    "undo": lambda editor, number, body: editor[number].undo(),
+    "redo": lambda editor, number, body: editor[number].redo(),
+    "clear": lambda editor, number, body: editor.begun(number).clear(),
+    "automatic": _automatic,
+    "copy": _copy,
 }
 
 

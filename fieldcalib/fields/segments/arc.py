@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, dot, unit
+from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored, vector
+from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored_point, vector
+from fieldcalib.geometry.lens.model import dot
 
 
 class ArcRows(Rows):
@@ -144,7 +145,7 @@ class Arc(Segment):
 
     def mirrored(self, signs: Vector) -> Arc:
         """The arc with its coordinates multiplied by signs."""
-        center, u, v = (mirrored(X, signs) for X in (self.center, self.u, self.v))
+        center, u, v = (mirrored_point(X, signs) for X in (self.center, self.u, self.v))
         return replace(self, center=center, u=u, v=v)
 
     def evaluated(self, straight: float, bent: float) -> Array:

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.geometry.lens.model import dot
 
 LEAST_LENGTH = 1e-300  # added to the length of a vector: no division by zero
 LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not raise an error
@@ -143,11 +144,6 @@ def at_points(view: View, xy: Array, X: Array) -> list[ClosestPoints]:
     zero, one = np.zeros_like(dx), np.ones_like(dx)
     x, y = np.array([one, zero]), np.array([zero, one])
     return [ClosestPoints(dx, s, inverse_depth, x), ClosestPoints(dy, s, inverse_depth, y)]
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Inner products of plane vectors."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1])
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -14,11 +14,11 @@ from fieldcalib.fields.segments.closest import (
     ClosestPoints,
     View,
     cross,
-    dot,
     left_normal,
 )
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored, vector
+from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored_point, vector
+from fieldcalib.geometry.lens.model import dot
 
 
 class LineRows(Rows):
@@ -108,7 +108,7 @@ class Line(Segment):
 
     def mirrored(self, signs: Vector) -> Line:
         """The line with its coordinates multiplied by signs."""
-        return Line(mirrored(self.start, signs), mirrored(self.end, signs))
+        return Line(mirrored_point(self.start, signs), mirrored_point(self.end, signs))
 
     @property
     def anchors(self) -> Array:

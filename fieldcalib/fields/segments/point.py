@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.segments.closest import ClosestPoints, View, at_points
 from fieldcalib.fields.segments.rows import Rows
-from fieldcalib.fields.segments.segment import Ring, Segment, Vector, mirrored, vector
+from fieldcalib.fields.segments.segment import Ring, Segment, Vector, mirrored_point, vector
 
 MARK = 1e-3  # m: radius of the circle that is painted for a point
 
@@ -69,4 +69,4 @@ class Point(Segment):
 
     def mirrored(self, signs: Vector) -> Point:
         """The point with its coordinates multiplied by signs."""
-        return Point(mirrored(self.X, signs))
+        return Point(mirrored_point(self.X, signs))

@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero
 from fieldcalib.fields.segments.rows import Rows
-from fieldcalib.fields.segments.segment import Segment, Vector, mirrored
+from fieldcalib.fields.segments.segment import Segment, Vector, mirrored_point
 
 BEHIND_PENALTY = 1e12  # px^2: added to the squared distance of a sample behind the camera
 
@@ -113,7 +113,7 @@ class PointCloud(Segment):
 
     def mirrored(self, signs: Vector) -> PointCloud:
         """The cloud with its coordinates multiplied by signs."""
-        return PointCloud(tuple(mirrored(X, signs) for X in self.points), self.ordered)
+        return PointCloud(tuple(mirrored_point(X, signs) for X in self.points), self.ordered)
 
     def polyline(self, spacing: float) -> Array:
         """Points on the smooth curve through its points, nine from one to the next, (N, 3).

@@ -150,7 +150,7 @@ def vector(values: Iterable[float], what: str) -> Vector:
     return x, y, z
 
 
-def mirrored(X: Vector, signs: Vector) -> Vector:
+def mirrored_point(X: Vector, signs: Vector) -> Vector:
     """A point with its coordinates multiplied by signs."""
     x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
     return x, y, z

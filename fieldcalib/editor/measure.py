@@ -1,0 +1,143 @@
+"""Measuring in a picture: places on the ground, distances, and a line across the field at a player's foot."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Line
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.solve.options import pixel_unit
+
+OFFSIDE_COLOUR = (40, 220, 255)  # blue, green, red
+THICKNESS = 2.0  # px of a 960 x 540 image
+FOOT = 5.0  # px of such an image: radius of the ring around the foot
+
+
+class GroundPoint(NamedTuple):
+    """A place on the ground, from the centre mark, with its error relative to the markings in view."""
+
+    X: Array | None
+    """(2,) metres; None above the horizon."""
+    sd: Array | None
+    """Standard deviations (2,) of x and y, metres; None where they are not known."""
+    rms: float | None
+    """Root mean square distance to the true place, metres."""
+
+
+class Distance(NamedTuple):
+    """The distance of two places on the ground."""
+
+    metres: float | None
+    """None if one of them is above the horizon."""
+    sd: float | None
+    """Its standard deviation, metres; None where it is not known."""
+
+
+def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
+    """The place on the ground that is seen at a pixel, such as a foot.
+
+    Raises
+    ------
+    NoCameraError
+        If there is no camera.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> found = calibrate_from_segments(soccer(), pixels, (960, 540))
+    >>> place = ground_point(found, truth.project((30.0, -10.0, 0.0)))
+    >>> bool(np.linalg.norm(place.X - (30.0, -10.0)) < 0.5), bool(place.rms < 2.0)
+    (True, True)
+    """
+    X = calibration.required_camera.image_to_field(xy)[:2]
+    if not np.all(np.isfinite(X)):
+        return GroundPoint(None, None, None)
+    if not calibration.knows_errors:
+        return GroundPoint(X, None, None)
+    error = calibration.field_uncertainty(xy)
+    variances = np.diagonal(error.covariance)
+    if not np.all(np.isfinite(variances)):
+        return GroundPoint(X, None, None)
+    return GroundPoint(X, np.sqrt(np.maximum(variances, 0.0)), float(error.rms))
+
+
+def distance(calibration: Calibration, first: ArrayLike, second: ArrayLike) -> Distance:
+    """The distance of the places on the ground that are seen at two pixels.
+
+    With u the unit vector from one to the other and J the derivatives of both by the parameters of the camera, the
+    variance is ``u (J2 - J1) V (J2 - J1)^T u``: what both have in common does not count.
+
+    Raises
+    ------
+    NoCameraError
+        If there is no camera.
+    """
+    X = calibration.required_camera.image_to_field(np.array([first, second], dtype=float))
+    way = X[1, :2] - X[0, :2]
+    length = float(np.hypot(*way))
+    if not np.isfinite(length):
+        return Distance(None, None)
+    if not calibration.knows_errors or length == 0.0:
+        return Distance(length, None)
+    J, _ = calibration.uncertainty.ground_jacobian(X)
+    variance = float(calibration.uncertainty.propagated((way / length) @ (J[1] - J[0])[None])[0, 0])
+    return Distance(length, float(np.sqrt(variance)) if np.isfinite(variance) and variance >= 0.0 else None)
+
+
+class AcrossLine(NamedTuple):
+    """A line across the field, parallel to the goal lines."""
+
+    x: float
+    """Metres from the centre mark along the touchline."""
+    curves: list[Array]
+    """Its parts in the picture, (N, 2) pixels, bent by the lens."""
+
+
+def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> AcrossLine | None:
+    """The line across the field at the place that is seen at a pixel; None above the horizon.
+
+    Raises
+    ------
+    NoCameraError
+        If there is no camera.
+    """
+    camera = calibration.required_camera
+    x = float(camera.image_to_field(xy)[0])
+    if not np.isfinite(x):
+        return None
+    half = (calibration.field or field).width / 2.0
+    return AcrossLine(x, list(image_curves(camera, Line((x, -half, 0.0), (x, half, 0.0)))))
+
+
+def draw_line_across(image: Image, calibration: Calibration, field: Field, xy: ArrayLike) -> Image:
+    """A copy of the picture with the line across the field at a foot, and a ring around the foot.
+
+    Raises
+    ------
+    NoCameraError
+        If there is no camera.
+    ValueError
+        If the pixel is above the horizon.
+    """
+    import cv2
+
+    line = line_across(calibration, field, xy)
+    if line is None:
+        raise ValueError("expected a pixel on the ground, got one above the horizon")
+    picture, unit = image.copy(), pixel_unit(size_of(image))
+    thickness = max(round(THICKNESS * unit), 1)
+    for curve in line.curves:
+        cv2.polylines(picture, [fixed_point(curve)], False, OFFSIDE_COLOUR, thickness, cv2.LINE_AA, SHIFT)
+    x, y = fixed_point(np.asarray(xy, dtype=float)).tolist()
+    cv2.circle(picture, (x, y), round(FOOT * unit * (1 << SHIFT)), OFFSIDE_COLOUR, thickness, cv2.LINE_AA, SHIFT)
+    return picture

@@ -1,0 +1,87 @@
+// The verdict on a camera, by a shape, a colour and a word; the reason and what would help, in words.
+
+import { counted, element, shownNumber, svgElement } from "./dom.js";
+
+/** Words and colours (custom properties of style.css) by verdict; "" has no camera or was not looked at yet. */
+export const VERDICTS = {
+  good: { words: "Good", means: "use the camera", colour: "--good", shape: "M8 2a6 6 0 1 0 .01 0z" },
+  check: { words: "Check", means: "look at the frame", colour: "--check", shape: "M8 1.8 15 14H1z" },
+  reject: { words: "Reject", means: "do not use the camera", colour: "--reject", shape: "M3.6 1.6 8 6l4.4-4.4 2 2L10 8l4.4 4.4-2 2L8 10l-4.4 4.4-2-2L6 8 1.6 3.6z" },
+  "": { words: "No camera", means: "", colour: "--none", shape: "M8 2.2a5.8 5.8 0 1 0 .01 0zm0 2a3.8 3.8 0 1 1-.01 0z" },
+};
+
+/** What is known of a verdict that a file may name otherwise. */
+export function verdictOf(name) {
+  return VERDICTS[name] ?? VERDICTS[""];
+}
+
+/** The shape of a verdict: a disc, a triangle, a cross, a ring. */
+export function verdictShape(name) {
+  const { words, shape } = verdictOf(name);
+  return svgElement(
+    "svg",
+    { viewBox: "0 0 16 16", class: `shape verdict-${name in VERDICTS && name ? name : "none"}`, role: "img", "aria-label": words },
+    svgElement("path", { d: shape }),
+  );
+}
+
+/** Draw the shape of a verdict on a canvas. */
+export function paintVerdict(context, name, x, y, size, colour) {
+  context.save();
+  context.translate(x - size / 2, y - size / 2);
+  context.scale(size / 16, size / 16);
+  context.fillStyle = colour;
+  context.fill(new Path2D(verdictOf(name).shape), "evenodd");
+  context.restore();
+}
+
+/** The card that says whether a camera can be used, why, and what would help. */
+export class VerdictCard {
+  constructor(root) {
+    this.root = root;
+    root.setAttribute("role", "status");
+    root.setAttribute("aria-label", "Verdict on the camera");
+  }
+
+  /** Show the verdict of a frame: verdict, reason, remedy, message, basis, probability, by_hand, milliseconds. */
+  show(frame) {
+    const name = frame.camera === null ? "" : frame.verdict;
+    const { words, means } = verdictOf(name);
+    const rows = [
+      element(
+        "div",
+        { class: "verdict-title" },
+        verdictShape(name),
+        element("strong", { text: words }),
+        means ? element("span", { class: "dim", text: means }) : null,
+      ),
+    ];
+    const reason = frame.problem || frame.reason || frame.message;
+    if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
+    if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
+    const facts = basisWords(frame);
+    if (facts) rows.push(element("p", { class: "dim small", text: facts }));
+    this.root.replaceChildren(...rows);
+    this.root.dataset.verdict = name;
+  }
+}
+
+function likelihood({ metres, value }) {
+  return `${shownNumber(100 * value, value > 0.995 ? 1 : 0)} % sure within ${shownNumber(metres, Number.isInteger(metres) ? 0 : 1)} m`;
+}
+
+function basisWords(frame) {
+  const suspects = (frame.marks ?? []).filter((mark) => mark.suspect).length;
+  const facts = frame.probability ? [likelihood(frame.probability)] : [];
+  if (frame.by_hand) facts.push("labelled by hand");
+  else if (frame.automatic) facts.push("found automatically");
+  else if (frame.basis) facts.push(frame.basis);
+  if (suspects) facts.push(`${counted(suspects, "label")} in doubt`);
+  return sentence(facts.join(", "));
+}
+
+/** Words as a sentence: a capital letter first, a full stop last. */
+export function sentence(words) {
+  const text = String(words).trim();
+  return text ? text[0].toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? "" : ".") : "";
+}
