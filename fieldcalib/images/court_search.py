@@ -208,7 +208,9 @@ def _twin(camera: Camera, field: Field) -> Camera | None:
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
     """Of refined cameras that are the same, the best supported one; those that the solver refused are left out."""
-    X, kept, seen = _grid(field), [], []
+    X = _grid(field)
+    kept: list[Refined] = []
+    seen: list[Array] = []
     for one in sorted(refined, key=lambda one: -one.support):
         if one.calibration.camera is None or not one.calibration.accepted:
             continue
