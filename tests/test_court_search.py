@@ -129,6 +129,17 @@ def test_a_field_that_tells_its_ends_apart_is_seen_from_both_sides(camera):
     assert off[1] > 0.1
 
 
+def test_the_principal_point_may_be_elsewhere():
+    K = VOLLEYBALL.K + np.array([[0.0, 0.0, 0.25 * SIZE[0]], [0.0, 0.0, -0.125 * SIZE[0]], [0.0, 0.0, 0.0]])
+    camera = Camera(K, VOLLEYBALL.R, VOLLEYBALL.C, SIZE)
+    lines = seen_lines(camera, (-2.975, 8.975), (-4.475, 4.475))
+    found = hypotheses(lines, volleyball(), SIZE, (0.25, -0.125))
+    assert nearest(found, camera) < 1e-6
+    best = found.camera(int(np.argmin(np.linalg.norm(found.C - camera.C, axis=1))))
+    np.testing.assert_allclose(best.project([1.0, 2.0, 0.0]), camera.project([1.0, 2.0, 0.0]))
+    assert nearest(hypotheses(lines, volleyball(), SIZE), camera) > 1e-3
+
+
 def test_hypotheses_stand_where_cameras_do():
     lines = FieldLines.of(tennis())
     found = hypotheses(seen_lines(TENNIS, lines.across, lines.along), tennis(), SIZE)
@@ -139,7 +150,7 @@ def test_hypotheses_stand_where_cameras_do():
 
 
 def test_projections_are_those_of_cameras():
-    cameras = Cameras(np.array([2300.0]), TENNIS.R[None], TENNIS.C[None], SIZE)
+    cameras = Cameras(np.array([2300.0]), np.array([[640.0, 360.0]]), TENNIS.R[None], TENNIS.C[None], SIZE)
     points = MarkingPoints.of(tennis(), 50)
     x, y, direction, length = projected(cameras.projections.astype(np.float32), points)
     np.testing.assert_allclose(np.column_stack([x[0], y[0]]), TENNIS.project(points.X), atol=0.01)
@@ -162,7 +173,8 @@ def test_the_true_camera_is_likelier_than_others():
     maps, points = StripeMaps.of(find_stripes(image)), MarkingPoints.of(tennis(), 300)
     pans = np.radians(np.array([0.0, 0.3, 1.0, 3.0]))
     others = [Camera.from_angles(pan + TENNIS.angles[0], *TENNIS.angles[1:], 2300.0, TENNIS.C, SIZE) for pan in pans]
-    cameras = Cameras(np.full(4, 2300.0), np.array([c.R for c in others]), np.array([c.C for c in others]), SIZE)
+    parts = [(2300.0, (640.0, 360.0), one.R, one.C) for one in others]
+    cameras = Cameras(*map(np.array, zip(*parts, strict=True)), SIZE)
     score = maps.scores(cameras, points)
     assert np.all(np.diff(score) < -20)
     assert abs(maps.score(TENNIS, points)[0] - score[0]) < 0.02 * score[0]

@@ -2,7 +2,7 @@
 
 Two lines of the picture may be two lines across the field (x is constant on them), and two others may be two along it.
 The homography of their four crossings is that of a rectangle on the field; a camera with square pixels, no lens and
-its principal point in the middle of the picture has one only if the rectangle has the right shape, and it gives the
+a given principal point has one only if the rectangle has the right shape, and it gives the
 focal length: the columns h1 and h2 of the homography of metres satisfy ``h1' w h2 = 0`` and ``h1' w h1 = h2' w h2``
 with ``w = diag(1, 1, f^2)``, both linear in f^2 (Zhang, A flexible new technique for camera calibration, 2000). A free
 homography explains any four lines; few are left that are a camera's, and that stands where cameras do.
@@ -10,6 +10,7 @@ homography explains any four lines; few are left that are a camera's, and that s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -31,10 +32,12 @@ INSIDE = 0.35  # share of the half extent within which no camera stands unless i
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
-    """B pinhole cameras of pictures of one size, the principal point in the middle."""
+    """B pinhole cameras of pictures of one size."""
 
     f: Array
     """(B,) pixels."""
+    c: Array
+    """Principal points, (B, 2) pixels."""
     R: Array
     """(B, 3, 3)."""
     C: Array
@@ -44,22 +47,32 @@ class Cameras:
     def __len__(self) -> int:
         return len(self.f)
 
+    @classmethod
+    def none(cls, size: tuple[int, int]) -> Cameras:
+        """No cameras."""
+        return cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
+        """The cameras of several parts, one after the other."""
+        f, c, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "c", "R", "C"))
+        return cls(f, c, R, C, parts[0].size)
+
     def take(self, index: BoolArray | IntArray) -> Cameras:
         """Some of them, by mask or by index."""
-        return Cameras(self.f[index], self.R[index], self.C[index], self.size)
+        return Cameras(self.f[index], self.c[index], self.R[index], self.C[index], self.size)
 
     @property
     def projections(self) -> Array:
         """Projections (B, 3, 4) of homogeneous world points to pixels."""
         M = self.R * self.f[:, None, None]
         M[:, 2] = self.R[:, 2]
-        M[:, :2] += 0.5 * np.array(self.size)[:, None] * self.R[:, 2:]
+        M[:, :2] += self.c[:, :, None] * self.R[:, 2:]
         return np.concatenate([M, -(M @ self.C[:, :, None])], axis=2)
 
     def camera(self, index: int) -> Camera:
         """One of them."""
-        cx, cy = 0.5 * np.array(self.size)
-        f = float(self.f[index])
+        (cx, cy), f = self.c[index].tolist(), float(self.f[index])
         return Camera([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]], self.R[index], self.C[index], self.size)
 
 
@@ -102,24 +115,31 @@ def _without_duplicates(values: list[float]) -> Array:
     return np.asarray(ordered[np.append(True, np.diff(ordered) > SAME_LINE)[: len(ordered)]])
 
 
-def hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
+def hypotheses(
+    lines: LongLines, field: Field, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)
+) -> Cameras:
     """Cameras that see two lines across the field and two along it in two pairs of lines of a picture.
 
     On a field that looks the same when it is turned by 180 degrees, each camera stands for its twin too.
+
+    Parameters
+    ----------
+    lines : LongLines
+    field : Field
+    size : (int, int)
+        Width and height of the picture.
+    offset : (float, float)
+        Of the principal point from the middle of the picture, in widths of the picture.
     """
     on_field = FieldLines.of(field)
-    quads = _Quads.of(lines, size)
+    quads = _Quads.of(lines, size, 0.5 * np.array(size) + size[0] * np.array(offset))
     is_symmetric = len(field.symmetric) == len(field)
-    parts = []
+    parts = [Cameras.none(size)]
     for turned in (False,) if is_symmetric else (False, True):
         for x in combinations(on_field.across, 2):
             for y in combinations(on_field.along, 2):
-                ends = (x[::-1], y[::-1]) if turned else (x, y)
-                parts.append(quads.cameras(*ends))
-    if not parts:
-        return Cameras(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
-    f, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "R", "C"))
-    joined = Cameras(f, R, C, size)
+                parts.append(quads.cameras(*((x[::-1], y[::-1]) if turned else (x, y))))
+    joined = Cameras.joined(parts)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
@@ -146,14 +166,14 @@ def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
     x, y, _ = cameras.C.T
     is_behind = np.abs(x) - 0.5 * field.length > np.abs(y) - 0.5 * field.width
     turn = np.where(np.where(is_behind, x > 0.0, y < 0.0)[:, None], (-1.0, -1.0, 1.0), 1.0)
-    return Cameras(cameras.f, cameras.R * turn[:, None], cameras.C * turn, cameras.size)
+    return Cameras(cameras.f, cameras.c, cameras.R * turn[:, None], cameras.C * turn, cameras.size)
 
 
 @dataclass(frozen=True, eq=False)
 class _Quads:
     """Homographies of the unit square to the quadrilaterals between two pairs of lines.
 
-    Pixels are from the middle of the picture, in units of its width.
+    Pixels are from the principal point, in units of the picture's width.
     """
 
     h1: Array
@@ -162,16 +182,17 @@ class _Quads:
     """Along its y."""
     h3: Array
     """The corner (0, 0)."""
+    c: Array
+    """The principal point, (2,) pixels."""
     size: tuple[int, int]
 
     @classmethod
-    def of(cls, lines: LongLines, size: tuple[int, int]) -> _Quads:
+    def of(cls, lines: LongLines, size: tuple[int, int], c: Array) -> _Quads:
         """All pairs of lines across the field with all pairs along it that have no line in common."""
         width = float(size[0])
-        middle = 0.5 * np.array(size)
         line = lines.homogeneous
-        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ middle) / width])
-        ends = (lines.ends - middle) / width
+        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ c) / width])
+        ends = (lines.ends - c) / width
         pairs = _pairs(line, ends)
         first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
         a, b = pairs[first], pairs[second]
@@ -198,7 +219,7 @@ class _Quads:
         (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))
         flip = (xx * yy - xy * yx < 0.0)[:, None]
         h3, h1, h2 = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2)
-        return cls(h1, h2, h3, size)
+        return cls(h1, h2, h3, c, size)
 
     def cameras(self, x: tuple[float, float], y: tuple[float, float]) -> Cameras:
         """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
@@ -213,7 +234,8 @@ class _Quads:
             size += squared * (np.square(h1[:, 2]) + np.square(h2[:, 2]))
             misfit = np.hypot(A + squared * B, D + squared * E) / size
             good = np.flatnonzero((squared > 0.0) & (misfit < LARGEST_MISFIT))
-        return _cameras(h1[good], h2[good], h3[good], np.sqrt(squared[good]), self.size)
+        f, R, C = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
+        return Cameras(f * self.size[0], np.tile(self.c, (len(f), 1)), R, C, self.size)
 
 
 def _pairs(lines: Array, ends: Array) -> IntArray:
@@ -234,8 +256,8 @@ def _det(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(np.sum(a * np.cross(b, c), axis=1))
 
 
-def _cameras(h1: Array, h2: Array, h3: Array, f: Array, size: tuple[int, int]) -> Cameras:
-    """Cameras above the ground from the columns of homographies and focal lengths in picture widths."""
+def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Array]:
+    """Focal lengths, rotations and centres of cameras above the ground, from the columns of homographies."""
     K = np.column_stack([f, f, np.ones_like(f)])
     r1, r2, t = h1 / K, h2 / K, h3 / K
     scale = 0.5 * (np.linalg.norm(r1, axis=1) + np.linalg.norm(r2, axis=1))[:, None]
@@ -250,7 +272,7 @@ def _cameras(h1: Array, h2: Array, h3: Array, f: Array, size: tuple[int, int]) -
     R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
     C = -np.einsum("nij,ni->nj", R, t)
     good = np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0)
-    return Cameras(f[good] * size[0], R[good], C[good], size)
+    return f[good], R[good], C[good]
 
 
 def _unit(v: Array) -> Array:

@@ -36,6 +36,10 @@ from fieldcalib.solve.task import Task
 
 LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
 ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points of the field, and cameras that go on to the next round
+# Of the principal point, in widths of the picture, where it may be anywhere. Cameras are right within 0.2 widths of it.
+OFFSETS = ((-0.3, 0.0), (0.3, 0.0), (0.0, -0.25), (0.0, 0.25), (-0.3, -0.25), (0.3, -0.25), (-0.3, 0.25), (0.3, 0.25))
+CUT_OUT = 0.1  # standard deviation of the principal point of stands, in widths of the picture
+SURE = 400.0  # score: of 28 synthetic frames of basketball right cameras have 458 and more, wrong ones at most 214
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
 OTHER = 30.0  # px: cameras that are further from one than this are others
@@ -98,6 +102,9 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     lines = long_lines(stripes, LINES)
     picture = Picture.of(stripes, lines)
     ranked = _ranked(picture, hypotheses(lines, field, size), field)
+    if _is_often_cut_out(field) and not _is_sure(ranked):
+        others = [_ranked(picture, hypotheses(lines, field, size, offset), field).cameras for offset in OFFSETS]
+        ranked = _ranked(picture, Cameras.joined([ranked.cameras, *others]), field)
     started = [ranked.cameras.camera(index).scaled(size_of(image)) for index in _different(ranked.cameras, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
@@ -115,6 +122,16 @@ class _Ranked:
     cameras: Cameras
     score: Array
     """(B,)."""
+
+
+def _is_often_cut_out(field: Field) -> bool:
+    """Whether pictures of the field are views cut out of larger ones, so that their principal points are anywhere."""
+    return max((stand.principal_point for stand in field.stands), default=0.0) > CUT_OUT
+
+
+def _is_sure(ranked: _Ranked) -> bool:
+    """Whether the best camera that was searched is so much likelier than by chance that no others are searched."""
+    return bool(np.max(ranked.score, initial=0.0) > SURE)
 
 
 def _ranked(picture: Picture, cameras: Cameras, field: Field) -> _Ranked:
