@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -23,11 +23,12 @@ from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import Weights
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
 MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
+NOTHING_YET = "nothing is labelled yet, and no network knows this field"
 FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
 
 
@@ -48,7 +49,7 @@ def network_of(field: Field) -> Network | None:
 def automatic(field: Field, image: Image, network: Network | None) -> tuple[Calibration, Marks]:
     """The camera that is found without a person, and the labels of the network, a few for each segment."""
     if network is None:
-        return calibrate_from_segments(field, {}, size_of(image)), Marks()
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_YET), Marks()
     (calibration,) = calibrate_from_images(field, [image], network)
     return calibration, network_marks(field, image, network)
 
@@ -80,10 +81,15 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     """
     pixels, weights = marks.pixels, _weights(marks)
     size = size_of(image)
+    prior: Prior = ALL if field.stands else None
+    flags = arguments["flags"]
+    if prior is None:  # nothing else would hold it
+        flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    arguments = {**arguments, "flags": flags, "prior": prior}
     by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
     if not by_marks.accepted:
         return by_marks
-    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=arguments["flags"])
+    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
     if refined is by_marks or refined.camera is None or by_marks.camera is None:
         return by_marks
     before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
