@@ -2,8 +2,8 @@
 
     python -m data_tools.mend_clips CLIP.mp4 ...
 
-Beside each clip lie its true cameras (`data_tools.synthetic`). The labels of a third of its keyframes are spoiled: those
-of some are exchanged with labels of the other side or of a neighbour, those of the others all moved by 40 px in one
+Beside each clip lie its true cameras (`data_tools.synthetic`). The labels of a third of its keyframes are spoiled: some
+labels are exchanged with those of the other side or of a neighbour, in other keyframes all are moved by 40 px in one
 direction. Then the frame with the largest error is mended, by clicks on six markings that are 2 px off and snap to
 paint, and the clip is solved again, until no point of the ground in view is off by more than 3 px.
 """
@@ -96,7 +96,7 @@ def _spoiled(pixels: Mapping[str, Array], field: Field, rng: np.random.Generator
 def labelled(frames: Frames, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
     """A frame that is labelled from nothing, by clicks on both ends of the markings that are longest in view."""
     editor = FrameEditor.of(frames.image(number), field)
-    ends = {label: xy for label, xy in _ends(truth, field)}
+    ends = dict(_ends(truth, field))
     longest = sorted(ends, key=lambda label: -float(np.linalg.norm(np.diff(ends[label][[0, -1]], axis=0))))
     for label in longest[:CLICKED]:
         editor = editor.mark(label, ends[label] + rng.normal(0.0, CLICK, ends[label].shape))
