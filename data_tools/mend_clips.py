@@ -28,8 +28,9 @@ from fieldcalib.editor.sources import Frames, VideoFrames
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_keyframes import KeyframeLabels
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.images.clip_keyframes import KeyframeLabels, are_consistent
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 SHARE = 1.0 / 3.0  # of the keyframes
 SHIFT = 40.0  # px of labels that are moved
@@ -79,18 +80,23 @@ def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator
     """Spoil the labels of a third of the keyframes."""
     labels = dict(first.keyframes.labels)
     for k, t in enumerate(rng.permutation(sorted(labels))[: round(SHARE * len(labels))].tolist()):
-        pixels = labels[t].labels.by_label(0)
-        labels[t] = KeyframeLabels(_spoiled(pixels, field, rng, is_moved=bool(k % 2)))
+        pixels = _spoiled(labels[t].labels.by_label(0), field, rng, is_moved=bool(k % 2))
+        found = calibrate_from_segments(field, pixels, first.keyframes.shots.image_size)
+        if found.solved is None:
+            del labels[t]
+        else:  # as `fieldcalib.images.clip_keyframes.label_keyframes` does
+            evaluation = found.solved.alone.evaluation
+            labels[t] = KeyframeLabels(found.solved.pixels, found.accepted, are_consistent(evaluation))
     return replace(first, keyframes=replace(first.keyframes, labels=labels))
 
 
-def _spoiled(pixels: Mapping[str, Array], field: Field, rng: np.random.Generator, *, is_moved: bool) -> PixelTable:
+def _spoiled(pixels: Mapping[str, Array], field: Field, rng: np.random.Generator, *, is_moved: bool) -> Pixels:
     if is_moved:
         angle = rng.uniform(0.0, 2.0 * np.pi)
         move = SHIFT * np.array([np.cos(angle), np.sin(angle)])
-        return PixelTable.of(field, [{label: xy + move for label, xy in pixels.items()}])
+        return {label: xy + move for label, xy in pixels.items()}
     exchanged, _ = mislabelled(dict(pixels), field, max(len(pixels) // 2, 1), rng)
-    return PixelTable.of(field, [exchanged])
+    return exchanged
 
 
 def labelled(frames: Frames, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
@@ -104,7 +110,7 @@ def labelled(frames: Frames, number: int, truth: Camera, field: Field, rng: np.r
 
 
 def _ends(camera: Camera, field: Field) -> Iterable[tuple[str, Array]]:
-    """Ends of the lines in view, and three places of the arcs."""
+    """Ends of the lines in view, and five places of the arcs."""
     size = np.array(camera.image_size)
     for label, segment in field.markings.items():
         if label in field.half_labels or np.any(segment.sample()[:, 2]):
@@ -112,7 +118,7 @@ def _ends(camera: Camera, field: Field) -> Iterable[tuple[str, Array]]:
         xy = camera.project(segment.sample(0.5))
         xy = xy[np.all((xy > BORDER) & (xy < size - BORDER), axis=1)]
         if len(xy) > 1:
-            yield label, xy[[0, -1]] if segment.is_straight else xy[[0, len(xy) // 2, -1]]
+            yield label, xy[np.linspace(0, len(xy) - 1, 2 if segment.is_straight else 5).round().astype(int)]
 
 
 def _silent(done: int, count: int, stage: str) -> None:

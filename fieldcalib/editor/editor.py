@@ -15,6 +15,7 @@ from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.fitting import automatic, network_marks, network_of
 from fieldcalib.editor.frame import Edit, FrameEditor
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
+from fieldcalib.editor.label_files import label_file, label_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
 from fieldcalib.editor.stored import BY_HAND, Saved, Stored, source_of
@@ -22,13 +23,12 @@ from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
+from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, IMAGES, OVERLAYS, VIDEOS
+from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network
-
-LABELS = "labels"  # folder of labels by hand, in the folder of results
 
 
 def ignored(done: int, count: int, stage: str) -> None:
@@ -180,7 +180,7 @@ class Editor:
                 state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
             if self.stored is not None:
-                self.stored.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
+                self.stored.versions.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
@@ -400,11 +400,45 @@ class Editor:
         calibration = one.calibration
         files: dict[str, bytes | None] = {label_file(id): None}
         if not one.is_automatic and len(one.marks):
-            files[label_file(id)] = (ANNOTATIONS.write(one.ordered_pixels, size_of(one.image)) + "\n").encode()
+            files[label_file(id)] = soccernet_file(Annotation(id, one.ordered_pixels, size_of(one.image)))
         if not self.is_clip:
             drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
             files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
         return Saved(id, calibration, self._rows[number].basis, files)
+
+    def save_labels(self, format: str) -> str:
+        """Write the labels by hand of all frames into the folder; returns the name of the file or the folder.
+
+        Parameters
+        ----------
+        format : {"soccernet", "labelme", "cvat", "coco", "labelstudio"}
+
+        Raises
+        ------
+        ValueError
+            If there is no folder, no label, or no such format.
+        ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal = self.stored, self._journal
+        if stored is None or journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        labelled = [n for n, state in sorted(self._states.items()) if _is_anchor(state)]
+        frames = {n: self[n] for n in labelled}
+        annotations = [
+            Annotation(self.ids[n], one.ordered_pixels, size_of(one.image), self.frames.name(n))
+            for n, one in frames.items()
+            if len(one.marks)
+        ]
+        with self.lock:
+            name, files = label_files(format, annotations)
+            journal.open()
+            journal.written(stored.write(files))
+        return name
+
+    def _repr_html_(self) -> str:
+        """The first frame, for notebooks."""
+        return self[0]._repr_html_()
 
     def close(self) -> None:
         """Close the files."""
@@ -415,11 +449,6 @@ class Editor:
 
 def _is_anchor(state: _FrameState) -> bool:
     return not state.edits.history.present.automatic
-
-
-def label_file(id: str) -> str:
-    """The name of the file with the labels of a frame, in the folder of results."""
-    return f"{LABELS}/{ANNOTATIONS.file_name(id)}"
 
 
 def _places(

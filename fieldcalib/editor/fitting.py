@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,8 +20,11 @@ from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.grid import classes_without_segment
-from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Weights
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, pixel_unit
@@ -93,15 +97,19 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     if refined is by_marks or refined.camera is None or by_marks.camera is None:
         return by_marks
     before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
-    return refined if after <= before + FARTHER * pixel_unit(size) else by_marks
+    if after > before + FARTHER * pixel_unit(size):
+        return by_marks
+    return replace(refined, suspect_labels=by_marks.suspect_labels)
 
 
 def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:
     """Distance (N,) of each mark from the projection of its segment, pixels."""
     if not marks.all:
         return np.zeros(0)
-    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])
-    return rms_of_labels(evaluate_cameras(len(marks) * [camera], field, table))
+    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])  # one in a frame
+    layout = Layout.of(camera.image_size, camera.lens)
+    problem = Problem(Observations.of(field, table, camera.image_size), layout, RobustLoss("linear", 1.0))
+    return rms_of_labels(evaluate(problem, np.repeat(layout.theta(camera)[None], len(marks), axis=0)))
 
 
 def _distance(field: Field, marks: Marks, camera: Camera) -> float:

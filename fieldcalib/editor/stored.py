@@ -7,8 +7,6 @@ has changed since it was read or written here is not replaced.
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,13 +14,12 @@ from typing import Any
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.table import Row
+from fieldcalib.editor.versions import State, Versions
 from fieldcalib.io.files import (
     BrokenFileError,
-    FrameFile,
     parse_json_object,
     read_regular_file,
     whole_file,
-    write_bytes,
     write_text,
 )
 from fieldcalib.io.formats import CAMERAS
@@ -37,13 +34,6 @@ from fieldcalib.run_folder.results import SUMMARY, TRIPODS, ResultsWriter, is_un
 BY_HAND = "labelled by hand"  # basis of a frame that a person has mended
 HISTORY = "history"
 COMMAND = "open"
-
-State = tuple[int, int]
-"""Size and time of the last change of a file; -1 if there is none."""
-
-
-class ChangedFileError(ValueError):
-    """A file that another program has changed since it was read."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +67,8 @@ class Stored:
         self.folder = folder
         self.lines: dict[str, dict[str, Any]] = {}
         """Lines of ``cameras.jsonl`` by id."""
-        self._expected = {
-            **(written or {}),
-            **{name: _state(folder / name) for name in (LINES, TABLE, SUMMARY)},
-        }
+        self.versions = Versions(folder, folder / HISTORY, written)
+        self.versions.read_now((LINES, TABLE, SUMMARY))
         if self.has_results(folder):
             for number, text in enumerate(result_lines(lines_file(folder)), 1):
                 try:
@@ -120,11 +108,6 @@ class Stored:
         for id, line in self.lines.items():
             yield id, Row.of_line(line)
 
-    def expect(self, names: Sequence[str]) -> None:
-        """Remember the states of files that are read now, unless they were read or written before."""
-        for name in names:
-            self._expected.setdefault(name, _state(self.folder / name))
-
     def save(self, frames: Sequence[Saved], order: Sequence[str], options: Mapping[str, Any]) -> dict[str, State]:
         """Write frames, and all files that depend on them; the folder exists, and no other process writes to it.
 
@@ -155,10 +138,9 @@ class Stored:
             lines[one.id] = dict(outcome.line)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
         lines = {id: lines[id] for id in dict.fromkeys((*_ordered(self.lines, order), *lines)) if id in lines}
-        names = [*files, LINES, TABLE, SUMMARY]
-        self._check(names)
-        self._keep(names)
-        self._write(files)
+        shared = (LINES, TABLE, SUMMARY)
+        self.versions.begin([*files, *shared])
+        states = self.versions.write(files)
         is_whole = not self.lines or not is_unfinished(self.folder)
         if self.record is None:
             _record(self.folder, options, len(order)).write(self.folder)
@@ -166,8 +148,8 @@ class Stored:
         if is_whole:
             _write_summary(self.folder, list(lines.values()), options)
         self.lines = lines
-        self._expected |= {name: _state(self.folder / name) for name in names}
-        return {name: self._expected[name] for name in files}
+        self.versions.read_now(shared)
+        return states
 
     def write(self, files: Mapping[str, bytes]) -> dict[str, State]:
         """Write other files; returns their states.
@@ -177,54 +159,8 @@ class Stored:
         ChangedFileError, OSError
             As `save`.
         """
-        self._check(list(files))
-        self._keep(list(files))
-        self._write(files)
-        self._expected |= {name: _state(self.folder / name) for name in files}
-        return {name: self._expected[name] for name in files}
-
-    def _check(self, names: Sequence[str]) -> None:
-        """Raise a ChangedFileError if files are not as they were."""
-        for name in names:
-            now = _state(self.folder / name)
-            if now not in (MISSING, self._expected.get(name, MISSING)):
-                raise ChangedFileError(
-                    f"{name} was changed by another program, and nothing was saved: move it out of {self.folder}, or "
-                    "end this one and open the folder again; what was edited here is kept"
-                )
-
-    def _keep(self, names: Sequence[str]) -> None:
-        """Keep the present versions of files."""
-        present = [name for name in names if (self.folder / name).is_file()]
-        if not present:
-            return
-        history = self.folder / HISTORY
-        numbers = [int(one.name) for one in history.iterdir() if one.name.isdecimal()] if history.is_dir() else []
-        version = history / f"{max(numbers, default=0) + 1:04d}"
-        for name in present:
-            kept = version / name
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(self.folder / name, kept)  # files are replaced, not changed: the link keeps this version
-            except OSError:
-                shutil.copy2(self.folder / name, kept)
-
-    def _write(self, files: Mapping[str, bytes | None]) -> None:
-        """Write files, and remove those whose content is None."""
-        for name, content in files.items():
-            path = self.folder / name
-            if content is None:
-                path.unlink(missing_ok=True)
-            else:
-                path.parent.mkdir(exist_ok=True)
-                write_bytes(path, content)
-
-
-MISSING: State = (-1, -1)
-
-
-def _state(path: Path) -> State:
-    return FrameFile("", path).state
+        self.versions.begin(files)
+        return self.versions.write(files)
 
 
 def _outcome(one: Saved) -> Outcome:

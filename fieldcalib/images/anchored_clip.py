@@ -15,14 +15,17 @@ import numpy as np
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes
 from fieldcalib.images.detected_lines import with_replaced
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip, picture_sigma
 from fieldcalib.images.pieces import Pieces
+from fieldcalib.images.refinement import near_labels
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.options import pixel_unit
 
+FAR, SIGMAS = 12.0, 3.0  # px of a 960 x 540 image, and standard deviations of the picture: labels farther off are wrong
 WEIGHT = 8.0  # of a segment in an anchor, beside 1 of one that a network found
 
 
@@ -52,7 +55,7 @@ def solve_around(
     network : Network
     """
     held = {t: replace(one, weight=WEIGHT * one.weight) for t, one in anchors.labels.items()}
-    known = _with_labels(_with_cuts(keyframes, anchors.cuts), held)
+    known = without_contradicted(_with_labels(_with_cuts(keyframes, anchors.cuts), held), held)
     lines = find_clip_lines(solve_tripods(solve_shots(known)), images(), network)
     return finish_clip(_with_lines(lines, held))
 
@@ -60,6 +63,36 @@ def solve_around(
 def _with_labels(keyframes: Keyframes, held: Mapping[int, PixelTable]) -> Keyframes:
     """Keyframes with the labels of anchors in the place of those that the network found there."""
     return replace(keyframes, labels={**keyframes.labels, **{t: KeyframeLabels(one) for t, one in held.items()}})
+
+
+def without_contradicted(keyframes: Keyframes, held: Mapping[int, PixelTable]) -> Keyframes:
+    """Leave out labels of keyframes that contradict the anchors of their piece.
+
+    The anchors and the matches alone tell the cameras of the piece. Labels that are far from what these project are
+    left out, and all labels of a keyframe in which these are the most.
+    """
+    labels = dict(keyframes.labels)
+    pieces, size = keyframes.shots.pieces, keyframes.shots.image_size
+    for piece in sorted({int(pieces.number[t]) for t in held}):
+        frames = pieces.frames([piece]).tolist()
+        others = [t for t in frames if t in labels and t not in held]
+        if not others:
+            continue
+        by_anchors = keyframes.calibrate(pieces, [piece], {t: one for t, one in held.items() if t in set(frames)})
+        objects = keyframes.options.object_segments if by_anchors.field is None else by_anchors.field
+        for t in others:
+            found = by_anchors[frames.index(t)]
+            if found.camera is None:
+                continue
+            tolerance = FAR * pixel_unit(size) + SIGMAS * picture_sigma(found)
+            (is_near,) = near_labels(objects, [found.camera], [labels[t].labels], tolerance / pixel_unit(size))
+            near = labels[t].labels.take(is_near[labels[t].labels.label])
+            count = len(np.unique(labels[t].labels.label))
+            if len(np.unique(near.label)) >= 0.5 * count:
+                labels[t] = KeyframeLabels(near)
+            else:
+                del labels[t]
+    return replace(keyframes, labels=labels)
 
 
 def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
