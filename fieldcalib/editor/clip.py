@@ -147,8 +147,8 @@ def solve(
 
 
 def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
-    """The camera of an anchor: that which follows from its labels alone, if these tell it well and that of the clip does
-    not fit them; else that of the clip, in which the labels count too.
+    """The camera of an anchor: that of the clip, in which its labels count too, unless they alone tell it well and that
+    of the clip does not fit them.
     """
     if by_hand.solved is None or by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
         return by_hand

@@ -33,6 +33,7 @@ WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those th
 MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
+STRAY = 8.0  # px of such an image between a mark and its marking, from which on one of them is wrong
 FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
 
 
@@ -93,6 +94,12 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
     if not by_marks.accepted:
         return by_marks
+    return _with_strays(field, marks, _refined(field, image, marks, by_marks, flags, prior))
+
+
+def _refined(field: Field, image: Image, marks: Marks, by_marks: Calibration, flags: int, prior: Prior) -> Calibration:
+    """The camera of marks refined on the image, unless it is then farther from the marks of the person."""
+    pixels, weights, size = marks.pixels, _weights(marks), size_of(image)
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
     if refined is by_marks or refined.camera is None or by_marks.camera is None:
         return by_marks
@@ -100,6 +107,24 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     if after > before + FARTHER * pixel_unit(size):
         return by_marks
     return replace(refined, suspect_labels=by_marks.suspect_labels)
+
+
+def is_stray(error: float, image_size: tuple[int, int]) -> bool:
+    """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
+    return error > STRAY * pixel_unit(image_size)
+
+
+def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:
+    """A calibration that complains of marks of a person that lie far from their markings."""
+    camera, by_hand = calibration.camera, marks.only_by_hand
+    if camera is None:
+        return calibration
+    worst: dict[str, float] = {}
+    for mark, error in zip(by_hand.all, mark_errors(field, by_hand, camera).tolist(), strict=True):
+        if is_stray(error, camera.image_size):
+            worst[mark.label] = max(error, worst.get(mark.label, 0.0))
+    said = (f"{label!r} is marked {error:.0f} px beside its projection" for label, error in worst.items())
+    return replace(calibration, complaints=(*calibration.complaints, *said))
 
 
 def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:
