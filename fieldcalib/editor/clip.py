@@ -18,7 +18,7 @@ from fieldcalib.editor.sources import Frames
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.anchored_clip import Anchors, solve_around
-from fieldcalib.images.clip_keyframes import Keyframes, read_keyframes
+from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, read_keyframes
 from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
 from fieldcalib.images.from_video import PART, SHARED_BY, Mount
@@ -126,14 +126,17 @@ def solve(
     window, shape = first.window, first.shape
     count = window.end - window.begin
     inside = {t: one for t, one in anchors.items() if window.begin <= t < window.end}
-    labels = {t - window.begin: _pixels_in_frame(one, shape) for t, one in inside.items()}
+    known = {
+        t - window.begin: KeyframeLabels(pixels, one.accepted)
+        for t, one in inside.items()
+        if (pixels := _pixels_in_frame(one, shape)) is not None
+    }
     starts = None if cuts is None else [cut - window.begin for cut in cuts]
     progress(0, count, STAGES[1])
 
     def images() -> Iterable[Image]:
         return _in_frame(_counted(_readable(frames, window), window, progress, STAGES[2]), shape)
 
-    known = {t: one for t, one in labels.items() if one is not None}
     found = solve_around(first.keyframes, Anchors(known, starts), images, Padded(network))
     found = replace(found, shape=shape)
     calibrations, moves = dict[int, Calibration](), dict[int, float]()
