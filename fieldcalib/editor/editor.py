@@ -18,7 +18,7 @@ from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, 
 from fieldcalib.editor.label_files import label_file, label_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
-from fieldcalib.editor.stored import BY_HAND, Saved, Stored, source_of
+from fieldcalib.editor.stored import BY_HAND, NewRun, Saved, Stored, source_of
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
@@ -28,6 +28,7 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 
 
@@ -91,8 +92,7 @@ class Editor:
         self._rows = [Row()] * len(self.frames)
         self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
         self._journal = None if folder is None else Journal(folder, replayed.size)
-        self._options = {"field": self.field_name}
-        self.source = [] if paths is None else paths
+        self._new = NewRun({"field": self.field_name}, paths or (), self.frames.rate or DEFAULT_RATE)
         self.cuts = replayed.cuts or ([] if self.stored is None else self.stored.cuts)
         """First frames of the shots of a clip, as far as they are known."""
         self.has_own_cuts = replayed.cuts is not None
@@ -113,8 +113,7 @@ class Editor:
 
     def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""
-        line = {} if self.stored is None else self.stored.lines.get(id, {})
-        if self.stored is not None and line and line.get("basis") != BY_HAND:
+        if self.stored is not None and id in self.stored and self.stored.basis(id) != BY_HAND:
             return self.stored.calibration(id)
         return None if edits.base is None else Calibration.from_dict(edits.base)
 
@@ -202,8 +201,7 @@ class Editor:
     def _basis(self, number: int, one: FrameEditor) -> str:
         if not one.is_automatic:
             return BY_HAND
-        line = {} if self.stored is None else self.stored.lines.get(self.ids[number], {})
-        return str(line.get("basis", ""))
+        return "" if self.stored is None else self.stored.basis(self.ids[number])
 
     def _set_row(self, number: int, row: Row) -> None:
         if self._rows[number] != row:
@@ -349,7 +347,7 @@ class Editor:
             for n, calibration in proposal.calibrations.items():
                 basis = BY_HAND if n in proposal.anchors else proposal.basis(n)
                 frames.append(Saved(self.ids[n], calibration, basis, {}))
-            stored.save(frames, self.ids, self._options)
+            stored.save(frames, self.ids, self._new, proposal.video if len(frames) == len(self) else None)
             for n, calibration in proposal.calibrations.items():
                 state = self._states.get(n)
                 if state is not None and not _is_anchor(state):
@@ -384,14 +382,14 @@ class Editor:
             journal.open()
             revisions = {n: self.revision(n) for n in numbers}
             frames = [self._saved(n) for n in numbers]
-            written = stored.save(frames, self.ids, self._options)
+            written = stored.save(frames, self.ids, self._new)
             for n, revision in revisions.items():
                 self._states[n].edits.is_saved = self.revision(n) == revision
             journal.saved(written)
         return len(frames)
 
     def _is_to_save(self, number: int, state: _FrameState) -> bool:
-        is_new = self.stored is not None and self.ids[number] not in self.stored.lines
+        is_new = self.stored is not None and self.ids[number] not in self.stored
         return is_new or not state.edits.is_saved
 
     def _saved(self, number: int) -> Saved:
@@ -471,8 +469,8 @@ def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> 
         assert isinstance(source, Sequence)
         return Arrays(source)
     if VIDEOS.recognises(paths[0]):
-        numbers = [int(id) for id in stored.lines if id.isdecimal()] if stored is not None and stored.lines else None
-        return VideoFrames(paths[0], numbers)
+        numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
+        return VideoFrames(paths[0], numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
     return Pictures(files)
 
