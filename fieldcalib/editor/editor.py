@@ -10,6 +10,7 @@ from threading import RLock
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.fitting import automatic, network_marks, network_of
 from fieldcalib.editor.frame import Edit, FrameEditor
@@ -28,6 +29,10 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network
 
 LABELS = "labels"  # folder of labels by hand, in the folder of results
+
+
+def ignored(done: int, count: int, stage: str) -> None:
+    """Take no notice of the progress of some work."""
 
 
 class StaleEdit(ValueError):
@@ -88,7 +93,11 @@ class Editor:
         self._journal = None if folder is None else Journal(folder, replayed.size)
         self._options = {"field": self.field_name}
         self.source = [] if paths is None else paths
-        self.cuts = replayed.cuts or []
+        self.cuts = replayed.cuts or ([] if self.stored is None else self.stored.cuts)
+        """First frames of the shots of a clip, as far as they are known."""
+        self.has_own_cuts = replayed.cuts is not None
+        """Whether a person has set the cuts."""
+        self._first_pass: FirstPass | None = None
         self._restore(replayed)
 
     def _restore(self, replayed: Replayed) -> None:
@@ -99,9 +108,15 @@ class Editor:
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
-                base = None if edits.base is None else Calibration.from_dict(edits.base)
-                self._states[number] = _FrameState(edits, True, base)
+                self._states[number] = _FrameState(edits, True, self._base(id, edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
+
+    def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
+        """The camera of a frame without a person: that of the results, unless it is one of a person."""
+        line = {} if self.stored is None else self.stored.lines.get(id, {})
+        if self.stored is not None and line and line.get("basis") != BY_HAND:
+            return self.stored.calibration(id)
+        return None if edits.base is None else Calibration.from_dict(edits.base)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -267,6 +282,85 @@ class Editor:
         """Change a frame, see `put`."""
         self.put(number, changed)
 
+    def set_cuts(self, cuts: Sequence[int]) -> None:
+        """Say which frames are the first ones of the shots of a clip; the first frame of all is one in any case.
+
+        Raises
+        ------
+        ValueError
+            If it is no clip, or they are not numbers of its frames.
+        """
+        if not self.is_clip:
+            raise ValueError("expected a clip: pictures have no cuts")
+        if not all(0 <= cut < len(self) for cut in cuts):
+            raise ValueError(f"expected numbers of frames from 0 to {len(self) - 1} as cuts")
+        with self.lock:
+            self.cuts = sorted({0, *cuts})
+            self.has_own_cuts = True
+            if self._journal is not None:
+                self._journal.cuts(self.cuts)
+
+    def solve(self, progress: Progress = ignored) -> Proposal:
+        """Solve a clip again around the frames that a person has mended; nothing is changed until `keep`.
+
+        Parameters
+        ----------
+        progress : callable
+            Gets the number of frames that are done, of all, and the stage; may raise an error to end the work.
+
+        Raises
+        ------
+        ValueError
+            If it is no clip, or there is no network for its field.
+        """
+        network = self.network
+        if not self.is_clip or network is None:
+            raise ValueError("expected a clip of a field that the network knows")
+        anchors = {n: self.fitted(n).calibration for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        window = window_around(len(self), [*anchors])
+        if self._first_pass is None or self._first_pass.window != window:
+            record = None if self.stored is None else self.stored.record
+            options = {} if record is None else record.options
+            self._first_pass = first_pass(self.frames, window, self.field, network, options, progress)
+        cuts = self.cuts if self.has_own_cuts else None
+        return solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
+
+    def _now(self, number: int) -> Calibration | None:
+        """The calibration that a frame has now."""
+        state = self._states.get(number)
+        if state is None:
+            return None if self.stored is None else self.stored.calibration(self.ids[number])
+        return state.found if _is_anchor(state) else state.base
+
+    def keep(self, proposal: Proposal) -> int:
+        """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
+
+        Raises
+        ------
+        ValueError, ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal = self.stored, self._journal
+        if stored is None or journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        with self.lock:
+            journal.open()
+            frames = []
+            for n, calibration in proposal.calibrations.items():
+                basis = BY_HAND if n in proposal.anchors else proposal.basis(n)
+                frames.append(Saved(self.ids[n], calibration, basis, {}))
+            stored.save(frames, self.ids, self._options)
+            for n, calibration in proposal.calibrations.items():
+                state = self._states.get(n)
+                if state is not None and not _is_anchor(state):
+                    state.base = calibration
+                if state is None or not _is_anchor(state):
+                    self._set_row(n, Row.of(calibration, proposal.basis(n)))
+            if not self.has_own_cuts:
+                self.cuts = [proposal.window.begin + shot.start for shot in proposal.video.shots]
+            self.version += 1
+        return len(frames)
+
     def save(self) -> int:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
@@ -310,13 +404,17 @@ class Editor:
         if not self.is_clip:
             drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
             files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
-        return Saved(id, calibration, not one.is_automatic, files)
+        return Saved(id, calibration, self._rows[number].basis, files)
 
     def close(self) -> None:
         """Close the files."""
         self.frames.close()
         if self._journal is not None:
             self._journal.close()
+
+
+def _is_anchor(state: _FrameState) -> bool:
+    return not state.edits.history.present.automatic
 
 
 def label_file(id: str) -> str:

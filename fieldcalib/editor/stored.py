@@ -16,7 +16,15 @@ from typing import Any
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.table import Row
-from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, whole_file, write_bytes, write_text
+from fieldcalib.io.files import (
+    BrokenFileError,
+    FrameFile,
+    parse_json_object,
+    read_regular_file,
+    whole_file,
+    write_bytes,
+    write_text,
+)
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.parquet import write_parquet
@@ -24,7 +32,7 @@ from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file, result_lines
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import SUMMARY, ResultsWriter, is_unfinished
+from fieldcalib.run_folder.results import SUMMARY, TRIPODS, ResultsWriter, is_unfinished
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has mended
 HISTORY = "history"
@@ -44,7 +52,8 @@ class Saved:
 
     id: str
     calibration: Calibration
-    by_hand: bool
+    basis: str
+    """What the camera rests on; empty if nothing is to be said."""
     files: Mapping[str, bytes | None]
     """More files of it, by name in the folder; None removes one."""
 
@@ -96,6 +105,15 @@ class Stored:
         if line is None or line.get("status") == BROKEN:
             return None
         return Calibration.from_dict(line)
+
+    @property
+    def cuts(self) -> list[int]:
+        """First frames of the shots of a clip, counted from the first frame; empty where nothing says them."""
+        path = self.folder / TRIPODS
+        if not path.is_file():
+            return []
+        shots = parse_json_object(read_regular_file(path), "a clip's tripods").get("shots", [])
+        return [int(shot["start"]) for shot in shots]
 
     def rows(self) -> Iterator[tuple[str, Row]]:
         """What the table says about each frame."""
@@ -210,7 +228,7 @@ def _state(path: Path) -> State:
 
 
 def _outcome(one: Saved) -> Outcome:
-    details = {"basis": BY_HAND} if one.by_hand else {}
+    details = {"basis": one.basis} if one.basis else {}
     return Outcome.of(one.id, one.calibration, keeps=bool(one.calibration), details=details)
 
 

@@ -28,6 +28,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import encode_image
 from fieldcalib.web.edits import apply
 from fieldcalib.web.guard import Guard, TooLargeError
+from fieldcalib.web.job import ClipJob
 from fieldcalib.web.pictures import LARGEST, Pictures
 from fieldcalib.web.records import field_record
 from fieldcalib.web.state import error_map, frames_state
@@ -61,6 +62,7 @@ class Page:
     def __init__(self, editor: Editor) -> None:
         self.editor = editor
         self.worker = Worker(editor)
+        self.job = ClipJob(editor)
         self.pictures = Pictures(editor.frames)
         self.files = page_files()
         if len(editor):
@@ -85,6 +87,13 @@ class Page:
             get("/api/frame/{n}/offside.png", answered(self.offside_picture)),
             get("/api/frame/{n}/overlay.png", answered(self.overlay_picture)),
             post("/api/save", answered(self.save)),
+            get("/api/clip/job", answered(self.job_report)),
+            get("/api/clip/proposed/{n}", answered(self.proposed)),
+            post("/api/clip/solve", answered(self.solve)),
+            post("/api/clip/cancel", answered(self.cancel)),
+            post("/api/clip/keep", answered(self.keep)),
+            post("/api/clip/discard", answered(self.cancel)),
+            post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
             get("/image/{n}/crop", answered(self.crop)),
         ]
@@ -93,6 +102,7 @@ class Page:
 
     def close(self) -> None:
         """End the threads and close the files."""
+        self.job.close()
         self.worker.close()
         self.editor.close()
 
@@ -209,6 +219,39 @@ class Page:
         """Labels for a pixel, the likely ones first."""
         one = await self._fitted(request)
         return JSONResponse({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
+
+    async def job_report(self, request: Request) -> Response:
+        """Where the solution of the clip stands."""
+        return JSONResponse(await run_in_threadpool(self.job.report))
+
+    async def proposed(self, request: Request) -> Response:
+        """The camera of a frame in the solution that is not kept yet."""
+        return JSONResponse(await run_in_threadpool(self.job.proposed, self._number(request)))
+
+    async def solve(self, request: Request) -> Response:
+        """Begin to solve the clip."""
+        await _body(request)
+        self.job.start()
+        return JSONResponse(self.job.report())
+
+    async def cancel(self, request: Request) -> Response:
+        """End the solution, or drop it."""
+        await _body(request)
+        self.job.cancel()
+        return JSONResponse(self.job.report())
+
+    async def keep(self, request: Request) -> Response:
+        """Keep the solution."""
+        await _body(request)
+        return JSONResponse({"saved": await run_in_threadpool(self.job.keep)})
+
+    async def cuts(self, request: Request) -> Response:
+        """Set the first frames of the shots."""
+        cuts = (await _body(request)).get("cuts")
+        if not isinstance(cuts, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in cuts):
+            raise ValueError('expected the numbers of frames, as {"cuts": [0, 120]}')
+        await run_in_threadpool(self.editor.set_cuts, cuts)
+        return JSONResponse({"cuts": self.editor.cuts})
 
     async def image(self, request: Request) -> Response:
         """A picture."""

@@ -161,10 +161,10 @@ def _is_in_view(curve: Array, image_size: tuple[int, int]) -> bool:
     return bool(np.all(np.max(curve, axis=0) >= 0.0) and np.all(np.min(curve, axis=0) <= image_size))
 
 
-def view_of(camera: Camera, field: Field) -> list[list[float]]:
+def view_of(camera: Camera, field: Field, places: int = BORDER) -> list[list[float]]:
     """Corners (X, Y), metres, of the ground that a camera sees; empty where that is nothing.
 
-    The border of the image is traced to the ground. Rays that meet it more than two
+    The border of the image, `places` on each side, is traced to the ground. Rays that meet it more than two
     diagonals of the field away, or not at all, are lowered until they meet it there.
 
     Examples
@@ -177,7 +177,7 @@ def view_of(camera: Camera, field: Field) -> list[list[float]]:
     if camera.C[2] >= 0.0:
         return []
     width, height = np.array(camera.image_size) - 1.0
-    share = np.linspace(0.0, 1.0, BORDER, endpoint=False)
+    share = np.linspace(0.0, 1.0, places, endpoint=False)
     zero, one = 0.0 * share, 1.0 + 0.0 * share
     sides = [(share, zero), (one, share), (1.0 - share, one), (zero, 1.0 - share)]
     border = np.concatenate([np.stack(side, axis=1) for side in sides]) * (width, height)

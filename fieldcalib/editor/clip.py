@@ -1,0 +1,195 @@
+"""A clip solved again around the frames that a person has mended, and what changes by that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.placement import Shape
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.editor.sources import Frames
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.anchored_clip import Anchors, solve_around
+from fieldcalib.images.clip_keyframes import Keyframes, read_keyframes
+from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
+from fieldcalib.images.clip_shape import ShapeEstimator
+from fieldcalib.images.from_video import PART, SHARED_BY, Mount
+from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.localize.network import Padded
+from fieldcalib.problem.pixel_table import PixelTable
+
+GRID = (9, 6)  # places across and down the picture whose moves are compared
+STAGES = ("matching", "solving", "finding lines", "comparing")
+
+Progress = Callable[[int, int, str], None]
+"""Gets the number of frames that are done, of all, and the stage; may raise an error to end the work."""
+
+
+class Window(NamedTuple):
+    """Consecutive frames that are solved together."""
+
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True, eq=False)
+class FirstPass:
+    """What does not depend on anchors: matches and labels of a window, and the shape of its frames."""
+
+    window: Window
+    keyframes: Keyframes
+    shape: Shape | None
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A solution that is not kept yet."""
+
+    window: Window
+    video: VideoCalibration
+    calibrations: Mapping[int, Calibration]
+    """By the number of the frame; those of anchors are theirs."""
+    anchors: frozenset[int]
+    moves: Mapping[int, float]
+    """Largest move of the picture's points, pixels; NaN where there was no camera, or is none."""
+
+    def basis(self, number: int) -> str:
+        """What the camera of a frame rests on."""
+        return str(self.video.basis[number - self.window.begin])
+
+
+def window_around(count: int, anchors: Sequence[int]) -> Window:
+    """The frames that are solved again: all of a short clip, of a long one two minutes around the anchors.
+
+    Examples
+    --------
+    >>> window_around(1000, [10]), window_around(90_000, [45_000])
+    (Window(begin=0, end=1000), Window(begin=43500, end=46500))
+    """
+    if count <= 1.5 * PART or not anchors:
+        return Window(0, count)
+    middle = (min(anchors) + max(anchors)) // 2
+    reach = max(PART // 2, (max(anchors) - min(anchors)) // 2 + PART // 10)
+    return Window(max(middle - reach, 0), min(middle + reach, count))
+
+
+def first_pass(
+    frames: Frames, window: Window, field: Field, network: Network, options: Mapping[str, Any], progress: Progress
+) -> FirstPass:
+    """Match the frames of a window, and label its keyframes by the network."""
+    mount: Mount = "moving" if options.get("camera") == "moving" else "tripod"
+    estimate_size = options.get("field_size", "estimated") == "estimated"
+    how = ClipOptions(field, shared=shared_parameters(SHARED_BY[mount], estimate_size))
+    shape = ShapeEstimator(how, network).shape(_readable(frames, window))
+    images = _in_frame(_counted(_readable(frames, window), window, progress, STAGES[0]), shape)
+    tied = tied_frames(images, moving="centre" not in how.shared)
+    return FirstPass(window, read_keyframes(tied, how, Padded(network)), shape)
+
+
+def solve(
+    frames: Frames,
+    first: FirstPass,
+    anchors: Mapping[int, Calibration],
+    cuts: Sequence[int] | None,
+    before: Callable[[int], Calibration | None],
+    network: Network,
+    progress: Progress,
+) -> Proposal:
+    """Solve a window around the frames that a person has mended.
+
+    Parameters
+    ----------
+    frames : Frames
+    first : FirstPass
+    anchors : mapping of int to Calibration
+        Calibrations of these frames, by their numbers.
+    cuts : sequence of int, optional
+        First frames of the shots.
+    before : callable
+        Gives the calibration that a frame has now, if it has one.
+    network : Network
+    progress : callable
+    """
+    window, shape = first.window, first.shape
+    count = window.end - window.begin
+    inside = {t: one for t, one in anchors.items() if window.begin <= t < window.end}
+    labels = {t - window.begin: _pixels_in_frame(one, shape) for t, one in inside.items()}
+    starts = None if cuts is None else [cut - window.begin for cut in cuts]
+    progress(0, count, STAGES[1])
+
+    def images() -> Iterable[Image]:
+        return _in_frame(_counted(_readable(frames, window), window, progress, STAGES[2]), shape)
+
+    known = {t: one for t, one in labels.items() if one is not None}
+    found = solve_around(first.keyframes, Anchors(known, starts), images, Padded(network))
+    found = replace(found, shape=shape)
+    calibrations, moves = dict[int, Calibration](), dict[int, float]()
+    for k, calibration in enumerate(found):
+        progress(k, count, STAGES[3])
+        number = window.begin + k
+        calibrations[number] = inside.get(number, calibration)
+        old = before(number)
+        moves[number] = largest_move(None if old is None else old.camera, calibrations[number].camera)
+    return Proposal(window, found, calibrations, frozenset(inside), moves)
+
+
+def largest_move(old: Camera | None, new: Camera | None) -> float:
+    """How far ground points that the picture shows move from one camera to another, at most, pixels.
+
+    NaN without both cameras, or without ground in view.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> round(largest_move(camera, camera.cropped((3.0, 4.0), (960, 540))), 6)
+    5.0
+    """
+    if old is None or new is None:
+        return float("nan")
+    x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(old.image_size, GRID, strict=True))
+    xy: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    moved = np.linalg.norm(new.project(old.image_to_field(xy)) - xy, axis=1)
+    moved = moved[np.isfinite(moved)]
+    return float(np.max(moved)) if len(moved) else float("nan")
+
+
+def _readable(frames: Frames, window: Window) -> Iterator[Image]:
+    """The images of a window, up to the first one that cannot be read: the file may be cut off."""
+    images = frames.each(window.begin, window.end)
+    while True:
+        try:
+            image = next(images, None)
+        except BrokenFileError:
+            return
+        if image is None:
+            return
+        yield image
+
+
+def _counted(images: Iterable[Image], window: Window, progress: Progress, stage: str) -> Iterator[Image]:
+    for done, image in enumerate(images):
+        progress(done, window.end - window.begin, stage)
+        yield image
+
+
+def _in_frame(images: Iterable[Image], shape: Shape | None) -> Iterable[Image]:
+    return images if shape is None else map(shape.placement.image_in_frame, images)
+
+
+def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
+    """The pixels from which an anchor was calibrated, in pixels of the frame; None where it was not."""
+    if calibration.solved is None or calibration.camera is None:
+        return None
+    pixels = calibration.solved.pixels
+    if shape is None:
+        return pixels
+    return replace(pixels, xy=shape.placement.scale * pixels.xy + shape.placement.corner)

@@ -1,0 +1,147 @@
+"""The table of all frames of a report, as columns, with the reasons that frames share and what to do about them."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from dataclasses import replace as changed
+from typing import Any
+
+from fieldcalib.assess.result import ANGLE_NAMES, Verdict
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.results import BROKEN
+from fieldcalib.web.bundle import as_json
+from fieldcalib.web.records import view_of
+from fieldcalib.web.thumbnails import frames_to_show
+
+VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
+LOOK = (
+    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
+)
+UNREADABLE = "the file cannot be read: get it again, or leave it out"
+VIEW_POINTS = 12  # of the polygon of the ground in view
+GRADES = {Verdict.GOOD: 0, Verdict.CHECK: 1, Verdict.REJECT: 2}
+MOST_LETTERS = 240  # of a reason
+NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A reason for verdicts that are not good, and what to do about it."""
+
+    verdict: str
+    words: str
+    """With an ellipsis for names and numbers where there are several frames."""
+    remedy: str
+    count: int
+    """Number of frames."""
+
+
+@dataclass(frozen=True)
+class ReportTable:
+    """Columns with a value for each frame of a run."""
+
+    columns: Mapping[str, Sequence[Any]]
+    reasons: Sequence[Reason]
+    count: int
+    """Number of frames of the run, of which the table may have fewer."""
+
+    @classmethod
+    def of(cls, lines: Iterable[Mapping[str, Any]], field: Field) -> ReportTable:
+        """The table of the lines of frames in ``cameras.jsonl``."""
+        rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
+        remedies: dict[tuple[str, str], Counter[str]] = {}
+        for line in lines:
+            row = _row(line, field)
+            first = row["reason"].partition("; ")[0]
+            key = row["verdict"], VALUES.sub("…", first)
+            examples.setdefault(key, first)
+            advice = UNREADABLE if line["status"] == BROKEN else line.get("remedy") or LOOK
+            if key[0] != Verdict.GOOD:
+                remedies.setdefault(key, Counter())[advice] += 1
+            rows.append(row)
+            keys.append(key)
+        counts = {key: found.total() for key, found in remedies.items()}
+        ordered = sorted(counts, key=lambda key: (key[0] == Verdict.CHECK, -counts[key]))
+        numbers = {key: number for number, key in enumerate(ordered)}
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else _row(NOTHING, field))}
+        columns["group"] = [numbers.get(key, -1) for key in keys]
+        reasons = [
+            Reason(
+                key[0],
+                examples[key] if counts[key] == 1 else key[1],
+                remedies[key].most_common(1)[0][0],
+                counts[key],
+            )
+            for key in ordered
+        ]
+        return cls(columns, reasons, len(rows))
+
+    @property
+    def worst(self) -> list[int]:
+        """Numbers of the frames, worst first."""
+        concern = self.columns["concern"]
+        return sorted(range(len(concern)), key=lambda number: (-concern[number], number))
+
+    def within(self, most_bytes: float, needed: Collection[int]) -> ReportTable:
+        """As much of the table as fits a number of bytes, with the rows of all `needed` frames.
+
+        Views go first, then the reasons of good frames, then frames that are neither among the worst nor needed.
+        """
+        if self._size() <= most_bytes:
+            return self
+        verdicts, reasons = self.columns["verdict"], self.columns["reason"]
+        short = self._with(view=[None] * len(verdicts))
+        if short._size() > most_bytes:
+            pairs = zip(verdicts, reasons, strict=True)
+            short = short._with(reason=["" if verdict == Verdict.GOOD else reason for verdict, reason in pairs])
+        order, most, all_rows = frames_to_show(len(verdicts), self.worst, len(verdicts)), len(verdicts), short
+        while short._size() > most_bytes and most > 1:
+            most = most * 4 // 5
+            some = sorted({*order[:most], *needed})
+            short = all_rows._with(
+                **{name: [values[number] for number in some] for name, values in all_rows.columns.items()}
+            )
+        return short
+
+    def _with(self, **columns: Sequence[Any]) -> ReportTable:
+        return changed(self, columns={**self.columns, **columns})
+
+    def _size(self) -> int:
+        return len(as_json(self.columns))
+
+    def to_record(self) -> dict[str, Any]:
+        """The table for JSON."""
+        return {"frames": self.columns, "reasons": [asdict(one) for one in self.reasons], "count": self.count}
+
+
+def _row(line: Mapping[str, Any], field: Field) -> dict[str, Any]:
+    """The values of a frame."""
+    verdict, degrees, K = line.get("verdict", ""), line.get("angles_degrees") or {}, line.get("K")
+    probability = line.get("probability_right_1m")
+    grade = GRADES[Verdict(verdict)] + (0.5 if probability is None else 1.0 - probability) if K and verdict else 3.0
+    return {
+        "id": line["id"],
+        "verdict": verdict,
+        "reason": (line.get("reason") or line["message"])[:MOST_LETTERS],
+        "concern": round(grade / 3.0, 3),
+        **{name: _rounded(degrees.get(name), 2) for name in ANGLE_NAMES},
+        "focal_length": None if K is None else _rounded(K[0][0], 1),
+        "probability": _rounded(probability, 3),
+        "basis": line.get("basis", ""),
+        "view": None if K is None else _view(line, field),
+    }
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
+
+
+def _view(line: Mapping[str, Any], field: Field) -> list[float]:
+    """Coordinates x, y, x, y, ... of the ground in view, metres."""
+    width, height = line["image_size"]
+    camera = Camera(line["K"], line["R"], line["C"], (width, height), line["dist"])
+    return [round(value, 1) for X in view_of(camera, field, VIEW_POINTS // 4) for value in X]
