@@ -19,7 +19,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image_size import stored_size
-from fieldcalib.io.results import Results
+from fieldcalib.results.collection import Results
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
 from fieldcalib.web.report_table import ReportTable
