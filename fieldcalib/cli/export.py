@@ -24,7 +24,8 @@ from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tv
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.results import Results, read_results
+from fieldcalib.results.collection import Results
+from fieldcalib.results.reading import read as read_results
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,

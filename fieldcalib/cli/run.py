@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +32,7 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
-from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.results import LINES
+from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.localize import Network
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import RunOptions
@@ -126,8 +126,8 @@ def _run_one_by_one(request: RunRequest) -> int:
 def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:
     """Calibrate each frame on its own; frames of an earlier part of the run are only drawn again."""
     run = request.run
-    lines = islice(whole_lines(run.out / LINES), results.done)
-    frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
+    lines = islice(whole_line_pairs(run.out), results.done)
+    frames = (replace(frame, line=_whole(next(lines, None))) for frame in source.frames)
     path, rate = run.out / OVERLAY, source.frames_per_second
     assert rate is not None  # it is a video
 
@@ -141,6 +141,11 @@ def _run_video(request: RunRequest, results: ResultsWriter, source: Source, meth
 
         work(run, results, frames, IMAGES_AT_ONCE, method, source.count, write)
     say_note(path, video)
+
+
+def _whole(texts: Texts | None) -> dict[str, Any] | None:
+    """The line of a frame from both files, None if there is none."""
+    return None if texts is None else joined_line(*map(json.loads, texts))
 
 
 @dataclass(frozen=True)
@@ -161,8 +166,8 @@ class ImageCalibrator:
 
     def _of_part(self, frames: Sequence[Frame]) -> UnitResult:
         start = time.perf_counter()
-        if all(frame.line for frame in frames):
-            calibrations = [Calibration.from_dict(json.loads(frame.line)) for frame in frames]
+        if all(frame.line is not None for frame in frames):
+            calibrations = [Calibration.from_dict(frame.line) for frame in frames if frame.line is not None]
         else:
             seen = [(frame.image, self.options.placement(frame.image)) for frame in frames if frame.image is not None]
             images = [placement.image_in_frame(image) for image, placement in seen]
@@ -199,8 +204,8 @@ class ImageCalibrator:
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.options.drawn(image, calibration)
-        if frame.line:
-            return Outcome(json.loads(frame.line), picture=picture, is_written=True)
+        if frame.line is not None:
+            return Outcome(frame.line, picture=picture, is_written=True)
         if frame.is_of_video:
             return self.options.outcome(frame.id, calibration, picture=picture)
         return self.options.outcome(
