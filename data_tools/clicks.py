@@ -1,12 +1,14 @@
 """Pictures labelled from nothing by clicks as of a person, until the camera is good.
 
     python -m data_tools.clicks PICTURES RESULTS [--names NAME...] [--repeats N] [--noise PX] [--out DIR]
+        [--whole-frame] [--field-size LxW]
 
 RESULTS is a folder that `fieldcalib run` wrote of the pictures. Its cameras tell where the markings are, so look at
 their overlays first: name the pictures (--names) whose markings lie on their paint. In each picture markings are
 clicked one after the other, with errors of --noise pixels along x and y before the editor snaps the click to paint:
 first the longest painted ones, at both ends of a line and at three places of an arc; as soon as there is a camera, the
-mark that the editor advises, if the picture shows it. The person stops when the verdict is good, or at 16 clicks.
+mark that the editor advises, if the picture shows it. The person stops when the verdict is good, or at 16 clicks. With
+--whole-frame and --field-size the person knows that nothing is cut off the pictures, and the size of the field.
 
 Printed: for each picture the clicks of each repeat, with the verdict where it is not good; then how many of all are
 good within 12 clicks, and how long it took from a click to the camera with its verdict and the next advice, for
@@ -28,15 +30,15 @@ import numpy as np
 from fieldcalib import read_results
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Verdict
-from fieldcalib.console.arguments import count
+from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves
-from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.frame import FrameEditor, Known
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import CAMERAS, IMAGES
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image import size_of
 from fieldcalib.io.results import LINES
 from fieldcalib.run_folder.outcome import calibration_line
 
@@ -94,11 +96,11 @@ def first_clicks(markings: dict[str, Array], field: Field) -> Iterator[tuple[str
             yield label, places[round(share * (len(places) - 1))]
 
 
-def labelled(image: Image, seen: Calibration, field: Field, noise: float, rng: np.random.Generator) -> Labelling:
-    """Label a picture from nothing until the camera is good."""
-    markings = visible_markings(seen, seen.field or field)
-    plan = first_clicks(markings, field)
-    found = Labelling(FrameEditor.of(image, field))
+def labelled(begin: FrameEditor, seen: Calibration, noise: float, rng: np.random.Generator) -> Labelling:
+    """Label a picture until the camera is good; `seen` is the camera that tells where the markings are."""
+    markings = visible_markings(seen, seen.field or begin.field)
+    plan = first_clicks(markings, begin.field)
+    found = Labelling(begin)
     while found.clicks < MOST and found.verdict != Verdict.GOOD:
         advice = found.editor.next_mark if found.editor.calibration.accepted else None
         if advice is not None and advice.label in markings:
@@ -108,10 +110,10 @@ def labelled(image: Image, seen: Calibration, field: Field, noise: float, rng: n
             click = own
         else:
             break
-        begin = time.perf_counter()
+        began = time.perf_counter()
         found.editor = found.editor.mark(click[0], click[1] + rng.normal(0.0, noise, 2))
         _ = found.verdict, found.editor.calibration.accepted and found.editor.next_mark
-        found.seconds.append(time.perf_counter() - begin)
+        found.seconds.append(time.perf_counter() - began)
         found.clicks += 1
     return found
 
@@ -119,14 +121,15 @@ def labelled(image: Image, seen: Calibration, field: Field, noise: float, rng: n
 def run(options: argparse.Namespace) -> int:
     """Label all pictures and print what came of it; returns the exit code."""
     results, field = read_results(options.results), soccer()
+    known = Known(principal_point=options.whole_frame, field_size=options.field_size)
     files = {file.id: file for file in IMAGES.find([options.pictures])}
     found: dict[str, list[Labelling]] = {}
     for name in options.names or [id for id in files if id in results and results[id].verdict == Verdict.GOOD]:
         if name not in files or name not in results or results[name].camera is None:
             raise ValueError(f"expected a picture {name!r} in {options.pictures}, and its camera in {options.results}")
-        image, seen = IMAGES.read(files[name].read()), results[name]
+        begin = FrameEditor.of(IMAGES.read(files[name].read()), field, known=known)
         rngs = map(np.random.default_rng, range(options.repeats))
-        found[name] = [labelled(image, seen, field, options.noise, rng) for rng in rngs]
+        found[name] = [labelled(begin, results[name], options.noise, rng) for rng in rngs]
         words = (f"{one.clicks}{'' if one.verdict == Verdict.GOOD else f' ({one.verdict})'}" for one in found[name])
         print(f"{name}: {', '.join(words)}", flush=True)
     print(json.dumps(summary([one for several in found.values() for one in several])))
@@ -168,6 +171,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--names", nargs="+", metavar="NAME", help="pictures; by default those whose camera is good")
     parser.add_argument("--repeats", type=count, default=1, metavar="N", help="labellings of each picture (1)")
     parser.add_argument("--noise", type=float, default=2.0, metavar="PX", help="standard deviation of a click (2)")
+    parser.add_argument(
+        "--whole-frame", action="store_true", help="the person knows that nothing is cut off the pictures"
+    )
+    parser.add_argument(
+        "--field-size", type=image_size, metavar="LxW", help="and that the field is of this size, metres"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the cameras go")
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))
