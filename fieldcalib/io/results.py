@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file
 from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.parquet import read_parquet
+from fieldcalib.io.parquet import read_parquet, write_parquet
 
 LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"
 FORMAT = 2  # version of the files: the first one had all in cameras.jsonl
@@ -84,6 +84,17 @@ def whole_line_pairs(folder: Path) -> Iterator[Texts]:
     """The lines of all frames in a folder that is written to: without an incomplete last one."""
     solver = folder / SOLVER
     return zip(whole_lines(folder / LINES), whole_lines(solver) if solver.exists() else (), strict=False)
+
+
+def write_lines(folder: Path, lines: Iterable[Mapping[str, Any]]) -> None:
+    """Write everything that is kept of all frames to both files, each whole; to the table, if the folder has one."""
+    texts = [tuple(json.dumps(part).encode() + b"\n" for part in split_line(line)) for line in lines]
+    if lines_file(folder).name == TABLE:
+        write_parquet(((main, solver) for main, solver in texts), folder / TABLE)
+        return
+    for name, index in ((SOLVER, 1), (LINES, 0)):
+        with whole_file(folder / name) as file:
+            file.writelines(pair[index] for pair in texts)
 
 
 def parse_main(text: bytes) -> dict[str, Any]:

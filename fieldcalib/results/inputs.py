@@ -39,7 +39,7 @@ from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.units import grouped, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.given_camera import GivenCamera
-from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import Prior
 
 Labels: TypeAlias = ImageSegments | Annotation
@@ -192,7 +192,7 @@ class Labelled:
                     pixels = {id: frames[id][0] for id in ids}
                     found = calibrate_batch(method.field, list(pixels.values()), size, **method.keywords)
                     seen = [
-                        with_border_asked(method.field, pixels[id], one) for id, one in zip(ids, found, strict=True)
+                        with_border_complaint(method.field, pixels[id], one) for id, one in zip(ids, found, strict=True)
                     ]
                     losses |= paper_losses(method.field, pixels, seen)
                     calibrations |= zip(ids, seen, strict=True)
