@@ -95,6 +95,7 @@ def test_a_finished_run_gets_its_report_later_and_of_a_clip_with_plots(know, tmp
     assert report["rate"] > 0.0
     assert report["cuts"] == [0]
     assert len(report["states"]) == 3
+    know([TRUTHS[t] for t in looked_at(rendered)])
     assert run("run", folder, "--clip", "--out", out, "--overwrite") == 0
     assert not (out / "report.html").exists()
 
@@ -120,7 +121,8 @@ def test_a_report_without_pictures_and_without_frames(tmp_path):
     page = Page(tmp_path / "one.html")
     assert page.pictures == page.report["states"] == {}
     assert len(page.report["frames"]["view"][0]) >= 6
-    write_report(fieldcalib.calibrate({}, image_size=(960, 540), progress=False), tmp_path / "none.html")
+    (tmp_path / "cameras.jsonl").write_text("")
+    write_report(fieldcalib.read(tmp_path), tmp_path / "none.html")
     assert Page(tmp_path / "none.html").report["frames"]["id"] == []
 
 
@@ -178,7 +180,7 @@ def test_pictures_become_smaller_and_then_fewer():
     several.add("another", noise)
     assert several.width < 720
     assert set(several.jpegs) == set(ids)
-    assert 600_000 < several.size <= 800_000
+    assert 400_000 < several.size <= 800_000
     assert few.width == 280
     assert sorted(few.jpegs) == ids[: len(few.jpegs)]
     assert 250_000 < few.size <= 300_000
