@@ -16,6 +16,11 @@ export class Offline extends Error {
   }
 }
 
+/** Whether the server that made this page is gone: no answer, or that of another one with another token. */
+export function isGone(error) {
+  return error instanceof Offline || error.status === 404;
+}
+
 /** GET; `query` becomes part of the address. */
 export async function get(path, { query = {}, signal } = {}) {
   return answer(address(path, query), { signal });

@@ -1,6 +1,6 @@
 // The page: fetches the project, shows a frame, and passes on what the person does.
 
-import { Offline, Refused, address, get, post } from "./api.js";
+import { Offline, Refused, address, get, isGone, post } from "./api.js";
 import { ClipBar, proposed } from "./clip.js";
 import { commandsOf, EXTRA_HELP } from "./commands.js";
 import { button, changeIcon, counted, element } from "./dom.js";
@@ -81,6 +81,7 @@ class App {
       this.showFrames(frames);
       if (this.isClip) this.clip.poll().catch((error) => this.complain(error));
       await opening;
+      if (this.current < 0 && first >= project.count) await this.open(0);
       if (this.edits) this.render(true);
     } catch (error) {
       this.complain(error);
@@ -112,9 +113,9 @@ class App {
   showFrames(frames) {
     this.frames = frames;
     this.list.show(frames);
-    this.list.setCurrent(Math.max(this.current, 0));
+    this.list.setCurrent(this.wanted);
     this.timeline.show(frames, { rate: this.project.rate, cuts: this.cuts });
-    this.timeline.setCurrent(Math.max(this.current, 0));
+    this.timeline.setCurrent(this.wanted);
     this.clip.setAnchors(frames.by_hand.filter(Boolean).length);
   }
 
@@ -137,12 +138,11 @@ class App {
         const found = await this.loader.frame(asked, { fresh: true });
         if (asked === this.wanted) this.present(asked, found);
       } catch (error) {
-        this.complain(error);
-        if (asked === this.wanted) {
-          this.wanted = this.current;
-          if (this.current < 0) this.showEmpty("This frame could not be loaded.", error.message);
-          break;
-        }
+        if (asked !== this.wanted) continue;
+        this.wanted = this.current;
+        if (this.current >= 0) this.complain(error);
+        else this.showEmpty("This frame could not be loaded.", error.message);
+        break;
       }
     }
     clearTimeout(slow);
@@ -454,7 +454,7 @@ class App {
       this.showProject(project);
       if (changed && !this.player.playing) await this.changedElsewhere(false);
     } catch (error) {
-      if (error instanceof Offline) this.notices.offline(this.waiting);
+      if (isGone(error)) this.notices.offline(this.waiting);
       else this.complain(error);
     }
   }

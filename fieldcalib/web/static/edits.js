@@ -1,7 +1,7 @@
 // The edits of one frame: shown at once, sent one after the other; the state that the server answers with replaces what
 // was shown. The page never waits: more edits may be made meanwhile.
 
-import { Offline, post } from "./api.js";
+import { isGone, post } from "./api.js";
 
 const RETRY = 1000; // ms
 const OPAQUE = new Set(["undo", "redo", "copy", "automatic"]); // edits whose result only the server knows
@@ -25,7 +25,8 @@ export class FrameEdits {
 
   /** Whether marks have the numbers that they are shown with. */
   get isCertain() {
-    return !this.pending.some(({ body }) => OPAQUE.has(body.do));
+    const { automatic, marks } = this.state; // the first edit of a frame brings the labels of the network
+    return !(this.pending.length && automatic && !marks.length) && !this.pending.some(({ body }) => OPAQUE.has(body.do));
   }
 
   /** Make an edit, {do, ...} as of api/frame/N/edit. False if it is about marks whose numbers are not known yet. */
@@ -49,7 +50,7 @@ export class FrameEdits {
         this.state = await post(`api/frame/${this.number}/edit`, { revision: this.state.revision, ...edit.body });
         this.pending.shift();
       } catch (error) {
-        if (error instanceof Offline) {
+        if (isGone(error)) {
           this.listeners.onoffline();
           await new Promise((resolve) => setTimeout(resolve, RETRY));
           continue;

@@ -2,7 +2,7 @@
 // view exist, so that 90 000 frames are no burden.
 
 import { element } from "./dom.js";
-import { VERDICTS, verdictOf, verdictShape } from "./verdict.js";
+import { VERDICTS, verdictShape } from "./verdict.js";
 
 const ROW = 2.9; // rem
 const SPARE = 6; // rows above and below those in view
@@ -103,7 +103,7 @@ export class FrameList {
       verdictShape(verdict[number]),
       element("span", { class: "frame-name", text: name }),
       byHand?.[number] ? element("span", { class: "frame-hand", text: "by hand" }) : null,
-      element("span", { class: "frame-reason dim", text: reason[number] || (verdict[number] ? "" : verdictOf("").words.toLowerCase()) }),
+      element("span", { class: "frame-reason dim", text: reason[number] || (verdict[number] ? "" : "not calibrated yet") }),
     );
     row.style.top = `${place * height}px`;
     row.style.height = `${height}px`;

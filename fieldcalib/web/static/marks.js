@@ -34,7 +34,7 @@ export class MarkList {
     const isSelected = numbers.every((number) => selected.has(number));
     const choose = element(
       "button",
-      { type: "button", class: "mark-name", "aria-pressed": String(isSelected), "data-tip": "Select these marks; twice: choose the marking", on: { click: () => this.actions.select(numbers), dblclick: () => this.actions.choose(label) } },
+      { type: "button", class: "mark-name", "aria-pressed": String(isSelected), "data-tip": "Select these marks; twice: choose the marking", on: { click: (event) => (event.detail === 2 ? this.actions.choose(label) : this.actions.select(numbers)) } },
       element("span", { class: `mark-dot${suspect ? " suspect" : ""}` }),
       element("span", { class: "mark-label", text: label }),
       element("span", { class: "dim", text: `× ${marks.length}` }),

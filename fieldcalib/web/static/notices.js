@@ -25,8 +25,8 @@ export class Notices {
   offline(waiting) {
     this.banner.hidden = waiting === null;
     if (waiting === null) return;
-    const kept = "All that it answered to is kept. Start fieldcalib open again and open the address that it prints.";
-    const edits = waiting ? ` ${waiting === 1 ? "One change waits" : `${waiting} changes wait`} here and will be sent if it comes back.` : "";
+    const kept = "Every change that it answered is kept: start fieldcalib open again, and open the address that it prints.";
+    const edits = waiting ? ` ${waiting === 1 ? "One change is" : `${waiting} changes are`} not stored yet.` : "";
     this.banner.replaceChildren(element("strong", { text: "The server does not answer." }), element("span", { text: ` ${kept}${edits}` }));
   }
 }

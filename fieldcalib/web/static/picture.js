@@ -89,6 +89,7 @@ export class Picture {
   clear() {
     this.source = this.base = this.frame = null;
     this.crops = [];
+    for (const name of ["frame", "revision"]) delete this.lines.dataset[name];
     this.draw();
   }
 
@@ -149,13 +150,22 @@ export class Picture {
     context.clearRect(0, 0, this.view.box.width, this.view.box.height);
     context.lineJoin = context.lineCap = "round";
     if (this.frame && this.base) {
+      context.save();
+      context.beginPath(); // markings end with the picture
+      const corner = this.view.toBox(-0.5, -0.5);
+      context.rect(corner.x, corner.y, this.source.width * this.view.zoom, this.source.height * this.view.zoom);
+      context.clip();
       if (this.layers.horizon && this.frame.horizon) this.drawCurve(context, this.frame.horizon, { colour: "--accent", dash: [12, 6] });
       if (this.layers.markings) this.drawMarkings(context);
+      context.restore();
       for (const draw of this.drawings) draw(context, this);
       if (this.layers.marks) this.drawMarks(context);
       if (this.layers.marks && this.frame.next) this.drawNext(context);
-      this.lines.dataset.frame = this.frame.number;
-      this.lines.dataset.revision = this.frame.revision; // what is on the screen, for who waits for it
+      const { dataset } = this.lines; // what is on the screen, for who waits for it
+      dataset.frame = this.frame.number;
+      dataset.revision = this.frame.revision;
+      dataset.pending = this.frame.pending ?? 0;
+      dataset.view = [this.view.x, this.view.y, this.view.zoom].join();
     }
   }
 
@@ -271,10 +281,11 @@ export class Picture {
     return this.colours.getPropertyValue(name).trim() || "#fff";
   }
 
-  /** The number of the mark at a place of the box, or -1. */
-  markAt(place) {
+  /** The number of the mark at a place of the box, of one label if it is given, or -1. */
+  markAt(place, label = null) {
     let [found, least] = [-1, HIT * this.unit];
     (this.frame?.marks ?? []).forEach((mark, number) => {
+      if (label !== null && mark.label !== label) return;
       const { x, y } = this.view.toBox(mark.x, mark.y);
       const distance = Math.hypot(x - place.x, y - place.y);
       if (distance <= least) [found, least] = [number, distance];

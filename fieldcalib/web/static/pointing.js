@@ -41,7 +41,7 @@ export class Pointing {
     const { actions, picture } = this;
     if (event.button !== 0) return { kind: "pan" };
     if (actions.tool !== "mark") return { kind: "measure", path: [picture.view.toPicture(at)] };
-    const number = picture.layers.marks ? picture.markAt(at) : -1;
+    const number = this.markAt(at);
     if (number >= 0) {
       if (event.shiftKey) actions.select(toggled(picture.selected, number));
       else if (!picture.selected.has(number)) actions.select([number]);
@@ -51,6 +51,12 @@ export class Pointing {
     const label = actions.chosen ?? this.nextAt(at);
     if (label && picture.view.isInside(picture.view.toPicture(at))) return { kind: "stroke", label, path: [at] };
     return { kind: "pan", clears: true };
+  }
+
+  /** The mark under the pointer; while a marking is chosen, of that one, so that marks can be set where lines cross. */
+  markAt(at) {
+    const { actions, picture } = this;
+    return actions.tool === "mark" && picture.layers.marks ? picture.markAt(at, actions.chosen) : -1;
   }
 
   nextAt(at) {
@@ -147,7 +153,7 @@ export class Pointing {
   hover(at) {
     const { picture, actions } = this;
     if (!picture.frame) return;
-    const number = actions.tool === "mark" && picture.layers.marks ? picture.markAt(at) : -1;
+    const number = this.markAt(at);
     const next = number < 0 && actions.tool === "mark" ? this.nextAt(at) : null;
     const label = number < 0 ? picture.curveAt(at) : null;
     picture.lines.style.cursor = actions.tool !== "mark" || (actions.chosen && number < 0) ? "crosshair" : number >= 0 || label || next ? "pointer" : "grab";

@@ -1,0 +1,87 @@
+"""The page in a real browser: Chromium from the PATH, without a window, driven by Playwright.
+
+All tests here have the marker `browser`, which the default run leaves out. They are skipped where there is no Chromium
+or no Playwright; nothing is downloaded.
+"""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from driving import Server, Window, render
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+# without what a browser asks its maker for
+ARGUMENTS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync"
+).split()
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker("browser")
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    from playwright.sync_api import sync_playwright
+
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if path is None:
+        pytest.skip("needs Chromium: no chromium, chromium-browser or google-chrome is on the PATH")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Start servers, `serve(source, *arguments)`; they end with the test."""
+    servers = []
+
+    def start(source, *arguments, out=None):
+        servers.append(Server(source, out or tmp_path / "results", *arguments))
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        server.kill()
+
+
+@pytest.fixture
+def window(chromium):
+    """Open windows of the page, `window(server)`; no script may fail, and nothing be fetched from elsewhere."""
+    contexts, windows = [], []
+
+    def open_window(server, size=(1280, 800), context=None, wait=True):
+        if context is None:
+            context = chromium.new_context(viewport=dict(zip(("width", "height"), size, strict=True)))
+            contexts.append(context)
+        windows.append(Window(context.new_page(), server))
+        if wait:
+            windows[-1].wait_for_frame()
+        return windows[-1]
+
+    yield open_window
+    for context in contexts:
+        context.close()
+    assert [error for one in windows for error in one.errors] == []
+    assert [address for one in windows for address in one.requests if "//127.0.0.1:" not in address] == []
+
+
+@pytest.fixture(scope="session")
+def picture(tmp_path_factory):
+    """The file of a rendered frame."""
+    path = tmp_path_factory.mktemp("pictures") / "frame.jpg"
+    cv2.imwrite(str(path), render())
+    return path
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
