@@ -26,7 +26,7 @@ OLD_FORMATS = (1,)  # that are read too
 BROKEN = "broken file"  # status of a frame whose file could not be read
 MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
     *("id", "status", "message", "verdict", "reason", "remedy", "basis", "version", "field", "image_size"),
-    *("K", "dist", "R", "C", "angles_degrees", "rms_px", "standard_deviations"),
+    *("K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
     *("probability_right_0.5m", "probability_right_1m"),
 )
 SIZE_KEYS = ("length", "width", "size_known")  # of a field that has no builder, in cameras.jsonl
@@ -105,7 +105,12 @@ def parse_main(text: bytes) -> dict[str, Any]:
     BrokenFileError
         If it is none, or one of another version; the message names it.
     """
-    line = parse_json_object(text, "a frame's result")
+    try:
+        line = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BrokenFileError(f"is no JSON: {error}") from error
+    if not isinstance(line, dict):
+        raise BrokenFileError(f"expected a JSON object of a frame's result, got {type(line).__name__}")
     for key in ("id", "status", "message"):
         if not isinstance(line.get(key), str):
             raise BrokenFileError(f"a result needs the key {key!r} with a text")
@@ -178,6 +183,12 @@ class ResultFile:
         """The line of a frame in ``cameras.jsonl``."""
         with self._named(number):
             return parse_main(self._main_text(number))
+
+    def mains(self) -> Iterator[dict[str, Any]]:
+        """The lines of all frames in ``cameras.jsonl``, quicker than one by one."""
+        for number, text in zip(range(len(self.ids)), self._main_texts(), strict=False):
+            with self._named(number):
+                yield parse_main(text)
 
     def line(self, number: int) -> dict[str, Any]:
         """Everything that is kept of a frame."""

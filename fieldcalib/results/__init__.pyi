@@ -2,6 +2,7 @@ from . import collection as collection
 from . import entry as entry
 from . import frames as frames
 from . import homographies as homographies
+from . import inputs as inputs
 from . import reading as reading
 from . import saving as saving
 from . import sources as sources

@@ -133,7 +133,7 @@ class Results(Mapping[str, Calibration]):
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
         """The verdict on each frame by id: "good", "check" or "reject"."""
-        return {id: Verdict(self.frames.main(number)["verdict"]) for id, number in self._numbers.items()}
+        return {line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if "verdict" in line}
 
     @property
     def basis(self) -> Mapping[str, str]:
@@ -270,7 +270,7 @@ class Results(Mapping[str, Calibration]):
         """
         if everything:
             return whole_table(self.lines)
-        return short_table(map(self.frames.main, range(len(self.frames.ids))))
+        return short_table(self.frames.mains())
 
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False, overlays: bool = True) -> None:
         """Write the results to a folder as `fieldcalib run` (or `calibrate`, of labelled pixels) does.

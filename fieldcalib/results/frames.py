@@ -32,6 +32,9 @@ class FrameStore(Protocol):
     def main(self, number: int) -> Mapping[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
 
+    def mains(self) -> Iterator[Mapping[str, Any]]:
+        """The lines of all frames in ``cameras.jsonl``, in order."""
+
     def line(self, number: int) -> Mapping[str, Any]:
         """Everything that is kept of a frame."""
 
@@ -71,6 +74,10 @@ class KeptFrames:
         """The line of a frame in ``cameras.jsonl``."""
         return split_line(self.line(number))[0]
 
+    def mains(self) -> Iterator[Mapping[str, Any]]:
+        """The lines of all frames in ``cameras.jsonl``, in order."""
+        return map(self.main, range(len(self.ids)))
+
     def line(self, number: int) -> Mapping[str, Any]:
         """Everything that is kept of a frame."""
         return self._line(number)
@@ -107,6 +114,10 @@ class StoredFrames:
     def main(self, number: int) -> Mapping[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
         return self.file.main(number)
+
+    def mains(self) -> Iterator[Mapping[str, Any]]:
+        """The lines of all frames in ``cameras.jsonl``, in order."""
+        return self.file.mains()
 
     def line(self, number: int) -> Mapping[str, Any]:
         """Everything that is kept of a frame."""

@@ -148,8 +148,7 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
     """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
     if not lines_file(path).is_file():
         return None
-    file = ResultFile(lines_file(path))
-    lines = map(file.main, range(len(file.ids)))
+    lines = ResultFile(lines_file(path)).mains()
     return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
 
 
