@@ -178,7 +178,7 @@ class Uncertainty(Estimate):
         theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
         there = evaluate(self.problem, theta[None])
         noise = Noise(there)
-        V = self.robust_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
+        V = self.robust_sigma**2 * noise.covariance(there.JT)[0]
         if there.prior is not None:
             V += np.diag(1.0 / np.square(there.prior.effective_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
@@ -228,8 +228,8 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     by_tested = evaluation.derivatives(np.isin(layout.names, tested))
     by_kept = np.concatenate([evaluation.derivatives(layout.considered), by_tested], axis=1)
     rows = np.concatenate([directions.JT, by_kept], axis=1)
-    noisy = variance[:, None, None] * noise.covariance(rows, noise.pull, noise.pull)
-    noisy += noise.of_paint(rows, evaluation.pull)
+    noisy = variance[:, None, None] * noise.covariance(rows)
+    noisy += noise.of_paint(rows, evaluation.irls_weight)
     P, sizes = directions.JT.shape[1], by_kept.shape[1] - len(tested)
     gain, data = directions.gain(kappa, has_prior), noisy[:, :P, :P].copy()
     noisy[:, :P, :P] += has_prior * np.eye(P)
@@ -300,8 +300,8 @@ def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> 
     the fit to the pixels.
     """
     squares = gram(directions.JT, noise.square)
-    factors = noise.pull, noise.square * noise.relative_sigma
-    spread, crossed = (noise.covariance(directions.JT, factor, noise.pull) for factor in factors)
+    spread = noise.covariance(directions.JT)
+    crossed = noise.covariance(directions.JT, noise.square * noise.relative_sigma)
     gain = directions.gain(np.ones(len(evaluation.theta)), evaluation.problem.prior is not None)
     redundancy = (
         np.sum(noise.square * np.square(noise.relative_sigma), axis=1)
@@ -330,12 +330,14 @@ class _Kept(NamedTuple):
         """Compute from derivatives `rows` (B, P + k, M) of the residuals; `noisy` is the covariance of the gradient."""
         P = gain.shape[1]
         by_kept = rows[:, P:]
-        crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
+        crossed = kappa[:, None, None] * gram(rows, evaluation.irls_weight)[:, :P, P:]
         following = -gain[:, :, None] * crossed
-        information = kappa[:, None, None] * gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+        information = (
+            kappa[:, None, None] * gram(by_kept, evaluation.irls_weight) + np.swapaxes(crossed, 1, 2) @ following
+        )
         identity = np.broadcast_to(np.eye(by_kept.shape[1]), information.shape)
         L = np.concatenate([np.swapaxes(following, 1, 2), identity], axis=2)
-        gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+        gradient = (by_kept @ (evaluation.irls_weight * evaluation.r)[..., None])[..., 0]
         return cls(following, gradient, information, L @ noisy @ np.swapaxes(L, 1, 2))
 
     def offset(self, t: int, i: int) -> tuple[float, float]:

@@ -21,14 +21,12 @@ from fieldcalib.io.files import (
     FrameFile,
     parse_json_object,
     read_regular_file,
-    whole_file,
     write_bytes,
     write_text,
 )
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.line_log import LineLog
-from fieldcalib.io.parquet import write_parquet
-from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file, result_lines
+from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, result_lines, write_lines
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
@@ -79,7 +77,7 @@ class Stored:
         """Lines of ``cameras.jsonl`` by id."""
         self._expected = {
             **(written or {}),
-            **{name: _state(folder / name) for name in (LINES, TABLE, SUMMARY)},
+            **{name: _state(folder / name) for name in (LINES, SOLVER, TABLE, SUMMARY)},
         }
         if self.has_results(folder):
             for number, text in enumerate(result_lines(lines_file(folder)), 1):
@@ -113,7 +111,7 @@ class Stored:
         if not path.is_file():
             return []
         shots = parse_json_object(read_regular_file(path), "a clip's tripods").get("shots", [])
-        return [int(shot["start"]) for shot in shots]
+        return [int(shot.get("first_frame", shot.get("start"))) for shot in shots]
 
     def rows(self) -> Iterator[tuple[str, Row]]:
         """What the table says about each frame."""
@@ -155,14 +153,14 @@ class Stored:
             lines[one.id] = dict(outcome.line)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
         lines = {id: lines[id] for id in dict.fromkeys((*_ordered(self.lines, order), *lines)) if id in lines}
-        names = [*files, LINES, TABLE, SUMMARY]
+        names = [*files, LINES, SOLVER, TABLE, SUMMARY]
         self._check(names)
         self._keep(names)
         self._write(files)
         is_whole = not self.lines or not is_unfinished(self.folder)
         if self.record is None:
             _record(self.folder, options, len(order)).write(self.folder)
-        _write_lines(self.folder, list(lines.values()))
+        write_lines(self.folder, list(lines.values()))
         if is_whole:
             _write_summary(self.folder, list(lines.values()), options)
         self.lines = lines
@@ -235,14 +233,6 @@ def _outcome(one: Saved) -> Outcome:
 def _ordered(lines: Mapping[str, Any], order: Sequence[str]) -> list[str]:
     """Ids of frames as a run orders them: those that have lines as they are, if the others come after them."""
     return list(lines) if lines.keys() - set(order) else list(order)
-
-
-def _write_lines(folder: Path, lines: Sequence[Mapping[str, Any]]) -> None:
-    if lines_file(folder).name == TABLE:
-        write_parquet((json.dumps(line).encode() for line in lines), folder / TABLE)
-        return
-    with whole_file(folder / LINES) as file:
-        file.writelines(json.dumps(line).encode() + b"\n" for line in lines)
 
 
 def _write_summary(folder: Path, lines: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> None:

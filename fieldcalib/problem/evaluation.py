@@ -185,7 +185,7 @@ class Evaluation:
         return self.problem.loss.evaluate(np.square(self.r))
 
     @cached_property
-    def pull(self) -> Array:
+    def irls_weight(self) -> Array:
         """Weights of the residuals in the normal equations, ``w rho' / noise^2``, (B, M)."""
         return np.asarray(self.problem.observations.weight * self._losses[1] / self.problem.noise**2)
 
@@ -245,7 +245,7 @@ class Evaluation:
     def information_of(self, residuals: slice) -> Array:
         """Gauss-Newton Hessian of some of the residuals, (B, P, P)."""
         JT = self.JT[:, :, residuals]
-        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
+        return np.asarray((JT * self.irls_weight[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
 
     @cached_property
     def hessian(self) -> Array:
@@ -319,7 +319,7 @@ class PixelTerm(CostTerm):
     def gradient(self) -> Array:
         """Gradient by the free parameters, (B, P)."""
         of = self.evaluation
-        return np.asarray((of.JT @ (of.pull * of.r)[..., None])[..., 0])
+        return np.asarray((of.JT @ (of.irls_weight * of.r)[..., None])[..., 0])
 
     @property
     def hessian(self) -> Array:
