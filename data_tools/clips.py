@@ -84,30 +84,30 @@ def run(options: argparse.Namespace) -> int:
         if options.every_third_second:
             with VideoReader(path) as video:
                 is_third = frame // round(video.frames_per_second) % 3 == 2
-            moved = _moved(everything, whole.calibrated(in_frames(is_third)), is_third)
+            moved = _moved(everything, whole.calibrated(withhold_frames(is_third)), is_third)
             print(f"{path.name} lines withheld in every third second: {moved}")
         if options.masked:
             first, last = options.masked
             inside = (frame >= first) & (frame < last)
             part = Clip(path, masked={int(t): everything[int(t)].camera for t in frame[inside]})
-            moved = _moved(everything, part.calibrated(in_frames(inside)), inside)
+            moved = _moved(everything, part.calibrated(withhold_frames(inside)), inside)
             print(f"{path.name} field masked in frames {first} to {last}: {moved}")
         if options.halves:
             middle = len(everything) // 2
             halves = [Clip(path, start, stop).calibrated() for start, stop in ((0, middle), (middle, None))]
-            print(f"{path.name} halves: {_apart(*halves)}")
+            print(f"{path.name} halves: {_tripod_distance(*halves)}")
         if options.labels:
             for label, used, left_out in _left_out(whole, everything):
                 print(f"{path.name} {label}: median {used:.2f} px, left out {left_out:.2f} px")
     return 0
 
 
-def in_frames(some: BoolArray) -> Withheld:
+def withhold_frames(some: BoolArray) -> Withheld:
     """Withhold all lines of some frames (T,)."""
     return lambda t, label: bool(some[t])
 
 
-def _nothing(t: int, label: str) -> bool:
+def _withhold_nothing(t: int, label: str) -> bool:
     return False
 
 
@@ -138,7 +138,7 @@ class Clip:
         with VideoReader(self.path) as video:
             yield from islice(video, self.start, self.stop)
 
-    def calibrated(self, withheld: Withheld = _nothing) -> VideoCalibration:
+    def calibrated(self, withheld: Withheld = _withhold_nothing) -> VideoCalibration:
         """The calibration of all frames from the lines that are not withheld."""
         accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
         doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
@@ -237,7 +237,7 @@ def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArra
     return f"median {median:.2f}, 95 % {most:.2f} px in {len(errors)} frames, {by_lines} of them by lines; {lost} lost"
 
 
-def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
+def _tripod_distance(one: VideoCalibration, two: VideoCalibration) -> str:
     """Distance between the first tripods, those with most frames, of two calibrations."""
     if not one.tripods or not two.tripods:
         return "one of them has no tripod"
@@ -251,12 +251,12 @@ def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, f
     """Median distances of the lines of each label when they are used and when they are left out."""
     lines = clip.lines
     for label in sorted({label for table in lines.values() for label in table.by_label(0)}):
-        without = clip.calibrated(_of_label(label))
+        without = clip.calibrated(_withhold_label(label))
         yield label, _distance(everything, lines, label), _distance(without, lines, label)
     clip.lines = lines
 
 
-def _of_label(label: str) -> Withheld:
+def _withhold_label(label: str) -> Withheld:
     return lambda t, other: other == label
 
 

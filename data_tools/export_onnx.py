@@ -32,7 +32,7 @@ SOCCERNET_CLASSES = tuple(sorted((*CLASSES, *UNKNOWN)))
 AUXILIARY = "aux_classifier."
 
 
-def network_of(checkpoint: Mapping[str, object], classes: int = len(SOCCERNET_CLASSES)) -> DeepLabV3:
+def network_from_checkpoint(checkpoint: Mapping[str, object], classes: int = len(SOCCERNET_CLASSES)) -> DeepLabV3:
     """The network with the weights of a checkpoint for `classes` and the background, in evaluation mode.
 
     Raises
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     checkpoint = torch.load(options.checkpoint, map_location="cpu", weights_only=True)
     classes = SOCCERNET_CLASSES if options.field == SOCCER else game_named(options.field).classes
     names = [BACKGROUND if name in UNKNOWN else name for name in classes]
-    write_model(network_of(checkpoint, len(classes)), options.out, names, SIZE)
+    write_model(network_from_checkpoint(checkpoint, len(classes)), options.out, names, SIZE)
     return 0
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.clips import Clip, in_frames
+from data_tools.clips import Clip, withhold_frames
 from data_tools.synthetic.film import read_cameras
 from data_tools.truth import by_basis, compared
 from fieldcalib.assess.video import VideoCalibration
@@ -45,9 +45,9 @@ def run(options: argparse.Namespace) -> int:
         with VideoReader(path) as video:
             is_third = np.arange(len(cameras)) // round(video.frames_per_second) % 3 == 2
         whole.append((clip.calibrated(), cameras))
-        withheld.append((clip.calibrated(in_frames(is_third)), cameras))
+        withheld.append((clip.calibrated(withhold_frames(is_third)), cameras))
     for lines, clips in (("all", whole), ("every third second withheld", withheld)):
-        print(json.dumps({"lines": lines, **_of_clips(clips)}))
+        print(json.dumps({"lines": lines, **_clip_values(clips)}))
         frames = [
             compared(one, truth, soccer(), str(basis))
             for found, cameras in clips
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_clips(clips: Sequence[tuple[VideoCalibration, list[Camera]]]) -> dict[str, object]:
+def _clip_values(clips: Sequence[tuple[VideoCalibration, list[Camera]]]) -> dict[str, object]:
     """Values of whole clips."""
     true = soccer()
     sizes = [

@@ -44,7 +44,7 @@ AT_ONCE = 500  # calibrations in memory
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class LeftOutMarking:
     """The pixels of a marking that was left out, N of them."""
 
     error: Array
@@ -59,7 +59,7 @@ class LeftOut:
 
 def left_out_on_ground(
     field: Field, frames: Sequence[Pixels], size: tuple[int, int], *, least: int = LEAST
-) -> Iterator[LeftOut]:
+) -> Iterator[LeftOutMarking]:
     """Leave out each marking of the ground once; those where the camera of the others is accepted."""
     labels = {label for label, one in field.items() if isinstance(one, Line | Arc) and not np.any(one.sample()[:, 2])}
     motion = dict(zip(field, field.motion, strict=True))
@@ -73,7 +73,7 @@ def left_out_on_ground(
                 yield _left_out(found, field[label], motion[label], frame[label], np.concatenate(used))
 
 
-def _left_out(calibration: Calibration, marking: Segment, motion: Array, xy: Array, used: Array) -> LeftOut:
+def _left_out(calibration: Calibration, marking: Segment, motion: Array, xy: Array, used: Array) -> LeftOutMarking:
     assert calibration.camera is not None  # it is accepted
     known = np.isfinite(calibration.camera.image_to_field(xy)).all(axis=-1)
     xy = xy[known]
@@ -88,7 +88,7 @@ def _left_out(calibration: Calibration, marking: Segment, motion: Array, xy: Arr
     noisy = locate_on_ground(calibration, xy, pixel_sd=uncertainty.sigma).covariance
     there = calibration.camera.image_to_field(used)[:, :2]
     there = there[np.isfinite(there).all(axis=-1)]
-    return LeftOut(
+    return LeftOutMarking(
         error,
         np.sqrt(_variance(found.covariance, normal)),
         np.sqrt(of_camera + _variance(noisy - found.covariance, normal)),
@@ -130,11 +130,11 @@ def run(options: argparse.Namespace) -> int:
     frames = list(read_frames([options.annotations], field, options.size).values())
     found = list(left_out_on_ground(field, frames, options.size, least=options.least))
     for low, high in pairwise((*RANGES, np.inf)):
-        print(json.dumps({"metres": [low, high if np.isfinite(high) else None], **summary(found, low, high)}))
+        print(json.dumps({"metres": [low, high if np.isfinite(high) else None], **range_summary(found, low, high)}))
     return 0
 
 
-def summary(found: Sequence[LeftOut], low: float, high: float) -> dict[str, float | int | None]:
+def range_summary(found: Sequence[LeftOutMarking], low: float, high: float) -> dict[str, float | int | None]:
     """Statistics of pixels at distances in a range: medians in metres, shares within two standard deviations in %."""
     kept = [(one, (one.distance >= low) & (one.distance < high)) for one in found]
     values = [np.array([one.error, one.located, one.expected])[:, inside] for one, inside in kept if inside.any()]

@@ -43,13 +43,13 @@ def cameras_like(homographies: Path) -> list[Camera]:
     return [camera for camera in (closed_form(H, SIZE) for H in matrices) if camera is not None]
 
 
-def changed(camera: Camera, rng: np.random.Generator) -> Camera:
+def perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
     """The camera, turned, zoomed and moved a little.
 
     Examples
     --------
     >>> camera = Camera.from_angles(0.1, 1.35, 0.0, 1200.0, (0.0, 80.0, -15.0), SIZE)
-    >>> changed(camera, np.random.default_rng(0)).image_size
+    >>> perturbed(camera, np.random.default_rng(0)).image_size
     (512, 288)
     """
     pan, tilt, roll = camera.angles + rng.normal(size=3) * ANGLES
@@ -62,7 +62,7 @@ def changed(camera: Camera, rng: np.random.Generator) -> Camera:
 def write_frame(folder: Path, cameras: Sequence[Camera], seed: int) -> None:
     """Write the frame of a seed and its homography."""
     rng = np.random.default_rng(seed)
-    camera = changed(cameras[int(rng.integers(len(cameras)))], rng)
+    camera = perturbed(cameras[int(rng.integers(len(cameras)))], rng)
     made = seen_by(camera, soccer(*ALIGNMENTS["wc14"].template), rng, game_named(SOCCER))
     squashed = cv2.resize(made.image, SQUASHED, interpolation=cv2.INTER_AREA)
     write_text(folder / HOMOGRAPHIES.file_name(f"{seed:07d}"), HOMOGRAPHIES.write(camera.homography, image_size=SIZE))

@@ -59,7 +59,7 @@ def read_zoom(path: Path) -> tuple[Array, Array]:
         return arrays["K"], arrays["k"][:, :2]
 
 
-def observed(
+def with_simulated_pixels(
     truths: Sequence[Camera], field: Field, noise: float, repeats: int, seed: int = 0
 ) -> list[tuple[Camera, dict[str, Array]]]:
     """Each camera with its pixels of the field's markings, `repeats` times with different noise."""
@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     files = camera_files(options.cameras)
     field = soccer(size_known=True)  # the field of the synthetic pixels
-    pairs = observed([read_camera(path) for path in files], field, options.noise, options.repeats)
+    pairs = with_simulated_pixels([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():
         found = calibrate_batch(field, [frame for _, frame in pairs], SIZE, flags=flags)
         both = [(calibration, truth) for calibration, (truth, _) in zip(found, pairs, strict=True)]

@@ -28,9 +28,10 @@ from data_tools.crown import crowned, crowned_ground
 from data_tools.probability import TOLERANCES, largest_true_error
 from data_tools.sequences import EMPTY_SHARE, tied
 from data_tools.synthetic.cameras import random_camera
-from data_tools.synthetic.clips import camera_path, labelled, painted
+from data_tools.synthetic.clips import camera_path, labelled, with_displaced_lines
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
+from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER
@@ -78,7 +79,7 @@ def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
     return soccer(rng.uniform(*length), rng.uniform(*width)), crown
 
 
-def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
+def judgements(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
     """Judge a calibration: one entry if it has a probability and the field is in view, otherwise none."""
     if found.camera is None or not found.has_probability or found.field is None:
         return
@@ -87,7 +88,7 @@ def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: 
         yield Judged(kind + (", crowned" if crown else ", level"), found, error)
 
 
-def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
+def judge_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
     """Render pictures and calibrate each by itself."""
     network, game = SegmentationNetwork.load(), game_named(SOCCER)
     left = frames
@@ -96,34 +97,35 @@ def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
         left -= len(shown)
         calibrations = calibrate_from_images(soccer(), [image for image, *_ in shown], network)
         for found, (_, camera, pitch, crown) in zip(calibrations, shown, strict=True):
-            yield from judged(found, camera, pitch, crown, "pictures")
+            yield from judgements(found, camera, pitch, crown, "pictures")
 
 
 def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field, float]:
     pitch, crown = random_pitch(rng)
     camera = random_camera(pitch, SIZE, rng, game.stands)
     ray = rays(camera)
-    image, _ = filmed(camera, ray, crowned_ground(camera, ray, pitch, crown), pitch, rng, game)
+    view = GroundView(camera, ray, crowned_ground(camera, ray, pitch, crown))
+    image, _ = filmed(view, pitch, rng, game)
     return image, camera, pitch, crown
 
 
-def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
+def judge_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
     """Draw labelled clips and calibrate the frames of each together."""
     for number in range(clips):
         pitch, crown = random_pitch(rng)
         ends = ONE_END if number % 2 else BOTH_ENDS
         cameras = camera_path(rng, PATH, pan_range=ends, image_size=SIZE)[:: PATH // FRAMES]
-        lines = painted(pitch, rng)
+        lines = with_displaced_lines(pitch, rng)
         frames = labelled(cameras, crowned(lines, crown) if crown else lines, rng, empty_share=EMPTY_SHARE)
         matches = tied(cameras, rng, on_ground=False)
         pixels = [one.pixels for one in frames]
         found = calibrate_sequence(soccer(), pixels, SIZE, matches=matches, trust_labels=True)  # no label is wrong
         kind = "clips, one end" if number % 2 else "clips, both ends"
         for one, camera in zip(found, cameras, strict=True):
-            yield from judged(one, camera, pitch, crown, kind)
+            yield from judgements(one, camera, pitch, crown, kind)
 
 
-def reliability(found: Sequence[Judged], metres: float) -> dict[str, object]:
+def reliability_of_bins(found: Sequence[Judged], metres: float) -> dict[str, object]:
     """Mean probability and share of right cameras of each bin, and the gaps between the two, percent."""
     p = np.array([one.found.probability(metres) for one in found])
     right = np.array([one.error < metres for one in found])
@@ -153,15 +155,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     rng = np.random.default_rng(options.seed)
-    all_of = list(of_pictures(options.frames, rng) if options.what == "pictures" else of_clips(options.clips, rng))
-    for kind in ("", *sorted({one.kind for one in all_of})):
-        some = [one for one in all_of if one.kind.startswith(kind)]
+    found = list(judge_pictures(options.frames, rng) if options.what == "pictures" else judge_clips(options.clips, rng))
+    for kind in ("", *sorted({one.kind for one in found})):
+        some = [one for one in found if one.kind.startswith(kind)]
         good = [one for one in some if one.found.verdict == Verdict.GOOD]
         wrong = sum(one.error > max(TOLERANCES) for one in good)
         kind = kind or options.what
         print(json.dumps({"kind": kind, "frames": len(some), "good": len(good), "good_and_wrong": wrong}))
         for metres in TOLERANCES:
-            print(json.dumps(reliability(some, metres)))
+            print(json.dumps(reliability_of_bins(some, metres)))
     return 0
 
 

@@ -37,7 +37,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.crown import on_crown
-from data_tools.measured_cameras import SIZE, camera_files, observed, read_camera
+from data_tools.measured_cameras import SIZE, camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
@@ -112,7 +112,7 @@ def judged(
     return [found[i] for i in seen], errors[seen]
 
 
-def fitted(features: Array, errors: Array, tolerance: float) -> Array:
+def fitted_coefficients(features: Array, errors: Array, tolerance: float) -> Array:
     """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,), metres: log odds."""
     from scipy.optimize import minimize
 
@@ -169,7 +169,7 @@ def fit(options: argparse.Namespace) -> int:
     found, errors = judged_frames(np.zeros(5))
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
     features = np.array([rows[0] for (rows, _), _ in odds_terms(uncertainties, field)])
-    coefficients = fitted(features, errors, field.tolerance).round(2)
+    coefficients = fitted_coefficients(features, errors, field.tolerance).round(2)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
     _print_reliability(*judged_frames(coefficients), field.tolerance)
     return 0
@@ -217,7 +217,7 @@ def measured(options: argparse.Namespace) -> int:
     """Print the reliability on measured cameras, for frames with random parts of the labels in view."""
     field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # the field of the pixels
     cameras = [read_camera(path) for path in camera_files(options.cameras)]
-    pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
+    pairs = with_simulated_pixels(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
     _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE), field.tolerance)
     return 0
@@ -269,7 +269,6 @@ def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
 
 
 def _print_reliability(found: Sequence[Calibration], errors: Array, tolerance: float) -> None:
-    tolerance = 1.0 if found[0].field is None else found[0].field.tolerance
     for share in TOLERANCES:
         print(json.dumps(reliability(found, errors, share * tolerance)))
 

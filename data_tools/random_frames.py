@@ -66,16 +66,16 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
     (True, {})
     """
     while True:
-        camera = random_camera(field, rng)
+        camera = random_broadcast_camera(field, rng)
         noise = float(np.exp(rng.normal(0.0, NOISE_SPREAD)))
-        pixels = observed(camera, field, rng, noise, float(rng.uniform(*KEPT)))
+        pixels = noisy_pixels(camera, field, rng, noise, float(rng.uniform(*KEPT)))
         if len(pixels) >= LEAST_SEGMENTS:
             break
     count = rng.binomial(len(pixels), rng.choice(WRONG_RATES, p=WRONG_SHARES))
     return RandomFrame(camera, *mislabelled(pixels, field, int(count), rng))
 
 
-def random_camera(field: Field, rng: np.random.Generator) -> Camera:
+def random_broadcast_camera(field: Field, rng: np.random.Generator) -> Camera:
     """A camera on one of the stands of a field, with a lens and a principal point as in broadcasts."""
     first, *others = field.stands
     stand = first if rng.random() < FIRST_STAND_SHARE else others[rng.integers(len(others))]
@@ -88,7 +88,7 @@ def random_camera(field: Field, rng: np.random.Generator) -> Camera:
     return layout.camera(theta)
 
 
-def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: float, kept: float) -> Pixels:
+def noisy_pixels(camera: Camera, field: Field, rng: np.random.Generator, noise: float, kept: float) -> Pixels:
     """Labelled pixels of a share of the markings in view, with normal noise that is correlated within a segment."""
     pixels: Pixels = {}
     largest = np.array(camera.image_size) - 1.0

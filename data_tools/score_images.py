@@ -86,7 +86,7 @@ class Calibrator:
             yield from calibrate_from_images(field, part, network, refine=self.refine, estimate_size=False)
 
 
-def stretched(path: Path) -> Image:
+def read_stretched(path: Path) -> Image:
     """A squashed image, resized to its original aspect ratio."""
     return np.asarray(cv2.resize(parse_image(path.read_bytes()), SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
@@ -100,7 +100,7 @@ def keypoints(options: argparse.Namespace) -> int:
         if len(X) >= LEAST_POINTS and clip_of(path) not in seen:
             frames[path] = X, xy * SIZE
     errors = []
-    found = Calibrator.of(options)(map(stretched, frames))
+    found = Calibrator.of(options)(map(read_stretched, frames))
     for calibration, (X, xy) in zip(found, frames.values(), strict=True):
         if calibration.accepted and calibration.camera is not None:
             off = np.linalg.norm(calibration.camera.project(X) - xy, axis=1) * REPORTED_WIDTH / SIZE[0]
@@ -113,7 +113,7 @@ def keypoints(options: argparse.Namespace) -> int:
 def homographies(options: argparse.Namespace) -> int:
     """Score frames with homographies and annotated segments."""
     paths = sorted(options.images.glob("*.png"))
-    found = list(Calibrator.of(options)(map(stretched, paths)))
+    found = list(Calibrator.of(options)(map(read_stretched, paths)))
     truths = [parse_homography((options.annotations / f"{path.stem}.homographyMatrix").read_text()) for path in paths]
     both = zip(found, truths, strict=True)
     iou = [100.0 * iou_part(c.camera, H, SIZE) for c, H in both if c.accepted and c.camera is not None]

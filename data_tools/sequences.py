@@ -21,7 +21,14 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.measured_cameras import SIZE, camera_files
-from data_tools.synthetic.clips import background_matches, background_points, camera_path, flight, labelled, painted
+from data_tools.synthetic.clips import (
+    background_matches,
+    background_points,
+    camera_path,
+    flight,
+    labelled,
+    with_displaced_lines,
+)
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import count, positive
@@ -66,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
         rng = np.random.default_rng(options.seed + number)
         centre = flight(rng, FRAMES) if options.flies else None
         cameras = camera_path(rng, FRAMES, path, centre=centre)[:: max(FRAMES // options.count, 1)][: options.count]
-        lines = painted(field, rng, options.paint)
+        lines = with_displaced_lines(field, rng, options.paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
         matches = tied(cameras, rng, options.flies) if options.matches else None

@@ -36,7 +36,7 @@ from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES, Mask, frame
-from data_tools.synthetic.cache import check_classes
+from data_tools.synthetic.cache import check_cached_classes
 from data_tools.synthetic.games import game_named
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
@@ -51,7 +51,7 @@ BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
 BACKGROUND_SAMPLED = 0.25  # random share of background pixels in the loss: saves time
 REPORT_MINUTES = 10.0
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
-Samples = Sequence[tuple[Image, Mask]]
+MaskedImages = Sequence[tuple[Image, Mask]]
 
 
 @dataclass
@@ -140,7 +140,7 @@ def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -
 
 
 def intersection_over_union(
-    network: nn.Module, samples: Samples, size: tuple[int, int], device: torch.device, known: int = len(CLASSES)
+    network: nn.Module, samples: MaskedImages, size: tuple[int, int], device: torch.device, known: int = len(CLASSES)
 ) -> Array:
     """Intersection over union of each class, (known,); NaN for classes that no mask holds."""
     count = 1 + known
@@ -164,7 +164,7 @@ class Report:
     out: Path
     size: tuple[int, int]
     classes: Sequence[str]
-    validation: Mapping[str, Samples]
+    validation: Mapping[str, MaskedImages]
 
     def __call__(self, training: Training, losses: Sequence[float]) -> None:
         """Save a checkpoint and the model, and add a line to the log."""
@@ -225,7 +225,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         classes = game_named(options.field).classes
         if options.cache:
-            check_classes(options.cache, classes)
+            check_cached_classes(options.cache, classes)
     except ValueError as error:
         parser.error(str(error))
     torch.set_num_threads(options.threads)
@@ -236,7 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.resume:
         training.load(options.out / "checkpoint.pt")
     made = [frame(seed, name=options.field) for seed in VALIDATION_SEEDS]
-    validation: dict[str, Samples] = {"synthetic": [(one.image, one.mask) for one in made]}
+    validation: dict[str, MaskedImages] = {"synthetic": [(one.image, one.mask) for one in made]}
     clips: set[str] = set()
     if options.held_out:
         clips = {clip_of(path) for path in options.held_out.glob("*.jpg")}

@@ -65,12 +65,12 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
             made = frame(int(rng.integers(1 << 62)), name=self.field)
             image, mask, behind_goal = made.image, made.mask, made.behind_goal
         if rng.random() < 0.5:
-            image, mask = mirrored(image, mask, behind_goal=behind_goal, name=self.field)
+            image, mask = mirrored_sample(image, mask, behind_goal=behind_goal, name=self.field)
         gain = np.exp(rng.normal(0.0, GAIN) + rng.normal(0.0, GAIN_OF_CHANNEL, size=3))
         return np.clip(image * gain.astype(np.float32), 0.0, 255.0).astype(np.uint8), mask
 
 
-def mirrored(image: Image, mask: Mask, *, behind_goal: bool, name: str = SOCCER) -> tuple[Image, Mask]:
+def mirrored_sample(image: Image, mask: Mask, *, behind_goal: bool, name: str = SOCCER) -> tuple[Image, Mask]:
     """Image and mask mirrored left to right; labels swap left and right, or far and near behind the goal.
 
     They are returned unchanged if the field is not its own mirror image.

@@ -60,7 +60,7 @@ SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5, "squashed to 4:
 
 
 @dataclass(frozen=True)
-class Picture:
+class ChangedPicture:
     """Labels of a picture, its stated size and its true camera."""
 
     pixels: Pixels
@@ -70,16 +70,16 @@ class Picture:
     """True camera of the picture."""
 
 
-def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> Picture:
+def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> ChangedPicture:
     """The part of a frame with a size and an upper left corner."""
     inside = {
         label: (xy - corner)[np.all((xy >= corner) & (xy <= np.add(corner, size) - 1), axis=1)]
         for label, xy in pixels.items()
     }
-    return Picture({label: xy for label, xy in inside.items() if len(xy)}, size, camera.cropped(corner, size))
+    return ChangedPicture({label: xy for label, xy in inside.items() if len(xy)}, size, camera.cropped(corner, size))
 
 
-def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[str, Picture]:
+def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[str, ChangedPicture]:
     """The frame changed in each way: name of the change -> picture.
 
     Examples
@@ -95,22 +95,22 @@ def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[st
     upright = round(UPRIGHT * height)
     left = int(rng.integers(width - upright, endpoint=True))
     found = {
-        "as they are": Picture(pixels, camera.image_size, camera),
+        "as they are": ChangedPicture(pixels, camera.image_size, camera),
         "left half": part_of(pixels, camera, (0, 0), (half, height)),
         "right half": part_of(pixels, camera, (half, 0), (width - half, height)),
         "corner": part_of(pixels, camera, (x, y), (w, h)),
         "upright": part_of(pixels, camera, (left, 0), (upright, height)),
     }
     for name, factor in SAID_SIZES.items():
-        found[name] = Picture(pixels, (round(factor * width), round(factor * height)), camera)
+        found[name] = ChangedPicture(pixels, (round(factor * width), round(factor * height)), camera)
     for name, shape in SQUASHED.items():
         size = round(shape * height), height
         squashed = {label: xy * np.divide(size, camera.image_size) for label, xy in pixels.items()}
-        found[name] = Picture(squashed, size, camera.scaled(size))
+        found[name] = ChangedPicture(squashed, size, camera.scaled(size))
     return found
 
 
-def counts(pictures: Sequence[Picture], found: Sequence[Calibration], field: Field) -> Mapping[str, object]:
+def counts(pictures: Sequence[ChangedPicture], found: Sequence[Calibration], field: Field) -> Mapping[str, object]:
     """Shares, percent of all pictures: verdict good, and good but off by more than the field's tolerance."""
     good = [one.verdict is Verdict.GOOD for one in found]
     wrong = [
@@ -127,7 +127,7 @@ def counts(pictures: Sequence[Picture], found: Sequence[Calibration], field: Fie
     }
 
 
-def calibrated(pictures: Sequence[Picture], field: Field) -> list[Calibration]:
+def calibrated(pictures: Sequence[ChangedPicture], field: Field) -> list[Calibration]:
     """The calibrations of pictures of any sizes."""
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, picture in enumerate(pictures):
@@ -141,11 +141,11 @@ def calibrated(pictures: Sequence[Picture], field: Field) -> list[Calibration]:
     return [found[index] for index in range(len(pictures))]
 
 
-def of_annotations(options: argparse.Namespace) -> int:
+def judge_annotations(options: argparse.Namespace) -> int:
     """Judge annotated frames, each changed in every way."""
     rng, field = np.random.default_rng(options.seed), soccer()
     frames = list(read_frames([options.annotations], field, options.size).values())
-    by_kind: dict[str, list[Picture]] = {}
+    by_kind: dict[str, list[ChangedPicture]] = {}
     truths = calibrate_batch(field, frames, options.size)
     compute_errors([one for one in truths if one.accepted])
     for pixels, one in zip(frames, truths, strict=True):
@@ -162,7 +162,7 @@ def of_annotations(options: argparse.Namespace) -> int:
     return 0
 
 
-def _is_possible(field: Field, picture: Picture) -> bool:
+def _is_possible(field: Field, picture: ChangedPicture) -> bool:
     """Whether the labels are accepted as input: not if most of them lie outside the picture."""
     try:
         check_segments(field, picture.pixels, picture.image_size)
@@ -171,11 +171,11 @@ def _is_possible(field: Field, picture: Picture) -> bool:
     return True
 
 
-def _print_counts(kind: str, pictures: Sequence[Picture], field: Field) -> None:
+def _print_counts(kind: str, pictures: Sequence[ChangedPicture], field: Field) -> None:
     print(json.dumps({"pictures": kind, **counts(pictures, calibrated(pictures, field), field)}), flush=True)
 
 
-def of_images(options: argparse.Namespace) -> int:
+def judge_images(options: argparse.Namespace) -> int:
     """Judge pictures, each changed in every way."""
     field, network = soccer(), SegmentationNetwork.load()
     paths = sorted(path for path in options.images.iterdir() if path.suffix in SUFFIXES)
@@ -191,7 +191,7 @@ def of_images(options: argparse.Namespace) -> int:
     for kind in changed_image(*pairs[0]) if pairs else ():
         made = [changed_image(image, camera)[kind] for image, camera in pairs]
         found = calibrate([image for image, _ in made])
-        pictures = [Picture({}, truth.image_size, truth) for _, truth in made]
+        pictures = [ChangedPicture({}, truth.image_size, truth) for _, truth in made]
         heights = [
             abs(one.camera.C[2] / truth.C[2] - 1.0) > LARGEST_HEIGHT_ERROR
             for one, (_, truth) in zip(found, made, strict=True)
@@ -239,11 +239,11 @@ def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera
     return found
 
 
-def of_basketball(options: argparse.Namespace) -> int:
+def judge_basketball(options: argparse.Namespace) -> int:
     """Judge views of basketball games, whose principal point may be far from the middle."""
     rng, field = np.random.default_rng(options.seed), field_named(BASKETBALL)
     pictures = [
-        Picture(projected(camera, field, rng), camera.image_size, camera)
+        ChangedPicture(projected(camera, field, rng), camera.image_size, camera)
         for camera in basketball_cameras(json.loads(options.basketball.read_bytes()))
     ]
     _print_counts("basketball", [picture for picture in pictures if len(picture.pixels) >= LEAST_LABELS], field)
@@ -287,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = [options.annotations is not None, options.images is not None, options.basketball is not None]
     if sum(given) != 1 or given[0] != (options.size is not None):
         parser.error("expected ANNOTATIONS and --size, or --images, or --basketball")
-    options.run = (of_annotations, of_images, of_basketball)[given.index(True)]
+    options.run = (judge_annotations, judge_images, judge_basketball)[given.index(True)]
     return run_command(options)
 
 

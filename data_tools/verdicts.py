@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.probability import largest_true_error
-from data_tools.random_frames import observed
+from data_tools.random_frames import noisy_pixels
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import add_size, count
@@ -54,7 +54,7 @@ def mixtures(frames: Sequence[Pixels], number: int, rng: np.random.Generator) ->
     return found
 
 
-def mirrored(frame: Pixels, field: Field) -> Pixels:
+def under_labels_of_other_side(frame: Pixels, field: Field) -> Pixels:
     """The pixels under the labels of the other side: left and right swapped, top and bottom as they are."""
 
     def other(label: str) -> str:
@@ -118,7 +118,7 @@ def synthetic(
         if len(found) == number:
             break
         camera = make(rng)
-        pixels = observed(camera, field, rng, NOISE, KEPT)
+        pixels = noisy_pixels(camera, field, rng, NOISE, KEPT)
         if len(pixels) >= LEAST_LABELS:
             found.append((pixels, camera))
     return found
@@ -144,7 +144,7 @@ def run(options: argparse.Namespace) -> int:
     mixed = mixtures(frames, options.frames, rng)
     found = calibrate_batch(field, [pixels for pixels, _ in mixed], options.size)
     print(json.dumps(row("two frames in one", found, [[cameras[a], cameras[b]] for _, (a, b) in mixed], field)))
-    found = calibrate_batch(field, [mirrored(frame, field) for frame in frames], options.size)
+    found = calibrate_batch(field, [under_labels_of_other_side(frame, field) for frame in frames], options.size)
     print(json.dumps(row("left for right", found, [[camera] for camera in cameras], field)))
     found = calibrate_batch(field, random_pixels(field, options.frames, rng), SIZE)
     print(json.dumps(row("random pixels", found, [[]] * len(found), field)))

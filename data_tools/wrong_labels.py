@@ -36,7 +36,7 @@ LEAST_SEGMENTS, WELL_FITTED = 7, 2.0  # labels, px at 960 x 540
 SAME_CAMERA = 3.0  # px at 960 x 540
 
 
-def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> float:
+def image_distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> float:
     """Largest distance in pixels between the images of the points of a frame's segments under two cameras."""
     size = np.array(camera.image_size)
     farthest = 0.0
@@ -49,7 +49,7 @@ def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> floa
     return farthest
 
 
-def measure(
+def detection_rates(
     field: Field, frames: Sequence[Pixels], size: tuple[int, int], count: int, rng: np.random.Generator
 ) -> dict[str, object]:
     """The statistics of the module's docstring, for annotated frames with `count` wrong labels each."""
@@ -75,7 +75,7 @@ def measure(
         replaced, accused = replaced + len(wrong), accused + len(suspects)
         hit += len(wrong.keys() & suspects.keys())
         named += sum(suspects.get(label) == true for label, true in wrong.items())
-        distances.append(distance(right, calibration.camera, field, frame) if calibration.camera else np.inf)
+        distances.append(image_distance(right, calibration.camera, field, frame) if calibration.camera else np.inf)
     near, d = SAME_CAMERA * unit, np.array(distances)
     return {
         "frames": len(certain),
@@ -108,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field, rng = soccer(), np.random.default_rng(options.seed)
     frames = list(read_frames([options.annotations], field, options.size).values())
-    print(json.dumps({"wrong": options.wrong, **measure(field, frames, options.size, options.wrong, rng)}))
+    print(json.dumps({"wrong": options.wrong, **detection_rates(field, frames, options.size, options.wrong, rng)}))
     return 0
 
 

@@ -9,6 +9,7 @@ from . import metrics as metrics
 from . import plot as plot
 from . import problem as problem
 from . import processes as processes
+from . import results as results
 from . import solve as solve
 from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
@@ -41,10 +42,13 @@ from .images.tracker import Tracker as Tracker
 from .io.annotation_files import read_annotations as read_annotations
 from .io.key_points import KeyPoints as KeyPoints
 from .io.key_points import key_points as key_points
-from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss
 from .processes.jobs import Processes as Processes
+from .results.collection import Results as Results
+from .results.entry import calibrate as calibrate
+from .results.reading import read as read
+from .results.reading import read_results as read_results
 from .solve.batch import calibrate_batch as calibrate_batch
 from .solve.decomposition import Decomposition as Decomposition
 from .solve.decomposition import camera_from_homography as camera_from_homography

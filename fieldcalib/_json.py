@@ -1,11 +1,14 @@
-"""Numbers in JSON, which has neither infinity nor NaN: NaN is null, infinities are "inf" and "-inf".
+"""Numbers and versions of records in JSON.
 
-Whole numbers of an array are integers: many are 0, and an integer is a quarter as long in a pickle.
+JSON has neither infinity nor NaN: NaN is null, infinities are "inf" and "-inf". Whole numbers of an array are integers:
+many are 0, and an integer is a quarter as long in a pickle.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -50,3 +53,30 @@ def from_json(values: Any) -> Array:
     array([  1.,  nan, -inf])
     """
     return np.array(values, dtype=float)
+
+
+@contextmanager
+def reading(record: Mapping[str, Any], what: str, version: int) -> Iterator[None]:
+    """Read a record in the block: its faults become a ValueError that names `what` was expected.
+
+    Examples
+    --------
+    >>> with reading({"version": 1}, "calibration", 1):
+    ...     {"version": 1}["K"]
+    Traceback (most recent call last):
+        ...
+    ValueError: is no calibration: the key 'K' is missing
+    """
+    if not isinstance(record, Mapping):
+        raise ValueError(f"is no {what}: expected a JSON object, got a {type(record).__name__}")
+    if record.get("version") != version:
+        raise ValueError(
+            f"expected a {what} of version {version}, got {record.get('version')!r}: another fieldcalib wrote it, "
+            f"use that or calibrate again"
+        )
+    try:
+        yield
+    except KeyError as error:
+        raise ValueError(f"is no {what}: the key {error} is missing") from None
+    except (TypeError, AttributeError, ValueError) as error:
+        raise ValueError(f"is no {what}: {error}") from error

@@ -5,21 +5,15 @@ import json
 from fieldcalib.cli.main import main
 
 SIZE = (960, 540)
-CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees"]
-FITTED_KEYS = ["rms_px", "segment_errors_px", "suspect_labels", "loss_ndc", "alternatives"]
-KEPT_KEYS = ["complaints", "pixel_counts", "image_size", "field", "solved", "version"]  # for reading results back
-ACCURACY_KEYS = [
-    "rms_as_labelled_px",
-    "loss_ndc_eq3",
-    "standard_deviations",
-    "probability_right_0.5m",
-    "probability_right_1m",
-]
-SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 BROKEN_KEYS = ["id", "status", "message"]
-LINE_KEYS = [*BROKEN_KEYS, "verdict", "reason", "remedy"]
-WITHOUT_CAMERA = LINE_KEYS + [key for key in FITTED_KEYS if key not in ("rms_px", "loss_ndc")] + KEPT_KEYS
-WITH_CAMERA = LINE_KEYS + CAMERA_KEYS + FITTED_KEYS + KEPT_KEYS[:-1] + ["are_annotated", "version"] + ACCURACY_KEYS
+HEAD_KEYS = [*BROKEN_KEYS, "verdict", "reason", "remedy", "version", "field", "image_size"]
+CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"]
+PROBABILITY_KEYS = ["probability_right_0.5m", "probability_right_1m"]
+FITTED_KEYS = ["segment_errors_px", "suspect_labels", "alternatives", "complaints", "pixel_counts", "solved"]
+SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
+WITHOUT_CAMERA = HEAD_KEYS + FITTED_KEYS  # in both files of lines
+WITH_CAMERA = [*HEAD_KEYS, *CAMERA_KEYS, *PROBABILITY_KEYS, *FITTED_KEYS]
+WITH_CAMERA += ["are_annotated", "rms_as_labelled_px", "loss_ndc_eq3"]
 
 
 def run(*arguments):
@@ -35,12 +29,18 @@ def calibrate(out, *inputs, options=()):
 
 
 def lines_of(out):
+    """Everything that is kept of each frame, by the two files of lines."""
+
     def no_constant(name):
         raise AssertionError(f"{name} is no JSON")
 
-    text = (out / "cameras.jsonl").read_text()
-    assert text.endswith("\n")
-    return [json.loads(line, parse_constant=no_constant) for line in text.splitlines()]
+    main, solver = ((out / name).read_text() for name in ("cameras.jsonl", "solver.jsonl"))
+    assert main.endswith("\n")
+    assert solver.endswith("\n")
+    assert 0 <= len(solver.splitlines()) - len(main.splitlines()) <= 1  # that of the solver comes first
+    pairs = zip(main.splitlines(), solver.splitlines(), strict=False)
+    whole = ([json.loads(line, parse_constant=no_constant) for line in pair] for pair in pairs)
+    return [{**first, **second} for first, second in whole]
 
 
 def summary_of(out):

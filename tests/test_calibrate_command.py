@@ -16,7 +16,12 @@ from fieldcalib.run_folder import outcome as outcomes_of_commands
 
 
 def test_files(calibrated_folder):
-    expected = {f"camera_{name}.json" for name in "abcd"} | {"cameras.jsonl", "run.json", "summary.json"}
+    expected = {f"camera_{name}.json" for name in "abcd"} | {
+        "cameras.jsonl",
+        "solver.jsonl",
+        "run.json",
+        "summary.json",
+    }
     assert {path.name for path in calibrated_folder.iterdir()} == expected
 
 

@@ -255,8 +255,9 @@ def test_an_unset_variable_is_no_folder(command, tmp_path, monkeypatch, capsys):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_bar_whose_making_is_interrupted_is_closed_without_a_word():
+def test_a_bar_whose_making_is_interrupted_is_closed_without_a_word(monkeypatch):
     """The interpreter closes it, whatever it has and has not."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with progress_bar(unit="frame") as made:
         pass
     half = type(made).__new__(type(made))

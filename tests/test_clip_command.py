@@ -52,19 +52,26 @@ def test_a_folder_is_a_clip_if_it_is_said(know, folder, rendered, tmp_path, caps
     (problem,) = [line for line in capsys.readouterr().err.splitlines() if "part1_11.png" in line]  # once
     assert problem.startswith(f"fieldcalib: {folder / 'part1_11.png'}: ")
     written = {path.name for path in out.iterdir()}
-    assert {"tripods.json", "motion.png", "worst_frames.jpg", "overlay.mp4", "camera_part1_10.json"} <= written
+    assert {
+        "tripods.json",
+        "clip.jsonl",
+        "motion.png",
+        "worst_frames.jpg",
+        "overlay.mp4",
+        "camera_part1_10.json",
+    } <= written
     assert "camera_part1_11.json" not in written
     assert not any(name.startswith("overlay_") for name in written)
     with VideoReader(out / "overlay.mp4") as overlay:
         assert len(list(overlay)) == 4
     assert parse_image((out / "worst_frames.jpg").read_bytes()).size
     record = json.loads((out / "tripods.json").read_text())
-    assert record["shots"] == [{"start": 0, "stop": 4, "tripod": 0}]
+    assert record["shots"] == [{"first_frame": 0, "last_frame": 3, "tripod": 0}]
     (tripod,) = record["tripods"]
     assert tripod["frames"] == 4
-    shared = tripod["shared"]
     for name, value in zip("xyz", (1.0, 66.0, -16.0), strict=True):
-        assert abs(shared[name]["value"] - value) < 3.0 * shared[name]["standard_deviation"] + 0.1
+        found = tripod[f"position_{name}_m"]
+        assert abs(found["value"] - value) < 3.0 * found["standard_deviation"] + 0.1
 
 
 def test_names_come_before_numbers(know, tmp_path):
@@ -142,7 +149,9 @@ def test_a_clip_without_a_pitch(know, tmp_path):
     assert run("run", tmp_path / "a.mp4", "--out", out) == 0
     assert [line["status"] for line in lines_of(out)] == ["too few segments"] * 3
     assert json.loads((out / "tripods.json").read_text()) == {
-        "shots": [{"start": 0, "stop": 3, "tripod": -1}],
+        "format": 2,
+        "frames_per_second": 25.0,
+        "shots": [{"first_frame": 0, "last_frame": 2, "tripod": None}],
         "notes": [],
         "tripods": [],
     }

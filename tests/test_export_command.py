@@ -18,8 +18,8 @@ from other_tools import (
 )
 
 from fieldcalib.cli.export import FORMATS
-from fieldcalib.io.results import read_results
 from fieldcalib.io.tvcalib import parse_per_sample_output
+from fieldcalib.results.reading import read as read_results
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from data_tools import deeplab
-from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of
+from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_from_checkpoint
 from data_tools.synthetic.games import game_named
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
@@ -67,7 +67,7 @@ def test_the_network_has_as_many_parameters_as_the_published_one():
 def test_checkpoints_of_every_kind_hold_the_same_weights(network, prefix, wrapped):
     state = {prefix + name: value for name, value in network.state_dict().items()}
     state[prefix + "aux_classifier.4.bias"] = torch.zeros(29)
-    found = network_of({"model": state, "epoch": 59} if wrapped else state)
+    found = network_from_checkpoint({"model": state, "epoch": 59} if wrapped else state)
     assert not found.training
     expected = network.state_dict()
     assert list(found.state_dict()) == list(expected)
@@ -101,9 +101,9 @@ def test_what_is_written_can_be_run(exported):
 
 def test_other_networks_are_refused(shallow):
     with pytest.raises(ValueError, match="not a DeepLabV3 with ResNet-101 and 29 classes"):
-        network_of({"model": deeplab.DeepLabV3(3).state_dict()})
+        network_from_checkpoint({"model": deeplab.DeepLabV3(3).state_dict()})
     with pytest.raises(ValueError, match="expected a state dict"):
-        network_of({"model": 3})
+        network_from_checkpoint({"model": 3})
 
 
 def test_networks_of_other_fields_have_their_classes(shallow, tmp_path):
@@ -114,4 +114,4 @@ def test_networks_of_other_fields_have_their_classes(shallow, tmp_path):
     assert main([str(tmp_path / "checkpoint.pt"), "--out", str(out), "--field", "padel"]) == 0
     assert SegmentationNetwork.load(out).classes == ("background", *classes)
     with pytest.raises(ValueError, match="29 classes"):
-        network_of(state)
+        network_from_checkpoint(state)

@@ -12,9 +12,9 @@ from commands import lines_of, run
 from fieldcalib import Camera, soccer
 from fieldcalib.fields import tennis
 from fieldcalib.io.field_files import write_field
-from fieldcalib.io.results import read_results
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.localize.network import SHIPPED
+from fieldcalib.results.reading import read as read_results
 
 SIZE = (1280, 720)
 TRUTH = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1500.0, (-30.0, 0.0, -8.0), SIZE)

@@ -96,9 +96,8 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
 
     prior = np.diag(1.0 / np.square(together.prior.effective_sigma[0]))
     noise = Noise(together)
-    pull = together.pull * noise.relative_sigma
     A = known.curvature * together.information[0] + prior
-    V = known.robust_sigma**2 * noise.covariance(together.JT, pull, pull)[0] + prior
+    V = known.robust_sigma**2 * noise.covariance(together.JT)[0] + prior
     sandwich = np.linalg.solve(A, np.linalg.solve(A, V).T)
     covariance, share = _uncertainty([calibration], size_prior)
     np.testing.assert_allclose(covariance, sandwich[P:, P:], rtol=1e-6)

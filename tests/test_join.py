@@ -6,8 +6,8 @@ from killed import content_of
 from synthetic import random_frames
 
 from baselines import dlt_lines
-from fieldcalib.io.results import read_results
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.results.reading import read as read_results
 from fieldcalib.run_folder import units
 
 

@@ -48,7 +48,7 @@ def test_a_lens_is_found_and_its_regions_hold(folder, capsys):
 
 def test_errors_are_percent_and_metres():
     truth = broadcast_camera(-0.4, 3400.0)
-    ((_, frame),) = measured_cameras.observed([truth], soccer(), 0.5, repeats=1)
+    ((_, frame),) = measured_cameras.with_simulated_pixels([truth], soccer(), 0.5, repeats=1)
     assert all(len(xy) <= 3 for label, xy in frame.items() if "Circle" not in label)
     (found,) = measured_cameras.calibrate_batch(soccer(), [frame], measured_cameras.SIZE)
     f, position = measured_cameras.errors(found, truth)

@@ -86,15 +86,15 @@ def by_hand(problem, theta):
     J = residuals(lambda x: evaluate(problem, x).r.ravel()).reshape(T, -1, T * o + len(SHARED))
     noise = Noise(evaluation)
     for t in range(T):
-        own, shared, pull = J[t, :, : T * o], J[t, :, T * o :], evaluation.pull[t]
-        scale = SIGMA * pull * noise.relative_sigma[t]
+        own, shared, irls_weight = J[t, :, : T * o], J[t, :, T * o :], evaluation.irls_weight[t]
+        scale = SIGMA * irls_weight * noise.relative_sigma[t]
         correlation = np.diag(1.0 - noise.shared[t]) + 0.15 * noise.segment[t] @ noise.segment[t].T
-        hessian += KAPPA * own.T @ np.diag(pull) @ own
-        border += KAPPA * own.T @ np.diag(pull) @ shared
+        hessian += KAPPA * own.T @ np.diag(irls_weight) @ own
+        border += KAPPA * own.T @ np.diag(irls_weight) @ shared
         between += own.T @ np.diag(scale) @ correlation @ np.diag(scale) @ own
         if problem.paint:  # of the same lines in every frame
             off = np.hypot(problem.paint * by_metre[t], FOUND_BESIDE * SIZE[0])
-            painted = painted + own.T @ np.diag(pull * off) @ noise.segment[t]
+            painted = painted + own.T @ np.diag(irls_weight * off) @ noise.segment[t]
     if problem.prior is not None:
         precision = np.diag(1.0 / np.square(evaluation.prior.effective_sigma.ravel()))
         hessian, between = hessian + precision, between + precision

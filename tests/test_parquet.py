@@ -8,7 +8,8 @@ from commands import calibrate, run
 
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.parquet import ROW_GROUP, read_parquet, write_parquet
-from fieldcalib.io.results import read_results
+from fieldcalib.io.results import split_line
+from fieldcalib.results.reading import read as read_results
 
 BROKEN = {"id": "b\udc80", "status": "broken file", "message": "is no JSON"}
 FRAME = {
@@ -25,7 +26,6 @@ FRAME = {
     "rms_px": "inf",
     "segment_errors_px": {"Middle line": 0.5, "Circle central": None},
     "suspect_labels": [{"label": "Middle line", "fits": None, "error_px": 3.0}],
-    "complaints": ["one"],
     "image_size": [960, 540],
     "field": {"builder": "soccer", "length": 105.0, "width": 68.0, "size_known": False},
     "standard_deviations": {
@@ -39,13 +39,15 @@ FRAME = {
 
 
 def lines_of(*records):
-    return [(json.dumps(record) + "\n").encode() for record in records]
+    """The lines of frames in both files."""
+    return [tuple((json.dumps(part) + "\n").encode() for part in split_line(record)) for record in records]
 
 
 def test_the_lines_come_back_as_they_were(tmp_path):
     lines = lines_of(FRAME, BROKEN)
     write_parquet(lines, tmp_path / "cameras.parquet")
-    assert [text + b"\n" for text in read_parquet(tmp_path / "cameras.parquet")] == lines
+    found = read_parquet(tmp_path / "cameras.parquet")
+    assert [(main + b"\n", solver + b"\n") for main, solver in found] == lines
 
 
 def test_columns_of_a_frame(tmp_path):
@@ -53,7 +55,7 @@ def test_columns_of_a_frame(tmp_path):
 
     write_parquet(lines_of(FRAME, BROKEN), tmp_path / "cameras.parquet")
     frame, broken = pyarrow.parquet.read_table(tmp_path / "cameras.parquet").to_pylist()
-    for key in ("id", "verdict", "K", "dist", "R", "C", "angles_degrees", "complaints", "image_size"):
+    for key in ("id", "verdict", "K", "dist", "R", "C", "angles_degrees", "image_size"):
         assert frame[key] == FRAME[key]
     assert frame["rms_px"] == float("inf")
     assert frame["segment_errors_px"] == [("Middle line", 0.5), ("Circle central", None)]
@@ -134,7 +136,7 @@ def test_a_run_leaves_a_table_that_reads_back_the_same(annotated_folder, calibra
     import pyarrow  # noqa: F401
 
     assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet"]) == 0
-    assert files_in(tmp_path) == files_in(calibrated_folder) - {"cameras.jsonl"} | {"cameras.parquet"}
+    assert files_in(tmp_path) == files_in(calibrated_folder) - {"cameras.jsonl", "solver.jsonl"} | {"cameras.parquet"}
     ours, theirs = read_results(tmp_path), read_results(calibrated_folder)
     assert list(ours) == list(theirs)
     assert dict(ours) == dict(theirs)
@@ -168,10 +170,10 @@ def test_a_run_that_ended_before_its_table(annotated_folder, tmp_path, monkeypat
     options = ["--format", "parquet"]
     monkeypatch.setattr("fieldcalib.run_folder.results.write_parquet", full)
     assert calibrate(tmp_path, annotated_folder, options=options) == 2
-    assert {"cameras.jsonl"} <= files_in(tmp_path)
+    assert {"cameras.jsonl", "solver.jsonl"} <= files_in(tmp_path)
     monkeypatch.undo()
     assert calibrate(tmp_path, annotated_folder, options=[*options, "--resume"]) == 0
-    assert {"cameras.jsonl", "cameras.parquet"} & files_in(tmp_path) == {"cameras.parquet"}
+    assert {"cameras.jsonl", "solver.jsonl", "cameras.parquet"} & files_in(tmp_path) == {"cameras.parquet"}
     assert len(read_results(tmp_path)) == 4
 
 

@@ -64,7 +64,7 @@ def judged(p: float, error: float) -> pitches.Judged:
 
 def test_bins_compare_probabilities_with_shares():
     some = [judged(0.2, 2.0)] * 500 + [judged(0.9, 0.3)] * 450 + [judged(0.9, 3.0)] * 50
-    found = pitches.reliability(some, 1.0)
+    found = pitches.reliability_of_bins(some, 1.0)
     assert found["probability_right"] == [[20.0, 0.0], [90.0, 90.0]]
     assert found["gap"] == [10.0, 20.0]
 

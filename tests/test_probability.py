@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import observe, random_frames, whole_circle_markings
 
-from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
+from data_tools.probability import fitted_coefficients, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
@@ -112,7 +112,7 @@ def test_the_fit_finds_the_coefficients_that_made_the_errors():
     features = np.concatenate([np.ones((20_000, 1)), rng.normal(size=(20_000, 4))], axis=1)
     # a logistic error whose odds to be below d metres are those of the model
     log_error = (rng.logistic(size=20_000) - features @ truth) / -truth[1]
-    np.testing.assert_allclose(fitted(features, np.exp(log_error), 1.0), truth, atol=0.1)
+    np.testing.assert_allclose(fitted_coefficients(features, np.exp(log_error), 1.0), truth, atol=0.1)
 
 
 def test_reliability_counts():

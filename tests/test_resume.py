@@ -99,11 +99,14 @@ NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.mark.parametrize(("error", "code"), [(NO_SPACE, 2), (KeyboardInterrupt(), 130), (MemoryError(), 2)])
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_what_was_done_is_not_lost(annotated_folder, small_units, tmp_path, monkeypatch, capsys, error, code, count):
+@pytest.mark.parametrize(("count", "torn"), [(1, 0), (2, 1), (3, 0), (3, 1)])
+def test_what_was_done_is_not_lost(
+    annotated_folder, small_units, tmp_path, monkeypatch, capsys, error, code, count, torn
+):
+    """Each frame has two lines: the run ends before the first of a frame, or between both."""
     assert calibrate(tmp_path / "whole", annotated_folder) == 0
     out = tmp_path / "out"
-    ending = Ending(count, error)
+    ending = Ending(2 * count + torn, error)
     with monkeypatch.context() as patch:
         patch.setattr(line_log.LineLog, "append", lambda log, line: ending(log, line))
         assert calibrate(out, annotated_folder) == code
@@ -210,7 +213,7 @@ def test_overwriting_removes_what_a_run_has_written_and_nothing_else(annotated_f
     assert calibrate(out, annotated_folder / "a.json", options=["--overwrite"]) == 0
     assert {path.name for path in out.iterdir()} == {
         *("notes.txt", "a.json", "camera_a.txt", ".hidden"),
-        *("camera_a.json", "cameras.jsonl", "run.json", "summary.json"),
+        *("camera_a.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"),
     }
 
 

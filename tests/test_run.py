@@ -221,7 +221,7 @@ def test_a_folder_of_images(know, tmp_path, capsys):
     assert [line["id"] for line in lines] == ["a", "b", "c", "d"]
     assert [line["status"] for line in lines] == ["accepted", "too few segments", "broken file", "accepted"]
     assert {path.name for path in out.iterdir()} == {
-        *("camera_a.json", "camera_d.json", "cameras.jsonl", "run.json", "summary.json"),
+        *("camera_a.json", "camera_d.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"),
         *("overlay_a.jpg", "overlay_b.jpg", "overlay_d.jpg"),
     }
     for id, truth in (("a", TRUTHS[0]), ("d", TRUTHS[1])):
@@ -352,8 +352,8 @@ def test_a_video(know, tmp_path):
         assert line["status"] == "accepted"
         np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
     assert {path.name for path in out.iterdir()} == {
-        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "run.json", "summary.json", "overlay.mp4"),
-        *("tripods.json", "motion.png", "worst_frames.jpg"),
+        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"),
+        *("overlay.mp4", "clip.jsonl", "tripods.json", "motion.png", "worst_frames.jpg"),
     }
     assert all(line["basis"].startswith("lines") for line in lines)
     with VideoReader(out / "overlay.mp4") as overlay:
@@ -466,7 +466,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
     if how:  # its first unit was not done
         assert left == set()
     else:  # the clip is calibrated, and some of its frames are written
-        assert left == {"run.json", "cameras.jsonl", ".part-0000.json"}
+        assert left == {"run.json", "cameras.jsonl", "solver.jsonl", ".part-0000.json"}
         assert "4 frames done" in capsys.readouterr().err
 
 

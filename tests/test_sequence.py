@@ -89,7 +89,7 @@ def test_a_sequence_survives_json():
     np.testing.assert_array_equal(back.covariance, found.covariance)
     empty = SequenceCalibration.from_dict(json.loads(json.dumps(calibrate_sequence(FIELD, [], SIZE).to_dict())))
     assert (len(empty), empty.values.shape, empty.covariance.shape) == (0, (0,), (0, 0))
-    with pytest.raises(ValueError, match="expected a sequence of version 3, got 7: another fieldcalib wrote it"):
+    with pytest.raises(ValueError, match="expected a calibration of a sequence of version 3, got 7: another"):
         SequenceCalibration.from_dict({"version": 7})
 
 

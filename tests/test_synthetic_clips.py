@@ -12,10 +12,10 @@ from data_tools.synthetic.clips import (
     LEAN,
     MEASURED_RATE,
     OUTLIER_REACH,
-    ZoomLaw,
+    PolynomialLaw,
     background_matches,
     background_points,
-    between,
+    camera_between,
     camera_path,
     flight,
     labelled,
@@ -48,7 +48,9 @@ def path():
 @pytest.fixture
 def measured(tmp_path):
     """A file of 200 frames whose focal length grows by a pixel a frame, in a world with z up."""
-    law = ZoomLaw(np.array([[12.0, -50.0], [9.0, 11.0]]), np.array([0.04, -0.02, -0.03]), np.array([0.01, -0.02, 0.02]))
+    law = PolynomialLaw(
+        np.array([[12.0, -50.0], [9.0, 11.0]]), np.array([0.04, -0.02, -0.03]), np.array([0.01, -0.02, 0.02])
+    )
     K, k = law.at(np.arange(4000.0, 4200.0))
     camera = Camera.from_angles(0.1, 1.35, 0.0, 4000.0, (1.0, 66.0, -16.0), SIZE)
     y_and_z = np.diag([1.0, -1.0, -1.0])
@@ -135,12 +137,14 @@ def test_measured_files_are_read(shared_data):
 @given(generators(), numbers(0.0, 1.0))
 def test_between_two_frames_the_camera_turns_evenly(rng, share):
     a, b = camera_path(rng, 2, centre=flight(rng, 2))
-    camera = between(a, b, share)
+    camera = camera_between(a, b, share)
     turned, whole = (np.arccos(np.clip((np.trace(R @ a.R.T) - 1.0) / 2.0, -1.0, 1.0)) for R in (camera.R, b.R))
     assert turned == pytest.approx(share * whole, abs=1e-6)
     np.testing.assert_allclose(camera.C, (1.0 - share) * a.C + share * b.C, atol=1e-12)
     for end, original in ((0.0, a), (1.0, b)):
-        np.testing.assert_allclose(between(a, b, end).project([0.0, 0.0, 0.0]), original.project([0.0, 0.0, 0.0]))
+        np.testing.assert_allclose(
+            camera_between(a, b, end).project([0.0, 0.0, 0.0]), original.project([0.0, 0.0, 0.0])
+        )
 
 
 # labels

@@ -14,7 +14,7 @@ from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.games import game_named
 from data_tools.train import Training, intersection_over_union, learning_rate, main
-from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window
+from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
 from fieldcalib import Arc, Field, Line
 from fieldcalib.cli.main import main as fieldcalib
 from fieldcalib.io.field_files import write_field
@@ -166,7 +166,7 @@ def test_mirroring_swaps_labels(behind_goal, other):
     mask = np.zeros((2, 3), np.uint8)
     mask[0, 0] = 1 + CLASSES.index("Goal left post left")
     image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
-    picture, swapped = mirrored(image, mask, behind_goal=behind_goal)
+    picture, swapped = mirrored_sample(image, mask, behind_goal=behind_goal)
     assert np.array_equal(picture[:, 0], image[:, 2])
     assert CLASSES[swapped[0, 2] - 1] == other
     assert np.count_nonzero(swapped) == 1
@@ -176,7 +176,7 @@ def test_what_is_no_mirror_image_of_itself_is_not_mirrored(tmp_path):
     path = tmp_path / "court.yaml"
     write_field(path, Field(8.0, 4.0, {"far": Line((-4.0, -2.0, 0.0), (4.0, -2.0, 0.0)), "hoop": Arc((2.0, 0, 0), 1)}))
     image, mask = np.arange(18, dtype=np.uint8).reshape(2, 3, 3), np.eye(2, 3, dtype=np.uint8)
-    picture, same = mirrored(image, mask, behind_goal=False, name=str(path))
+    picture, same = mirrored_sample(image, mask, behind_goal=False, name=str(path))
     assert np.array_equal(picture, image)
     assert np.array_equal(same, mask)
 

@@ -8,7 +8,7 @@ from networks import KnownCameras, looked_at
 
 from data_tools import filmed, sequences
 from data_tools.clips import SegmentationNetwork
-from data_tools.synthetic.clips import painted
+from data_tools.synthetic.clips import with_displaced_lines
 from data_tools.synthetic.film import Scene, TrueFrame, film, write_clip
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib import Camera, soccer
@@ -77,7 +77,7 @@ def test_each_basis_has_a_line():
 
 
 def test_painted_lines_lie_beside_the_true_ones():
-    lines = [painted(FIELD, np.random.default_rng(seed), 0.05) for seed in range(40)]
+    lines = [with_displaced_lines(FIELD, np.random.default_rng(seed), 0.05) for seed in range(40)]
     for label in FIELD.markings:
         true = FIELD[label]
         if isinstance(true, Arc):

@@ -184,10 +184,10 @@ def test_json(video):
 
 def test_what_is_no_record_of_a_video(video):
     for record, message in (
-        ({}, "is no calibration of a video: the key 'version' is missing"),
+        ({}, "expected a calibration of a video of version 2, got None"),
         ({**video[0].to_dict(), "version": 2}, "is no calibration of a video: the key 'tripods' is missing"),
-        ({**video.to_dict(), "version": 0}, "expected a video of version 2, got 0"),
-        ([1], "is no calibration of a video: list indices must be integers"),
+        ({**video.to_dict(), "version": 0}, "expected a calibration of a video of version 2, got 0"),
+        ([1], "is no calibration of a video: expected a JSON object, got a list"),
     ):
         with pytest.raises(ValueError, match=message):
             VideoCalibration.from_dict(record)

@@ -15,7 +15,7 @@ import numpy as np
 
 from data_tools.synthetic import SIZE, frame
 from data_tools.synthetic.cache import write_cache
-from data_tools.synthetic.clips import painted
+from data_tools.synthetic.clips import with_displaced_lines
 from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
 from data_tools.synthetic.games import game_named
 from fieldcalib.console.arguments import count, image_size
@@ -29,7 +29,7 @@ COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200
 
 
-def contact_sheet(first_seed: int, name: str = SOCCER) -> Image:
+def frame_sheet(first_seed: int, name: str = SOCCER) -> Image:
     """32 frames, every other row the masks of the one above."""
     rows = []
     palette = np.array([(0, 0, 0), *map(label_colour, game_named(name).classes)], np.uint8)
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         parser.error(str(error))
     if options.sheet:
-        write_bytes(options.sheet, cv2.imencode(".png", contact_sheet(options.seed, options.field))[1].tobytes())
+        write_bytes(options.sheet, cv2.imencode(".png", frame_sheet(options.seed, options.field))[1].tobytes())
     seeds = range(options.seed, options.seed + options.count)
     if options.cache:
         write_cache(options.cache, seeds, options.processes, options.field)
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         frames = clip_frames(
             options.seed, options.frames, options.cuts, options.measured, options.size, flies=options.flies
         )
-        field = painted(soccer(), np.random.default_rng((options.seed, PAINTED)))
+        field = with_displaced_lines(soccer(), np.random.default_rng((options.seed, PAINTED)))
         scene = Scene.random(field, options.seed, [frame.camera for frame in frames])
         write_clip(options.clip, scene, frames)
     return 0

@@ -53,7 +53,7 @@ def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = 
     present = {int(path.stem.split("_")[0]) for path in folder.glob("*.jpg")}
     classes = game_named(name).classes
     if present:
-        check_classes(folder, classes)
+        check_cached_classes(folder, classes)
     if not (folder / SUMMARY).exists():
         about = {"field": name, "classes": classes}
         write_text(folder / SUMMARY, json.dumps(about, indent=1, ensure_ascii=False) + "\n")
@@ -64,7 +64,7 @@ def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = 
             pass
 
 
-def check_classes(folder: Path, classes: Sequence[str]) -> None:
+def check_cached_classes(folder: Path, classes: Sequence[str]) -> None:
     """Raise a ValueError unless the masks in a folder have these classes; without a summary they are soccer's."""
     path = folder / SUMMARY
     about = parse_json_object(path.read_bytes(), "field and classes") if path.is_file() else {}

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from data_tools.measured_cameras import SIZE, read_camera, read_zoom
 from data_tools.random_frames import RandomFrame, mislabelled
+from data_tools.synthetic.colours import Range
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
@@ -25,8 +26,6 @@ from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.options import PAINT
-
-Range = tuple[float, float]
 
 RATE = 30.0  # frames per second
 MEASURED_RATE = 60.0  # frames per second of the measured sequences, by the one of them that has a video
@@ -65,7 +64,7 @@ DISTANCES = (60.0, 200.0)  # m: of static points from the camera
 
 
 @dataclass(frozen=True)
-class ZoomLaw:
+class PolynomialLaw:
     """Principal point and lens of a zoom lens as polynomials in u = log(f / `REFERENCE_FOCAL_LENGTH`), at `SIZE`.
 
     Coefficients are in ascending order.
@@ -79,7 +78,7 @@ class ZoomLaw:
     """(3,): coefficients of a2."""
 
     @classmethod
-    def random(cls, rng: np.random.Generator) -> ZoomLaw:
+    def random(cls, rng: np.random.Generator) -> PolynomialLaw:
         """A law uniform in the ranges of those measured."""
         point = np.stack([rng.uniform(*np.transpose(ranges)) for ranges in (POINT_RANGES, POINT_SLOPES)])
         displacement, a2 = (rng.uniform(*np.transpose(ranges)) for ranges in (DISPLACEMENT_RANGES, A2_RANGES))
@@ -91,7 +90,7 @@ class ZoomLaw:
         Examples
         --------
         >>> points = np.array([[10.0, -50.0], [5.0, 8.0]])
-        >>> law = ZoomLaw(points, np.array([0.04, -0.02, 0.0]), np.array([0.01, 0.0, 0.0]))
+        >>> law = PolynomialLaw(points, np.array([0.04, -0.02, 0.0]), np.array([0.01, 0.0, 0.0]))
         >>> K, k = law.at(np.array([4000.0]))
         >>> K[0, :2, 2], (k[0] * (np.hypot(960, 540) / 4000.0) ** [2, 4]).round(6)
         (array([970., 490.]), array([0.03, 0.01]))
@@ -139,7 +138,7 @@ def camera_path(
         Number of frames.
     measured : Path, optional
         A ``<name>.npz`` as for `data_tools.measured_cameras`: K and k are those of the measured sequence, played at its
-        own speed from a random frame on, and backwards from its end. By default, a random `ZoomLaw`, with zooming
+        own speed from a random frame on, and backwards from its end. By default, a random `PolynomialLaw`, with zooming
         within the measured ranges.
     pan_range : (float, float)
         Smallest and largest pan, radians; the camera reaches both.
@@ -211,7 +210,7 @@ def operated(rng: np.random.Generator, frames: int, period: float = PAN_PERIOD) 
     return np.asarray(np.clip(stops[0] + np.diff(stops) @ smooth, 0.0, 1.0))
 
 
-def between(a: Camera, b: Camera, share: float) -> Camera:
+def camera_between(a: Camera, b: Camera, share: float) -> Camera:
     """The camera between two frames, at a share of the way: rotation at constant speed, all else linear."""
     from scipy.spatial.transform import Rotation
 
@@ -226,13 +225,13 @@ def seen_far_away(camera: Camera, other: Camera, xy: Array) -> Array:
     return other.project(other.C + homogenize(camera.normalized(xy)) @ camera.R)
 
 
-def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
+def with_displaced_lines(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
     """The field with the lines on its ground displaced, and the radii of its circles changed, by some centimetres.
 
     Examples
     --------
     >>> from fieldcalib.fields.sports.soccer import soccer
-    >>> lines = painted(soccer(), np.random.default_rng(0))
+    >>> lines = with_displaced_lines(soccer(), np.random.default_rng(0))
     >>> [round(float(end), 3) for end in lines["Middle line"].start]
     [0.016, -34.0, 0.0]
     """
@@ -346,12 +345,12 @@ def background_matches(
 
 
 def _zoomed(rng: np.random.Generator, frames: int) -> tuple[Array, Array]:
-    """K and k of a random `ZoomLaw` while an operator zooms."""
+    """K and k of a random `PolynomialLaw` while an operator zooms."""
     low, high = LOG_FOCAL_RANGE
     span = rng.uniform(*LOG_FOCAL_SPAN)
     start = rng.uniform(low, high - span)
     u = _ranged(operated(rng, frames, ZOOM_PERIOD), (start, start + span))
-    return ZoomLaw.random(rng).at(REFERENCE_FOCAL_LENGTH * np.exp(u))
+    return PolynomialLaw.random(rng).at(REFERENCE_FOCAL_LENGTH * np.exp(u))
 
 
 def _played(K: Array, k: Array, rng: np.random.Generator, frames: int) -> tuple[Array, Array]:

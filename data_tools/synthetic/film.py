@@ -14,15 +14,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.clips import RATE, between, camera_path, flight, seen_far_away
+from data_tools.synthetic.clips import RATE, camera_between, camera_path, flight, seen_far_away
 from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
 from data_tools.synthetic.pictures import add_graphics
-from data_tools.synthetic.surroundings import add_surroundings
+from data_tools.synthetic.surroundings import GroundView, add_surroundings
 from data_tools.synthetic.textures import BOARD_SCALE, boards_texture
 from fieldcalib._types import Array, Float32
-from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -89,12 +88,11 @@ class Scene:
 
     def at(self, frame: int, camera: Camera) -> Float32:
         """Render the picture at the moment of a frame, (height, width, 3)."""
-        ray = rays(camera)
-        ground = Ground.of_rays(camera, ray)
-        light = random_light(ground, self.field, self._rng(LIGHT))
-        picture = random_ground(ground, self.field, self._rng(GROUND)) * light
+        view = GroundView.of(camera)
+        light = random_light(view.ground, self.field, self._rng(LIGHT))
+        picture = random_ground(view.ground, self.field, self._rng(GROUND)) * light
         boards = _boards(self.seed, frame / self.rate)
-        add_surroundings(picture, camera, ray, ground, self.field, self._rng(STANDS), boards)
+        add_surroundings(picture, view, self.field, self._rng(STANDS), boards)
         image = to_uint8(picture)
         self._add_objects(image, light, frame, camera)
         return image.astype(np.float32)
@@ -173,9 +171,12 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     camera is warped independently of depth, so that one picture, with a rim, gives all instants. The motion of players
     during the exposure is left out: it blurs them by less than 0.1 m.
     """
-    before, after = before or between(camera, after or camera, -1.0), after or between(camera, before or camera, -1.0)
-    ahead = between(after, between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
-    speed = _moved(camera, ahead)  # px per frame
+    before, after = (
+        before or camera_between(camera, after or camera, -1.0),
+        after or camera_between(camera, before or camera, -1.0),
+    )
+    ahead = camera_between(after, camera_between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
+    speed = _image_motion(camera, ahead)  # px per frame
     shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
     blur = shutter * speed
     if blur < BLUR_STEP:
@@ -187,12 +188,12 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     total = np.zeros((height, width, 3), np.float32)
     count = int(np.ceil(blur / BLUR_STEP))
     for share in shutter * ((np.arange(count) + 0.5) / count - 0.5):
-        instant = between(camera, ahead, share)
-        total += cv2.remap(picture, *_seen(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        instant = camera_between(camera, ahead, share)
+        total += cv2.remap(picture, *_warp_maps(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return total / np.float32(count)
 
 
-def _seen(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
+def _warp_maps(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
     """Pixels x and y of `other` that show the same infinitely far points as the pixels of `camera`, (height, width).
 
     Within cells they are interpolated linearly: the lens bends a cell by less than a hundredth of a pixel.
@@ -231,7 +232,7 @@ def read_cameras(path: Path) -> list[TrueFrame]:
     ]
 
 
-def _moved(a: Camera, b: Camera) -> float:
+def _image_motion(a: Camera, b: Camera) -> float:
     """Largest motion, from one camera to another, of the image of infinitely far points, pixels."""
     width, height = a.image_size
     xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])

@@ -10,9 +10,9 @@ from data_tools.synthetic.cameras import is_behind_goal, random_camera
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
-from fieldcalib._types import BoolArray, Float32
+from data_tools.synthetic.surroundings import GroundView
+from fieldcalib._types import BoolArray
 from fieldcalib.console.field_options import SOCCER
-from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -73,20 +73,17 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
 
 def seen_by(camera: Camera, field: Field, rng: np.random.Generator, game: Game) -> SyntheticFrame:
     """A frame of a random game as a given camera sees it; its size is the camera's."""
-    ray = rays(camera)
-    image, hidden = filmed(camera, ray, Ground.of_rays(camera, ray), field, rng, game)
+    image, hidden = filmed(GroundView.of(camera), field, rng, game)
     mask = np.where(hidden, np.uint8(0), markings_mask(camera, field, game.classes))
     return SyntheticFrame(image, mask, camera, field)
 
 
-def filmed(
-    camera: Camera, ray: Float32, ground: Ground, field: Field, rng: np.random.Generator, game: Game
-) -> tuple[Image, BoolArray]:
-    """A random game on the ground points of a camera's rays, and the mask of the pixels that hide the field."""
-    light = game.light(ground, field, rng)
-    picture = game.ground(ground, field, rng) * light
-    hidden = game.surround(picture, camera, ray, ground, field, rng)
+def filmed(view: GroundView, field: Field, rng: np.random.Generator, game: Game) -> tuple[Image, BoolArray]:
+    """Picture of a random game, and the mask of the pixels in which something hides the field."""
+    light = game.light(view.ground, field, rng)
+    picture = game.ground(view.ground, field, rng) * light
+    hidden = game.surround(picture, view, field, rng)
     image = to_uint8(picture)
-    game.add_objects(image, light, camera, field, rng)
+    game.add_objects(image, light, view.camera, field, rng)
     hidden |= add_graphics(image, rng)
     return degraded(image, rng), hidden

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from data_tools.synthetic.colours import random_colour
-from data_tools.synthetic.goals import GoalFrame, add_goal, mix_bars
+from data_tools.synthetic.goals import FARTHEST, GoalFrame, add_goal, mix_bars
 from data_tools.synthetic.looks import DARK, STEEL, WHITE, Look
 from data_tools.synthetic.objects import Drawable, random_goals
 from fieldcalib._types import Array
@@ -27,7 +27,6 @@ RIM_NET = 0.45  # m: length of the net of a basket
 ARM, PAD = 2.2, 0.35  # m: distance of a backboard from its stanchion behind the court, and thickness of that
 MULLIONS = 2.0  # m between the posts of walls of glass
 POST_AWAY = 0.75  # m from the side line: posts of nets whose field has none
-FARTHEST = 1e4  # px: shapes that reach farther outside the image are not drawn
 
 
 def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.random.Generator) -> list[Drawable]:

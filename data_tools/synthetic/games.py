@@ -17,7 +17,7 @@ from data_tools.synthetic.masks import Mask, classes_of, mirrored_values
 from data_tools.synthetic.objects import add_far_to_near, add_objects, players
 from data_tools.synthetic.people import Sun, random_suns
 from data_tools.synthetic.rink import add_boards
-from data_tools.synthetic.surroundings import add_surroundings
+from data_tools.synthetic.surroundings import GroundView, add_surroundings
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.console.field_options import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
@@ -32,7 +32,7 @@ NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's 
 AROUND_PLAY = 0.25  # share of the people who stand around the field
 AWAY = (0.5, 2.0)  # m: distance from the field
 
-Surrounds = Callable[[Float32, Camera, Float32, Ground, Field, np.random.Generator], BoolArray]
+Surrounds = Callable[[Float32, GroundView, Field, np.random.Generator], BoolArray]
 
 
 @dataclass(frozen=True)
@@ -114,17 +114,9 @@ def _stands(field: Field, behind: float) -> Mapping[CameraDistribution, float]:
     return {stand: shares[one] for stand, one in zip(stands, is_behind, strict=True)}
 
 
-def _surround(
-    look: Look,
-    picture: Float32,
-    camera: Camera,
-    ray: Float32,
-    ground: Ground,
-    field: Field,
-    rng: np.random.Generator,
-) -> BoolArray:
-    hidden = add_surroundings(picture, camera, ray, ground, field, rng, around=look.around)
-    return hidden | add_boards(picture, camera, ray, field, look.boards, rng) if look.boards else hidden
+def _surround(look: Look, picture: Float32, view: GroundView, field: Field, rng: np.random.Generator) -> BoolArray:
+    hidden = add_surroundings(picture, view, field, rng, around=look.around)
+    return hidden | add_boards(picture, view.camera, view.ray, field, look.boards, rng) if look.boards else hidden
 
 
 def _add_objects(

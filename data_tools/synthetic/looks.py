@@ -151,14 +151,14 @@ def _rugby(field: Field) -> Sequence[Fill]:
     return (Fill(Area((0.5 * field.length, 0.0), (dead, 0.5 * field.width)), (GREEN,), 0.3, 0.5),)
 
 
-def _ice(rules: rink.Rules, field: Field) -> Sequence[Fill]:
+def _ice(rules: rink.RinkRules, field: Field) -> Sequence[Fill]:
     """Creases."""
     goal = marks.line_of(field, "Goal line right").start[0]
     half = min(0.5 * rules.crease_width, rules.crease)
     return (Fill(Area((goal, 0.0), (goal, 0.0), rules.crease, (goal, half)), (LIGHT_BLUE,), 1.0, 0.9),)
 
 
-def _ice_hockey(rules: rink.Rules) -> Look:
+def _ice_hockey(rules: rink.RinkRules) -> Look:
     return Look(
         ("ice",),
         around=Around(None, (0.0, 2.5), (0.0, 2.0)),
@@ -197,7 +197,7 @@ def _football_look() -> Look:
         around=Around((3.0, 9.0), past=(football.BORDER, football.BORDER)),
         coloured=(("Goal left", YELLOW), ("Goal right", YELLOW)),
         widths=(("Goal", football.POST),),
-        marks=marks.american_football,
+        marks=marks.field_numbers,
         fills=_american_football,
         people=(8, 26),
         indoors=False,
@@ -219,8 +219,8 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
             behind=0.6,
             overlaid=0.2,
         ),
-        "basketball-fiba": _basketball_look(marks.basketball_fiba, 0.2),
-        "basketball-nba": _basketball_look(marks.basketball_nba, 0.0),
+        "basketball-fiba": _basketball_look(marks.fiba_lane, 0.2),
+        "basketball-nba": _basketball_look(marks.nba_lane, 0.0),
         "field-hockey": Look(
             ("blue turf", "blue turf", "grass"),
             around=Around((3.0, 6.0)),

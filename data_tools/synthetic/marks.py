@@ -43,13 +43,13 @@ def no_marks(field: Field) -> Marks:
     return {}
 
 
-def american_football(field: Field) -> Marks:
+def field_numbers(field: Field) -> Marks:
     """The numbers 10 to 50 and back, once for each side line.
 
     Examples
     --------
-    >>> from fieldcalib.fields.sports.american_football import american_football as nfl
-    >>> len(american_football(nfl())) // 2  # strokes of 9 numbers
+    >>> from fieldcalib.fields.sports.american_football import american_football
+    >>> len(field_numbers(american_football())) // 2  # strokes of 9 numbers
     91
     """
     bottom, top = line_of(field, "Number row bottom outer").start[1], line_of(field, "Number row bottom inner").start[1]
@@ -71,12 +71,12 @@ def american_football(field: Field) -> Marks:
     return found
 
 
-def basketball_fiba(field: Field) -> Marks:
+def fiba_lane(field: Field) -> Marks:
     """The marks along the lane."""
     return _lane_marks(field, *FIBA_LANE)
 
 
-def basketball_nba(field: Field) -> Marks:
+def nba_lane(field: Field) -> Marks:
     """The marks along the lane, and the dashed half of the free-throw circle inside it."""
     found = dict(_lane_marks(field, *NBA_LANE))
     for side in ("left", "right"):

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from data_tools.synthetic.colours import vivid_colour
+from data_tools.synthetic.goals import FARTHEST
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
@@ -23,7 +24,6 @@ SKIN: tuple[Colour, ...] = ((150, 180, 225), (110, 145, 200), (60, 85, 130), (40
 Kit: TypeAlias = tuple[Colour, Colour, Colour]  # shirt, shorts, socks
 Sun: TypeAlias = tuple[Array, float]  # shadow (x, y) in metres per metre of height, and its darkness
 NEAREST = 2.0  # m in front of the camera
-FARTHEST = 1e4  # px: shapes that reach farther outside the image are not drawn
 
 
 def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:

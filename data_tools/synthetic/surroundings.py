@@ -7,6 +7,7 @@ the camera and the field hides the ground only up to its own height.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from data_tools.synthetic.colours import Range, random_colour, wrapped
 from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 from fieldcalib._types import BoolArray, Float32
-from fieldcalib.draw.ground import Ground
+from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 
@@ -43,6 +44,20 @@ class Around:
 
 
 SOCCER = Around()
+
+
+class GroundView(NamedTuple):
+    """A camera, the rays of its pixels, and the points where these meet the ground."""
+
+    camera: Camera
+    ray: Float32
+    ground: Ground
+
+    @classmethod
+    def of(cls, camera: Camera) -> GroundView:
+        """The view of a camera onto level ground."""
+        ray = rays(camera)
+        return cls(camera, ray, Ground.of_rays(camera, ray))
 
 
 @dataclass(frozen=True)
@@ -79,9 +94,7 @@ class Wall:
 
 def add_surroundings(
     picture: Float32,
-    camera: Camera,
-    ray: Float32,
-    ground: Ground,
+    view: GroundView,
     field: Field,
     rng: np.random.Generator,
     shown: Float32 | None = None,
@@ -96,6 +109,7 @@ def add_surroundings(
     (height, width) array
         Mask of the pixels in which the foreground hides the field.
     """
+    camera, ray, ground = view
     boards, board_height, stand = boards_texture(rng), rng.uniform(*BOARD_HEIGHT), stand_texture(rng)
     boards = boards if shown is None else shown
     drop = OPEN_DROP if rng.random() < OPEN_SHARE else 0.0

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
+from fieldcalib._json import reading
 from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
@@ -65,18 +66,9 @@ class FrameSequence(Sequence[Calibration]):
             If the record has another version, a key is missing, or a value is invalid.
         """
         new: Callable[..., Self] = cls
-        try:
-            if record["version"] != cls._version:
-                raise ValueError(
-                    f"expected {cls._what} of version {cls._version}, got {record['version']!r}: "
-                    f"another fieldcalib wrote it, use that or calibrate again"
-                )
+        with reading(record, f"calibration of {cls._what}", cls._version):
             complete = {**dict.fromkeys(cls._added), **record}
             return new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
-        except KeyError as error:
-            raise ValueError(f"is no calibration of {cls._what}: the key {error} is missing") from None
-        except (TypeError, AttributeError) as error:
-            raise ValueError(f"is no calibration of {cls._what}: {error}") from error
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...

@@ -35,9 +35,9 @@ class Noise:
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
 
     @cached_property
-    def pull(self) -> Array:
-        """Weights (B, M) of the residuals in the gradient, for noise of one sigma."""
-        return np.asarray(self.evaluation.pull * self.relative_sigma)
+    def gradient_factor(self) -> Array:
+        """Factors (B, M) by which the gradient takes the noise of the residuals, in units of sigma."""
+        return np.asarray(self.evaluation.irls_weight * self.relative_sigma)
 
     @cached_property
     def square(self) -> Array:
@@ -47,18 +47,23 @@ class Noise:
         slope = evaluation.problem.loss.evaluate(np.square(evaluation.r))[1]
         return np.asarray(np.square(slope / self.relative_sigma) * (evaluation.problem.observations.weight > 0.0))
 
-    def covariance(self, JT: Array, left: Array, right: Array) -> Array:
-        """``J^T diag(left) C diag(right) J``, (B, P, P), with C the correlation of the noise."""
+    def covariance(self, JT: Array, left: Array | None = None) -> Array:
+        """``J^T diag(left) C diag(g) J``, (B, P, P): C is the correlation of the noise, g the factor of the gradient.
+
+        `left` (B, M) is g too by default: then it is the covariance of the gradient in units of sigma squared.
+        """
+        right = self.gradient_factor
+        left = right if left is None else left
         left_sum, right_sum = ((JT * factor[:, None]) @ self.segment for factor in (left, right))
         own = gram(JT, left * right * (1.0 - self.shared))
         return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
 
-    def of_paint(self, JT: Array, pull: Array) -> Array:
+    def of_paint(self, JT: Array, irls_weight: Array) -> Array:
         """``J^T W S W J`` (B, P, P), with S the covariance of the residuals due to misplaced lines."""
-        summed = self.by_line(JT, pull)
+        summed = self.by_line(JT, irls_weight)
         return np.asarray(summed @ np.swapaxes(summed, 1, 2))
 
-    def by_line(self, JT: Array, pull: Array) -> Array:
+    def by_line(self, JT: Array, irls_weight: Array) -> Array:
         """``J^T W`` times the residuals of each line, (B, P, L), if it is misplaced by one standard deviation.
 
         It may be painted or detected off its position, equally in all frames. A line that is off by one metre changes
@@ -67,9 +72,9 @@ class Noise:
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
         if paint == 0.0:
             return np.zeros((len(JT), JT.shape[1], 1))
-        by_metre = np.linalg.norm(self.evaluation.derivatives(problem.layout.is_centre)[:, :2], axis=1)
+        by_metre = np.linalg.norm(self.evaluation.by_centre[:, :2], axis=1)
         off = np.hypot(paint * by_metre, FOUND_BESIDE * problem.layout.image_size[0])
-        return np.asarray((JT * (pull * off)[:, None]) @ self.segment)
+        return np.asarray((JT * (irls_weight * off)[:, None]) @ self.segment)
 
 
 def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
         of_each = evaluation.background.jacobians(layout.free | layout.considered)
         own = layout.free[layout.free | layout.considered]
         by_shared = np.swapaxes(of_each[0][:, ~own] + of_each[1][:, ~own], 1, 2)
-        first, second = (J[:, own] * evaluation.background.pull[:, None] for J in of_each)
+        first, second = (J[:, own] * evaluation.background.irls_weight[:, None] for J in of_each)
         np.add.at(border, pairs.second, second @ by_shared)
         if pairs.known is None:
             np.add.at(border, pairs.first, first @ by_shared)
@@ -87,12 +87,12 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
     problem, JT = evaluation.problem, evaluation.JT
     by_shared = evaluation.derivatives(problem.layout.considered)
     noise = Noise(evaluation)
-    between = sigma**2 * noise.covariance(JT, noise.pull, noise.pull)
-    hessian = kappa * gram(JT, evaluation.pull)
+    between = sigma**2 * noise.covariance(JT)
+    hessian = kappa * gram(JT, evaluation.irls_weight)
     if evaluation.prior is not None:
         between, hessian = between + evaluation.prior.hessian, hessian + evaluation.prior.hessian
-    border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
-    return hessian, between, border, noise.by_line(JT, evaluation.pull)
+    border = kappa * (JT * evaluation.irls_weight[:, None]) @ np.swapaxes(by_shared, 1, 2)
+    return hessian, between, border, noise.by_line(JT, evaluation.irls_weight)
 
 
 def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:

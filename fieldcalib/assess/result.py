@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._json import from_json, to_json
+from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
@@ -506,39 +506,25 @@ class Calibration:
         ValueError
             If the version is another one, a key is missing, or a value is invalid.
         """
-        version = record.get("version")
-        if version != VERSION:
-            raise ValueError(
-                f"expected a calibration of version {VERSION}, got {version!r}: another fieldcalib wrote it, "
-                f"use that or calibrate again"
+        with reading(record, "calibration", VERSION):
+            size, suspects = record["image_size"], record["suspect_labels"]
+            return cls(
+                None if size is None else _camera_from_record(record, size),
+                Status(record["status"]),
+                record["message"],
+                float(from_json(record.get("rms_px"))),
+                float(from_json(record.get("loss_ndc"))),
+                {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
+                tuple(SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in suspects),
+                tuple(_camera_from_record(other, size) for other in record["alternatives"]),
+                tuple(record["complaints"]),
+                dict(record["pixel_counts"]),
+                None if record["field"] is None else field_from_record(record["field"]),
+                _errors_from_record(record),
+                tuple(MarkingInView(**one) for one in record.get("markings", ())),
+                bool(record.get("are_annotated", False)),
+                Declared(record.get("declared", Declared.NOTHING)),
             )
-        try:
-            return cls._from_record(record)
-        except KeyError as error:
-            raise ValueError(f"is no calibration: the key {error} is missing") from None
-        except (TypeError, AttributeError, ValueError) as error:
-            raise ValueError(f"is no calibration: {error}") from error
-
-    @classmethod
-    def _from_record(cls, record: Mapping[str, Any]) -> Calibration:
-        size, suspects = record["image_size"], record["suspect_labels"]
-        return cls(
-            None if size is None else _camera_from_record(record, size),
-            Status(record["status"]),
-            record["message"],
-            float(from_json(record.get("rms_px"))),
-            float(from_json(record.get("loss_ndc"))),
-            {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
-            tuple(SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in suspects),
-            tuple(_camera_from_record(other, size) for other in record["alternatives"]),
-            tuple(record["complaints"]),
-            dict(record["pixel_counts"]),
-            None if record["field"] is None else field_from_record(record["field"]),
-            _errors_from_record(record),
-            tuple(MarkingInView(**one) for one in record.get("markings", ())),
-            bool(record.get("are_annotated", False)),
-            Declared(record.get("declared", Declared.NOTHING)),
-        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Calibration):

@@ -39,7 +39,7 @@ class ReducedSystem:
     """Gradient of the cost of all frames, (S,)."""
     spread: Array
     """Covariance of the gradient, (S, S)."""
-    pulls: Array
+    by_frame: Array
     """Gradient of the cost of each frame's labels, (T, S); at the solution prior and links balance their sum."""
 
     @classmethod
@@ -66,9 +66,8 @@ class ReducedSystem:
         L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
         L[:, :, ~shared], L[:, :, shared] = -np.swapaxes(following, 1, 2), np.eye(L.shape[1])
         noise = Noise(evaluation)
-        pull = evaluation.pull * noise.relative_sigma
-        between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
-        painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
+        between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT) + prior
+        painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.irls_weight), axis=0)
         # terms that link frames are weighted by inverse variances
         spread = np.sum(L @ (between + evaluation.links_hessian) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
         if evaluation.coupling is not None:
@@ -85,7 +84,7 @@ class ReducedSystem:
     def take(self, index: IntArray) -> ReducedSystem:
         """The system of some of the parameters; the others are fixed."""
         both = np.ix_(index, index)
-        return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], self.pulls[:, index])
+        return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], self.by_frame[:, index])
 
     @cached_property
     def inverse(self) -> Array:
@@ -103,10 +102,10 @@ class ReducedSystem:
 
         The factor is the variance between runs in units of `white_covariance`, averaged over all directions.
         """
-        runs = [run for run in np.array_split(np.arange(len(self.pulls)), RUNS) if len(run)]
+        runs = [run for run in np.array_split(np.arange(len(self.by_frame)), RUNS) if len(run)]
         if len(runs) < 3 or not len(self.hessian):
             return self.white_covariance
-        moved = np.array([np.sum(self.pulls[run], axis=0) for run in runs]) @ self.inverse
+        moved = np.array([np.sum(self.by_frame[run], axis=0) for run in runs]) @ self.inverse
         squares = float(np.sum(moved * np.linalg.solve(self.white_covariance, moved.T).T))
         return max(1.0, squares * len(runs) / (len(runs) - 1) / len(self.hessian)) * self.white_covariance
 

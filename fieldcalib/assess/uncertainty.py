@@ -43,7 +43,7 @@ from fieldcalib.problem.layout import Layout
 # Number of equations as which the noise of other frames counts. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
 # pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); here it is less, as annotators differ.
 OTHER_FRAMES = 5.0
-TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
+TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed, in the order of theta
 TOUCHED = 1e-6  # share of a derivative along open directions: less is rounding
 
 
@@ -178,7 +178,7 @@ class Uncertainty(Estimate):
         theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
         there = evaluate(self.problem, theta[None])
         noise = Noise(there)
-        V = self.robust_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
+        V = self.robust_sigma**2 * noise.covariance(there.JT)[0]
         if there.prior is not None:
             V += np.diag(1.0 / np.square(there.prior.effective_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
@@ -225,11 +225,11 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     sigma, kappa = size_and_curvature(problem.loss, variance)
 
     tested = [name for name in TESTED if name in layout.names and not free[layout.names.index(name)]]
-    by_tested = [evaluation.derivatives(np.array(layout.names) == name) for name in tested]
-    by_kept = np.concatenate([evaluation.derivatives(layout.considered), *by_tested], axis=1)
+    by_tested = evaluation.derivatives(np.isin(layout.names, tested))
+    by_kept = np.concatenate([evaluation.derivatives(layout.considered), by_tested], axis=1)
     rows = np.concatenate([directions.JT, by_kept], axis=1)
-    noisy = variance[:, None, None] * noise.covariance(rows, noise.pull, noise.pull)
-    noisy += noise.of_paint(rows, evaluation.pull)
+    noisy = variance[:, None, None] * noise.covariance(rows)
+    noisy += noise.of_paint(rows, evaluation.irls_weight)
     P, sizes = directions.JT.shape[1], by_kept.shape[1] - len(tested)
     gain, data = directions.gain(kappa, has_prior), noisy[:, :P, :P].copy()
     noisy[:, :P, :P] += has_prior * np.eye(P)
@@ -300,8 +300,8 @@ def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> 
     the fit to the pixels.
     """
     squares = gram(directions.JT, noise.square)
-    factors = noise.pull, noise.square * noise.relative_sigma
-    spread, crossed = (noise.covariance(directions.JT, factor, noise.pull) for factor in factors)
+    spread = noise.covariance(directions.JT)
+    crossed = noise.covariance(directions.JT, noise.square * noise.relative_sigma)
     gain = directions.gain(np.ones(len(evaluation.theta)), evaluation.problem.prior is not None)
     redundancy = (
         np.sum(noise.square * np.square(noise.relative_sigma), axis=1)
@@ -330,12 +330,14 @@ class _Kept(NamedTuple):
         """Compute from derivatives `rows` (B, P + k, M) of the residuals; `noisy` is the covariance of the gradient."""
         P = gain.shape[1]
         by_kept = rows[:, P:]
-        crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
+        crossed = kappa[:, None, None] * gram(rows, evaluation.irls_weight)[:, :P, P:]
         following = -gain[:, :, None] * crossed
-        information = kappa[:, None, None] * gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+        information = (
+            kappa[:, None, None] * gram(by_kept, evaluation.irls_weight) + np.swapaxes(crossed, 1, 2) @ following
+        )
         identity = np.broadcast_to(np.eye(by_kept.shape[1]), information.shape)
         L = np.concatenate([np.swapaxes(following, 1, 2), identity], axis=2)
-        gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+        gradient = (by_kept @ (evaluation.irls_weight * evaluation.r)[..., None])[..., 0]
         return cls(following, gradient, information, L @ noisy @ np.swapaxes(L, 1, 2))
 
     def offset(self, t: int, i: int) -> tuple[float, float]:

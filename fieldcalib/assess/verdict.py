@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.assess.result import Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import EndRows, PointRows, Segment
+from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
@@ -60,7 +60,7 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
     The first that applies counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
     segments, equations = evidence.labels.segments, sum(evidence.labels.equations.values())
-    noun = _noun(segments)
+    noun = _noun(segments.values())
     labelled = f"{len(segments)} {noun}{'s' * (len(segments) != 1)}"
     if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
@@ -98,14 +98,14 @@ def disagreement(labels: FrameLabels, missed: Collection[str], unknowns: int) ->
     if len(agreeing) >= AGREEING * len(labels.equations) and sum(agreeing) >= unknowns:
         return None
     return (
-        f"only {len(agreeing)} of {len(labels.equations)} {_noun(labels.segments)}s agree with the best fit: check the "
-        f"labels, the field's and the image's size"
+        f"only {len(agreeing)} of {len(labels.equations)} {_noun(labels.segments.values())}s agree with the best fit: "
+        f"check the labels, the field's and the image's size"
     )
 
 
-def _noun(segments: Mapping[str, Segment]) -> str:
-    """Noun for the labels of a frame in messages."""
-    return "point" if all(segment.is_point for segment in segments.values()) else "segment"
+def _noun(segments: Iterable[Segment]) -> str:
+    """Noun for labelled segments in messages."""
+    return "point" if all(segment.is_point for segment in segments) else "segment"
 
 
 def implausibilities(
@@ -123,12 +123,11 @@ def implausibilities(
     fov = 2.0 * np.arctan(0.5 * width / exp_of(theta, LOG_F))
     near = observations.weight * (np.abs(points.r) <= far)
     behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
-    kinds = [type(rows) for rows in observations.rows if rows]
-    noun = "points" if all(issubclass(kind, PointRows | EndRows) for kind in kinds) else "segments"
+    noun = _noun(observations.segments[label] for label in np.unique(observations.label) if label >= 0)
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
-        f"labelled {noun} lie behind it": behind > LARGEST_SHARE_BEHIND * np.sum(near, axis=1),
+        f"labelled {noun}s lie behind it": behind > LARGEST_SHARE_BEHIND * np.sum(near, axis=1),
     }
     if field is not None:
         C = theta[:, CENTER]

@@ -24,7 +24,8 @@ from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tv
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.results import Results, read_results
+from fieldcalib.results.collection import Results
+from fieldcalib.results.reading import read
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -80,8 +81,8 @@ def run(options: argparse.Namespace) -> int:
     """Export; returns the exit code."""
     function = FORMATS[options.format]
     keywords = _keywords(options.format, given(FormatOptions, options))
-    results = read_results(options.folder)
-    lines = {line["id"]: line for line in results.lines}
+    results = read(options.folder)
+    lines = {line["id"]: line for line in results.frames.mains()}
     frames = _frames(results, lines, options)
     if "about" in signature(function).parameters:
         keywords["about"] = lines
@@ -113,7 +114,7 @@ def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argp
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
         raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
-    cameras = {id: results[id].camera if id in results else None for id in ids}
+    cameras = {id: results.cameras[id] if id in results else None for id in ids}
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
     if rejected and not options.keep_rejected:
         cameras |= dict.fromkeys(rejected)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from functools import lru_cache
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
-from fieldcalib.io.results import BROKEN, is_table, lines_file, result_lines
+from fieldcalib.io.results import ResultFile, lines_file
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
 
@@ -34,31 +35,22 @@ class Cameras:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._path = lines_file(path) if path.is_dir() else path
-        if not self._path.is_file():
-            raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
-        self.accepted: list[str] = []
-        """Ids of the frames whose camera is accepted, in the order of the run."""
-        self._lines: dict[str, tuple[int, int | bytes]] = {}  # number, and first byte; the line itself if of a table
-        begin = 0  # byte
-        for number, text in enumerate(result_lines(self._path), 1):
-            try:
-                line = parse_json_object(text, "a frame's result")
-                self._lines[str(line["id"])] = number, text if is_table(self._path) else begin
-                begin += len(text)
-                if line.get("status") == Status.ACCEPTED and line.get("K") is not None:
-                    self.accepted.append(str(line["id"]))
-            except (KeyError, BrokenFileError) as error:
-                raise BrokenFileError(f"{self._path}, line {number}: is no result of a frame: {error}") from None
-        numbers = [number for number in map(_number, self._lines) if number is not None]
+        self._file = ResultFile(lines_file(path) if path.is_dir() else path)
+        self._numbers = {id: number for number, id in enumerate(self._file.ids)}
+        numbers = [number for number in map(_number, self._numbers) if number is not None]
         once = {number for number, count in Counter(numbers).items() if count == 1}
-        self._by_number = {n: id for id in self._lines if (n := _number(id)) in once}
+        self._by_number = {n: id for id in self._numbers if (n := _number(id)) in once}
         self._read = lru_cache(maxsize=CACHED)(self._calibration)
 
     @property
     def ids(self) -> list[str]:
         """Ids of all frames, in the order of the run."""
-        return list(self._lines)
+        return self._file.ids
+
+    @cached_property
+    def accepted(self) -> list[str]:
+        """Ids of the frames whose camera is accepted, in the order of the run."""
+        return [id for id, number in self._numbers.items() if _has_accepted_camera(self._file.main(number))]
 
     @property
     def first(self) -> int | None:
@@ -79,29 +71,19 @@ class Cameras:
         number = _number(frame if re.fullmatch(r"[-+]?\d+(\.0*)?", frame) else name)
         if offset and number is not None:
             return self._by_number.get(number + offset)
-        found = next((id for id in (frame, name) if id in self._lines), None)
+        found = next((id for id in (frame, name) if id in self._numbers), None)
         return found if found is not None or number is None else self._by_number.get(number)
 
     def _calibration(self, id: str) -> Calibration | None:
-        number, place = self._lines[id]
-        if isinstance(place, bytes):
-            text = place
-        else:
-            with open_regular_file(self._path) as file:
-                file.seek(place)
-                text = file.readline()
-        line = parse_json_object(text, "a frame's result")
-        if line.get("status") == BROKEN:
+        number = self._numbers[id]
+        if number in self._file.broken:
             return None
-        try:
-            found = Calibration.from_dict(line)
-        except ValueError as error:
-            raise BrokenFileError(f"{self._path}, line {number}: {error}") from None
+        found = self._file.calibration(number)
         return found if found.camera is not None else None
 
     def naming_hint(self, frame: str) -> str:
         """Text for messages: how frames are named in the boxes and in the results."""
-        ids = [*self._lines, "none"]
+        ids = [*self._numbers, "none"]
         return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"
 
 
@@ -117,6 +99,10 @@ def field_of(cameras: Cameras) -> Field:
     if first is None:
         raise ValueError(f"no frame of {cameras.path} has an accepted camera")
     return first.field or soccer()
+
+
+def _has_accepted_camera(line: Mapping[str, Any]) -> bool:
+    return line["status"] == Status.ACCEPTED and line.get("K") is not None
 
 
 def _number(id: str) -> int | None:

@@ -14,7 +14,7 @@ from fieldcalib.console.arguments import PARQUET, add_format, folder_name
 from fieldcalib.console.options import add_options
 from fieldcalib.io.files import parse_json_object
 from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.results import LINES
+from fieldcalib.io.results import FORMAT, LINES, joined_line, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions, Shard
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RunRecord
@@ -49,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
     with open_run_folder(joined, record, lines) as results:
-        for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
-            results.add(_outcome(folder, text, record))
+        for folder, texts in islice(_lines(shards, lines, record.unit), results.done, None):
+            results.add(_outcome(folder, texts, record))
         results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
         results.calibrated = results.verdicts.total()
         seconds = sum(summary["seconds"]["total"] for summary in summaries)
@@ -79,6 +79,11 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
         record = RunRecord.read(folder)
         if record is None or record.shard is None:
             raise ValueError(f"{folder} is no shard: expected the folder of a run with --shard K/N")
+        if record.format != FORMAT:
+            raise ValueError(
+                f"{folder} is of format {record.format}, this fieldcalib joins format {FORMAT}: join it with the one "
+                f"that wrote it, or run the shards again"
+            )
         shard = Shard.parse(record.shard)
         first, of = first or record, of or shard.of
         other = first.differences(record, of_shards=True) or ("" if shard.of == of else f"it is one of {of}")
@@ -96,19 +101,24 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
     return replace(first, shard=None), [found[number] for number in sorted(found)]
 
 
-def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, bytes]]:
+def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, tuple[bytes, ...]]]:
     """Lines of all shards in the order of the frames, each with its folder."""
-    readers = [(folder, whole_lines(folder / log)) for folder in shards]
+    readers = [(folder, _lines_of(folder, log)) for folder in shards]
     while readers:
         for folder, reader in list(readers):
             lines = list(islice(reader, unit))
-            yield from ((folder, line) for line in lines)
+            yield from ((folder, texts) for texts in lines)
             if len(lines) < unit:
                 readers.remove((folder, reader))
 
 
-def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
-    line: dict[str, Any] = parse_json_object(text, "a frame's result")
+def _lines_of(folder: Path, log: str) -> Iterator[tuple[bytes, ...]]:
+    return whole_line_pairs(folder) if log == LINES else zip(whole_lines(folder / log), strict=True)
+
+
+def _outcome(folder: Path, texts: tuple[bytes, ...], record: RunRecord) -> Outcome:
+    main, *solver = (parse_json_object(text, "a frame's result") for text in texts)
+    line: dict[str, Any] = joined_line(main, solver[0]) if solver else main
     names = [name.replace("<id>", line["id"]) for name in record.writes]
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
     return Outcome(line, is_squashed(line), files)

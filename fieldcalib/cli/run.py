@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -31,16 +32,17 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
-from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.results import LINES
+from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.localize import Network
+from fieldcalib.results.reading import read
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
+from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
+from fieldcalib.web.report import write_report
 
 SAMPLE = 40  # images of one field from which its size is estimated
 ROUNDS = 2  # of calibrating these images and estimating the size
@@ -77,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, CalibrationOptions)
     add_options(parser, ReadImage)
     add_options(parser, RunOptions)
+    parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -86,7 +89,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(request: RunRequest) -> int:
-    """Calibrate one video or stream, or images."""
+    """Calibrate one video or stream, or images, and write the report."""
+    code = _calibrate(request)
+    if request.report:
+        write_report(read(request.run.out), request.run.out / REPORT)
+    return code
+
+
+def _calibrate(request: RunRequest) -> int:
     if request.is_stream:
         return run_stream(request)
     request.check()
@@ -126,8 +136,8 @@ def _run_one_by_one(request: RunRequest) -> int:
 def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:
     """Calibrate each frame on its own; frames of an earlier part of the run are only drawn again."""
     run = request.run
-    lines = islice(whole_lines(run.out / LINES), results.done)
-    frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
+    lines = islice(whole_line_pairs(run.out), results.done)
+    frames = (replace(frame, line=_whole(next(lines, None))) for frame in source.frames)
     path, rate = run.out / OVERLAY, source.frames_per_second
     assert rate is not None  # it is a video
 
@@ -141,6 +151,11 @@ def _run_video(request: RunRequest, results: ResultsWriter, source: Source, meth
 
         work(run, results, frames, IMAGES_AT_ONCE, method, source.count, write)
     say_note(path, video)
+
+
+def _whole(texts: Texts | None) -> dict[str, Any] | None:
+    """The line of a frame from both files, None if there is none."""
+    return None if texts is None else joined_line(*map(json.loads, texts))
 
 
 @dataclass(frozen=True)
@@ -161,8 +176,8 @@ class ImageCalibrator:
 
     def _of_part(self, frames: Sequence[Frame]) -> UnitResult:
         start = time.perf_counter()
-        if all(frame.line for frame in frames):
-            calibrations = [Calibration.from_dict(json.loads(frame.line)) for frame in frames]
+        if all(frame.line is not None for frame in frames):
+            calibrations = [Calibration.from_dict(frame.line) for frame in frames if frame.line is not None]
         else:
             seen = [(frame.image, self.options.placement(frame.image)) for frame in frames if frame.image is not None]
             images = [placement.image_in_frame(image) for image, placement in seen]
@@ -199,8 +214,8 @@ class ImageCalibrator:
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.options.drawn(image, calibration)
-        if frame.line:
-            return Outcome(json.loads(frame.line), picture=picture, is_written=True)
+        if frame.line is not None:
+            return Outcome(frame.line, picture=picture, is_written=True)
         if frame.is_of_video:
             return self.options.outcome(frame.id, calibration, picture=picture)
         return self.options.outcome(

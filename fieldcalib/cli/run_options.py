@@ -21,11 +21,11 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_video import Mount
 from fieldcalib.io.cuts import Cut
-from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels
 from fieldcalib.io.streams import Stream
 from fieldcalib.run_folder.images import ReadImage
+from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.solve.options import Prior
@@ -128,6 +128,8 @@ class RunRequest:
     calibration: CalibrationOptions
     same_field: bool
     """Whether all images show one field."""
+    report: bool
+    """Whether a report of one file is written too."""
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> RunRequest:
@@ -154,7 +156,7 @@ class RunRequest:
     @property
     def is_video(self) -> bool:
         """Whether the input is a file of a video."""
-        return not self.is_stream and VIDEOS.recognises(self.path)
+        return is_video(self.input[0])
 
     @property
     def is_stream(self) -> bool:
@@ -165,7 +167,7 @@ class RunRequest:
     def is_clip(self) -> bool:
         """Whether frames are calibrated together: those of a video by default, images with --clip."""
         options = self.calibration
-        return options.clip or (self.is_video and not options.independent and options.refine)
+        return is_clip(self.input[0], together=options.clip, alone=options.independent or not options.refine)
 
     def check(self) -> None:
         """Raise a ValueError if options do not fit the input."""
@@ -196,9 +198,9 @@ def split_request(request: RunRequest) -> list[RunRequest]:
     ValueError
         If two of them have the same name.
     """
-    inputs = [part for one in request.input for part in _videos_in(one)]
-    images = [one for one in inputs if not _is_video(one)]
-    groups = [(one.stem if isinstance(one, Path) else one.name, [one]) for one in inputs if _is_video(one)]
+    inputs = [part for one in request.input for part in videos_in(one)]
+    images = [one for one in inputs if not _has_own_folder(one)]
+    groups = [(one.stem if isinstance(one, Path) else one.name, [one]) for one in inputs if _has_own_folder(one)]
     if images:
         groups.insert(0, (IMAGE_FOLDER, images))
     if len(groups) == 1 and inputs == request.input:  # one video of a folder may be joined by others
@@ -211,15 +213,6 @@ def split_request(request: RunRequest) -> list[RunRequest]:
     return [request.of_input(part, name) for name, part in groups]
 
 
-def _is_video(one: Input) -> bool:
-    return isinstance(one, Stream) or VIDEOS.recognises(one)
-
-
-def _videos_in(one: Input) -> list[Input]:
-    """The videos of a folder that has videos and no images; otherwise the input itself."""
-    if isinstance(one, Stream) or not one.is_dir():
-        return [one]
-    files = sorted(path for path in one.iterdir() if path.is_file())
-    if any(map(IMAGES.recognises, files)):
-        return [one]
-    return [path for path in files if VIDEOS.recognises(path)] or [one]
+def _has_own_folder(one: Input) -> bool:
+    """Whether an input is a run of its own: a video or a stream."""
+    return isinstance(one, Stream) or is_video(one)

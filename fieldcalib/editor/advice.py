@@ -134,7 +134,7 @@ def click_errors(calibration: Calibration, X: ArrayLike, pixel_sd: float = CLICK
     _, solved = _field_and_solution(calibration)
     evaluation = solved.alone.evaluation
     free = evaluation.problem.free
-    pulled = evaluation.JT[0] * evaluation.pull[0]
+    pulled = evaluation.JT[0] * evaluation.irls_weight[0]
     by_marks = np.linalg.solve(evaluation.hessian[0], pulled)  # (P, M)
     J = _of_ground(calibration, np.asarray(X, dtype=float))[..., free] @ by_marks
     return np.asarray(pixel_sd * np.sqrt(np.sum(np.square(J), axis=(-2, -1))))

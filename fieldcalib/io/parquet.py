@@ -1,7 +1,7 @@
 """The lines of ``cameras.jsonl`` as a table in Parquet, which pandas, DuckDB and others query, many folders at once.
 
-The columns are the keys of the lines that have the same meaning in every frame, and ``line``: the text as it was, from
-which everything is read back.
+The columns are the keys of the lines, and of those of ``solver.jsonl``, that have the same meaning in every frame; and
+``line`` and ``solver``: both texts as they were, from which everything is read back.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from fieldcalib._extras import imported
 from fieldcalib.io.files import BrokenFileError, replacement
 
 ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
-TEXT = "line"
-TEXTS = ("id", "status", "message", "verdict", "reason", "basis")
+TEXT, SOLVER_TEXT = "line", "solver"
+TEXTS = ("id", "status", "message", "verdict", "reason", "remedy", "basis")
 NUMBERS = ("rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3", "probability_right_0.5m", "probability_right_1m")
 
 
-def write_parquet(lines: Iterable[bytes], path: Path) -> None:
-    """Write lines of ``cameras.jsonl`` as a table, whole or not at all.
+def write_parquet(lines: Iterable[tuple[bytes, bytes]], path: Path) -> None:
+    """Write lines of ``cameras.jsonl``, each with that of ``solver.jsonl``, as a table, whole or not at all.
 
     Raises
     ------
@@ -38,12 +38,14 @@ def write_parquet(lines: Iterable[bytes], path: Path) -> None:
     with replacement(path) as (handle, temporary):
         os.close(handle)
         with parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
-            while rows := [_row(text) for text in islice(texts, ROW_GROUP)]:
+            while rows := [_row(*pair) for pair in islice(texts, ROW_GROUP)]:
                 writer.write_table(pyarrow.Table.from_pylist(rows, schema))
 
 
-def read_parquet(path: Path) -> Iterator[bytes]:
-    """The lines that `write_parquet` was given, one after the other.
+def read_parquet(path: Path) -> Iterator[tuple[bytes, bytes]]:
+    """The lines that `write_parquet` was given, one pair after the other, without their ends.
+
+    The second of a pair is empty where an older version wrote the table.
 
     Raises
     ------
@@ -57,9 +59,10 @@ def read_parquet(path: Path) -> Iterator[bytes]:
         with parquet.ParquetFile(path) as file:
             if TEXT not in file.schema_arrow.names:
                 raise BrokenFileError(f"{path}: has no column {TEXT!r}: is it a cameras.parquet?")
-            for batch in file.iter_batches(ROW_GROUP, columns=[TEXT]):
-                for text in batch.column(0).to_pylist():
-                    yield text.encode()
+            columns = [name for name in (TEXT, SOLVER_TEXT) if name in file.schema_arrow.names]
+            for batch in file.iter_batches(ROW_GROUP, columns=columns):
+                for row in batch.to_pylist():
+                    yield row[TEXT].encode(), row.get(SOLVER_TEXT, "").encode()
     except pyarrow.ArrowException as error:
         raise BrokenFileError(f"{path}: cannot be read as Parquet: {error}") from error
 
@@ -88,14 +91,15 @@ def _schema(pyarrow: ModuleType) -> Any:
     columns |= {"K": pyarrow.list_(vector, 3), "dist": pyarrow.list_(real), "R": pyarrow.list_(vector, 3), "C": vector}
     columns |= {"angles_degrees": angles, "standard_deviations": deviations}
     columns |= {"segment_errors_px": pyarrow.map_(text, real), "suspect_labels": pyarrow.list_(text)}
-    columns |= {"complaints": pyarrow.list_(text), TEXT: text}
+    columns |= {TEXT: text, SOLVER_TEXT: text}
     return pyarrow.schema(list(columns.items()))
 
 
-def _row(text: bytes) -> dict[str, Any]:
-    """The columns of a line; missing values are null."""
-    line: Mapping[str, Any] = json.loads(text)
-    row = dict(line) | {name: _number(line.get(name)) for name in NUMBERS} | {TEXT: text.decode().rstrip("\n")}
+def _row(text: bytes, solver: bytes) -> dict[str, Any]:
+    """The columns of a frame; missing values are null."""
+    line: Mapping[str, Any] = {**json.loads(text), **json.loads(solver)}
+    row = dict(line) | {name: _number(line.get(name)) for name in NUMBERS}
+    row |= {TEXT: text.decode().rstrip("\n"), SOLVER_TEXT: solver.decode().rstrip("\n")}
     row |= {name: line[name].encode(errors="backslashreplace").decode() for name in TEXTS if name in line}
     errors = line.get("segment_errors_px") or {}
     row["segment_errors_px"] = [(label, _number(error)) for label, error in errors.items()]

@@ -1,73 +1,66 @@
-"""Results of a folder of frames, read back."""
+"""Files of results, read: ``cameras.jsonl`` with the camera of every frame, and ``solver.jsonl`` beside it.
+
+Both have a line for each frame, in the order of the run. A line of ``cameras.jsonl`` has what people and programs use;
+that of ``solver.jsonl`` what is left: from both together the calibration is read back, with its errors. In tables
+(``cameras.parquet``) they are two columns. Frames are parsed when they are asked for.
+"""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
-from fieldcalib._extras import imported
+import numpy as np
+
 from fieldcalib.assess.result import Calibration
-from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
-from fieldcalib.io.parquet import read_parquet
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file
+from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.parquet import read_parquet, write_parquet
 
-if TYPE_CHECKING:
-    import pandas
-
-LINES, TABLE = "cameras.jsonl", "cameras.parquet"
+LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"
+FORMAT = 2  # version of the files: the first one had all in cameras.jsonl
+OLD_FORMATS = (1,)  # that are read too
 BROKEN = "broken file"  # status of a frame whose file could not be read
-# keys without a column
-FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})
+MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
+    *("id", "status", "message", "verdict", "reason", "remedy", "basis", "version", "field", "image_size"),
+    *("K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
+    *("probability_right_0.5m", "probability_right_1m"),
+)
+SIZE_KEYS = ("length", "width", "size_known")  # of a field that has no builder, in cameras.jsonl
+BEGINNING = re.compile(rb'\{"id": ("(?:[^"\\]|\\.)*"), "status": ("(?:[^"\\]|\\.)*")')
+
+Texts: TypeAlias = tuple[bytes, bytes]
+"""The lines of a frame in both files, without their ends; the second is empty in older formats."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Results(Mapping[str, Calibration]):
-    """Calibrations by the ids of their frames, in the order of the run.
+def split_line(line: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The keys of a frame's results that go to ``cameras.jsonl``, and those of ``solver.jsonl``.
 
-    Frames whose files could not be read have none: they are in `broken`.
+    Examples
+    --------
+    >>> main, solver = split_line({"id": "1", "status": "accepted", "message": "", "version": 1, "solved": None})
+    >>> main
+    {'id': '1', 'status': 'accepted', 'message': '', 'version': 2}
+    >>> solver, joined_line(main, solver) == {"status": "accepted", "message": "", **solver}
+    ({'id': '1', 'version': 1, 'solved': None}, True)
     """
+    main = {key: line[key] for key in MAIN_KEYS if key in line}
+    solver = {key: line[key] for key in ("id", "version") if key in line}
+    if "version" in main:
+        main["version"] = FORMAT
+    field = main.get("field")
+    if field is not None and "builder" not in field:
+        main["field"] = {key: field[key] for key in SIZE_KEYS}
+        solver["field"] = field
+    return main, solver | {key: value for key, value in line.items() if key not in MAIN_KEYS}
 
-    calibrations: Mapping[str, Calibration]
-    lines: Sequence[Mapping[str, Any]]
-    """Lines of ``cameras.jsonl`` for all frames, see ``docs/files.md``."""
 
-    def __getitem__(self, id: str) -> Calibration:
-        return self.calibrations[id]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.calibrations)
-
-    def __len__(self) -> int:
-        return len(self.calibrations)
-
-    def __repr__(self) -> str:
-        return f"Results({len(self)} calibrations, {len(self.broken)} broken files)"
-
-    @cached_property
-    def broken(self) -> Mapping[str, str]:
-        """Problems of files that could not be read, by id."""
-        return {line["id"]: line["message"] for line in self.lines if line["status"] == BROKEN}
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """A table with a row for each frame, broken ones included, indexed by id.
-
-        Columns are the keys of ``cameras.jsonl`` without those that only serve to read it back; nested keys are joined
-        as "angles_degrees.pan", and matrices and lists are one cell. All are plain values, which pandas writes to any
-        format; the `Calibration` of a row is ``results[id]``.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        pandas = imported("pandas", "pandas", "to_pandas")
-        rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in self.lines]
-        table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
-        return table.set_index("id")
+def joined_line(main: Mapping[str, Any], solver: Mapping[str, Any]) -> dict[str, Any]:
+    """The results of a frame from both files, with the keys of `Calibration.to_dict`."""
+    return {**main, **solver}
 
 
 def lines_file(folder: Path) -> Path:
@@ -76,30 +69,208 @@ def lines_file(folder: Path) -> Path:
     return folder / (TABLE if is_table else LINES)
 
 
-def result_lines(path: Path) -> Iterator[bytes]:
-    """Lines of a ``cameras.jsonl``, without an incomplete last line, or of a table of them.
+def is_table(path: Path) -> bool:
+    """Whether the lines of a run are in a table."""
+    return path.suffix == Path(TABLE).suffix
 
-    Lines are read one by one: all lines of a match may not fit into memory.
+
+def result_lines(path: Path) -> Iterator[bytes]:
+    """Everything that is kept of each frame, in order, as JSON."""
+    file = ResultFile(path)
+    return (json.dumps(file.line(number)).encode() for number in range(len(file.ids)))
+
+
+def whole_line_pairs(folder: Path) -> Iterator[Texts]:
+    """The lines of all frames in a folder that is written to: without an incomplete last one."""
+    solver = folder / SOLVER
+    return zip(whole_lines(folder / LINES), whole_lines(solver) if solver.exists() else (), strict=False)
+
+
+def write_lines(folder: Path, lines: Iterable[Mapping[str, Any]]) -> None:
+    """Write everything that is kept of all frames to both files, each whole; to the table, if the folder has one."""
+    texts = [tuple(json.dumps(part).encode() + b"\n" for part in split_line(line)) for line in lines]
+    if lines_file(folder).name == TABLE:
+        write_parquet(((main, solver) for main, solver in texts), folder / TABLE)
+        return
+    for name, index in ((SOLVER, 1), (LINES, 0)):
+        with whole_file(folder / name) as file:
+            file.writelines(pair[index] for pair in texts)
+
+
+def parse_main(text: bytes) -> dict[str, Any]:
+    """Parse and check the line of a frame in ``cameras.jsonl``.
 
     Raises
     ------
     BrokenFileError
-        If it cannot be read.
+        If it is none, or one of another version; the message names it.
+    """
+    try:
+        line = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BrokenFileError(f"is no JSON: {error}") from error
+    if not isinstance(line, dict):
+        raise BrokenFileError(f"expected a JSON object of a frame's result, got {type(line).__name__}")
+    for key in ("id", "status", "message"):
+        if not isinstance(line.get(key), str):
+            raise BrokenFileError(f"a result needs the key {key!r} with a text")
+    version = line.get("version")
+    if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
+        raise BrokenFileError(
+            f"expected results of version {FORMAT} (or {OLD_FORMATS[0]}), got {version!r}: another fieldcalib wrote "
+            f"them, use that or calibrate again"
+        )
+    return line
+
+
+class ResultFile:
+    """The lines of a ``cameras.jsonl`` or ``cameras.parquet``, and of the ``solver.jsonl`` beside it.
+
+    Only the ids and statuses are read at once, the lines when they are asked for. An incomplete last line, of a run
+    that goes on, is left out.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    BrokenFileError
+        If it cannot be read, a line is no result, or of another version; the message begins with file and line.
     ImportError
         If it is a table and pyarrow is not installed.
     """
-    if is_table(path):
-        yield from read_parquet(path)
-        return
-    with open_regular_file(path) as file:
-        for line in file:
-            if line.endswith(b"\n") or _is_json(line):
-                yield line
+
+    def __init__(self, path: Path) -> None:
+        if not path.exists():
+            raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
+        self.path = path
+        self._texts: list[Texts] | None = list(read_parquet(path)) if is_table(path) else None
+        self._solver = _Lines(path.with_name(SOLVER))
+        self.ids: list[str] = []
+        """Ids of all frames, in order."""
+        self.broken: set[int] = set()
+        """Numbers of the frames whose files could not be read."""
+        begins = [0]
+        for number, text in enumerate(self._main_texts()):
+            self._add(number, text)
+            begins.append(begins[-1] + len(text))
+        self._begins = np.array(begins, dtype=np.int64)
+        if self.ids:
+            self.main(0)
+
+    def _main_texts(self) -> Iterator[bytes]:
+        if self._texts is not None:
+            yield from (main for main, _ in self._texts)
+            return
+        with open_regular_file(self.path) as file:
+            for line in file:
+                if line.endswith(b"\n") or _is_json(line):
+                    yield line
+
+    def _add(self, number: int, text: bytes) -> None:
+        """Take the id and the status of a frame."""
+        found = BEGINNING.match(text)
+        if found is not None and text.rstrip().endswith(b"}"):
+            id, status = json.loads(found[1]), json.loads(found[2])
+        else:
+            with self._named(number):
+                line = parse_main(text)
+                id, status = line["id"], line["status"]
+        self.ids.append(id)
+        if status == BROKEN:
+            self.broken.add(number)
+
+    def main(self, number: int) -> dict[str, Any]:
+        """The line of a frame in ``cameras.jsonl``."""
+        with self._named(number):
+            return parse_main(self._main_text(number))
+
+    def mains(self) -> Iterator[dict[str, Any]]:
+        """The lines of all frames in ``cameras.jsonl``, quicker than one by one."""
+        for number, text in zip(range(len(self.ids)), self._main_texts(), strict=False):
+            with self._named(number):
+                yield parse_main(text)
+
+    def line(self, number: int) -> dict[str, Any]:
+        """Everything that is kept of a frame."""
+        main = self.main(number)
+        with self._named(number):
+            return joined_line(main, self._solver_line(number, main))
+
+    def calibration(self, number: int) -> Calibration:
+        """The calibration of a frame that is not broken."""
+        line = self.line(number)
+        with self._named(number):
+            return Calibration.from_dict(line)
+
+    def texts(self, number: int) -> Texts:
+        """The lines of a frame as they stand in both files."""
+        if self._texts is not None:
+            return self._texts[number]
+        return self._main_text(number).rstrip(b"\n"), self._solver.text(number).rstrip(b"\n")
+
+    def _main_text(self, number: int) -> bytes:
+        if self._texts is not None:
+            return self._texts[number][0]
+        begin, end = self._begins[number : number + 2].tolist()
+        with open_regular_file(self.path) as file:
+            file.seek(begin)
+            return file.read(end - begin)
+
+    def _solver_line(self, number: int, main: Mapping[str, Any]) -> dict[str, Any]:
+        if main.get("version") in OLD_FORMATS:
+            return {}
+        text = self._texts[number][1] if self._texts is not None else self._solver.text(number)
+        if not text and number in self.broken:
+            return {}
+        if not text:
+            raise BrokenFileError(
+                f"{SOLVER} lies not beside it, or has no line for this frame: keep both, they are read together"
+            )
+        line = parse_json_object(text, "the solution of a frame")
+        if line.get("id") != main["id"]:
+            raise BrokenFileError(
+                f"{SOLVER} has frame {line.get('id')!r} here, not {main['id']!r}: they are of different runs"
+            )
+        return line
+
+    def _named(self, number: int) -> _NamedLine:
+        return _NamedLine(self.path, number)
 
 
-def is_table(path: Path) -> bool:
-    """Whether the lines of a run are in a table."""
-    return path.suffix == Path(TABLE).suffix
+class _NamedLine:
+    """Lets errors about a line begin with its file and its number."""
+
+    def __init__(self, path: Path, number: int) -> None:
+        self._path, self._number = path, number
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> None:
+        if isinstance(error, ValueError):
+            raise BrokenFileError(f"{self._path}, line {self._number + 1}: {error}") from error
+
+
+class _Lines:
+    """The lines of a file by number, found as far as they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._begins = [0]
+
+    def text(self, number: int) -> bytes:
+        """A line with its end; empty if there is none."""
+        if not self._path.is_file():
+            return b""
+        with open_regular_file(self._path) as file:
+            file.seek(self._begins[min(number, len(self._begins) - 1)])
+            while len(self._begins) <= number:
+                line = file.readline()
+                if not line.endswith(b"\n"):
+                    return b""
+                self._begins.append(self._begins[-1] + len(line))
+            line = file.readline()
+            return line if line.endswith(b"\n") or _is_json(line) else b""
 
 
 def _is_json(text: bytes) -> bool:
@@ -108,57 +279,3 @@ def _is_json(text: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-def read_results(folder: str | os.PathLike[str]) -> Results:
-    """The results that `fieldcalib calibrate` or `fieldcalib run` wrote to a folder.
-
-    Parameters
-    ----------
-    folder : path
-        With a ``cameras.jsonl`` or ``cameras.parquet``; or the path of that file.
-
-    Returns
-    -------
-    Results
-        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it. An unfinished run
-        has the frames that are done.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is neither.
-    ImportError
-        If it is a ``cameras.parquet`` and pyarrow is not installed.
-    BrokenFileError
-        If a line is no result, or of another version; the message begins with file and line.
-
-    Examples
-    --------
-    >>> import json, tempfile
-    >>> line = {"id": "00001", "status": "broken file", "message": "is no JSON"}
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     _ = (Path(folder) / "cameras.jsonl").write_text(json.dumps(line))
-    ...     results = read_results(folder)
-    >>> len(results), results.broken
-    (0, {'00001': 'is no JSON'})
-    """
-    path = Path(folder)
-    if path.is_dir():
-        path = lines_file(path)
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
-    lines: list[dict[str, Any]] = []
-    calibrations: dict[str, Calibration] = {}
-    for number, text in enumerate(result_lines(path), 1):
-        try:
-            line = parse_json_object(text, "a frame's result")
-            for key in ("id", "status", "message"):
-                if not isinstance(line.get(key), str):
-                    raise BrokenFileError(f"a result needs the key {key!r} with a text")
-            if line["status"] != BROKEN:
-                calibrations[line["id"]] = Calibration.from_dict(line)
-        except ValueError as error:
-            raise BrokenFileError(f"{path}, line {number}: {error}") from error
-        lines.append(line)
-    return Results(calibrations, lines)

@@ -156,7 +156,7 @@ class BackgroundTerm:
         return self.pairs.loss.evaluate(np.sum(np.square(self.r), axis=0))
 
     @cached_property
-    def pull(self) -> Array:
+    def irls_weight(self) -> Array:
         """Weights of the components of r in the normal equations, (K, 2 N), x before y."""
         return np.tile(self.pairs.weight * self._losses[1], 2)
 
@@ -221,7 +221,7 @@ class BackgroundTerm:
 
         def add(frame: IntArray, J: Array) -> None:
             """Add residuals to some frames, with their derivatives J (K, P, 2 N)."""
-            weighted = J * self.pull[:, None]
+            weighted = J * self.irls_weight[:, None]
             np.add.at(gradient, frame, (weighted @ r[..., None])[..., 0])
             np.add.at(hessian, frame, weighted @ np.swapaxes(J, 1, 2))
 
@@ -232,7 +232,7 @@ class BackgroundTerm:
         by_own, by_second = np.where(own, by_first, 0.0), self.by_second + np.where(own, 0.0, by_first)
         add(first, by_own)
         add(second, by_second)
-        between = (by_own * self.pull[:, None]) @ np.swapaxes(by_second, 1, 2)
+        between = (by_own * self.irls_weight[:, None]) @ np.swapaxes(by_second, 1, 2)
         border = np.where(shared, between, 0.0)
         np.add.at(hessian, first, border + np.swapaxes(border, 1, 2))
         return gradient, hessian, Coupling(first, second, between[:, ~shared][:, :, ~shared])

@@ -434,11 +434,11 @@ def normal_equations(
                 row[camera + s] = -(
                     row[4] * motion[b, i, 0, s] + row[5] * motion[b, i, 1, s] + row[6] * motion[b, i, 2, s]
                 )
-            pull = weight * slope
+            irls_weight = weight * slope
             for j in range(P):
                 row[j] = row[free[j]]  # the free ones are ascending
             for j in range(P):
-                scaled = pull * row[j]
+                scaled = irls_weight * row[j]
                 gradient[j] -= scaled * foot.r  # residual: pixel minus closest point
                 for c in range(j + 1):
                     hessian[j, c] += scaled * row[c]

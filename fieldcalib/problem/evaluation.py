@@ -151,14 +151,18 @@ class Evaluation:
 
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
-        JT = self._by_camera(free)
-        moving = free[self.problem.layout.field_size_block.start :]  # length, width and crown
-        if np.any(moving):
-            # moving a segment is equivalent to moving the camera the other way
-            by_centre = self._by_camera(self.problem.layout.is_centre)
-            by_field = -np.einsum("bcm,bmcs->bsm", by_centre, self.motion_of_points[..., moving])
-            JT[:, JT.shape[1] - by_field.shape[1] :] = by_field
-        return JT
+        is_size = np.arange(len(free)) >= self.problem.layout.field_size_block.start  # length, width and crown
+        by_camera = self._by_camera(free & ~is_size)
+        if not np.any(free & is_size):
+            return by_camera
+        # moving a segment is equivalent to moving the camera the other way
+        moving = self.motion_of_points[..., free[is_size]]
+        return np.concatenate([by_camera, -np.einsum("bcm,bmcs->bsm", self.by_centre, moving)], axis=1)
+
+    @cached_property
+    def by_centre(self) -> Array:
+        """Derivatives of the residuals by the position of the camera, (B, 3, M)."""
+        return self._by_camera(self.problem.layout.is_centre)
 
     def _by_camera(self, free: BoolArray) -> Array:
         """`derivatives` for a field of constant size."""
@@ -181,7 +185,7 @@ class Evaluation:
         return self.problem.loss.evaluate(np.square(self.r))
 
     @cached_property
-    def pull(self) -> Array:
+    def irls_weight(self) -> Array:
         """Weights of the residuals in the normal equations, ``w rho' / noise^2``, (B, M)."""
         return np.asarray(self.problem.observations.weight * self._losses[1] / self.problem.noise**2)
 
@@ -241,7 +245,7 @@ class Evaluation:
     def information_of(self, residuals: slice) -> Array:
         """Gauss-Newton Hessian of some of the residuals, (B, P, P)."""
         JT = self.JT[:, :, residuals]
-        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
+        return np.asarray((JT * self.irls_weight[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
 
     @cached_property
     def hessian(self) -> Array:
@@ -315,7 +319,7 @@ class PixelTerm(CostTerm):
     def gradient(self) -> Array:
         """Gradient by the free parameters, (B, P)."""
         of = self.evaluation
-        return np.asarray((of.JT @ (of.pull * of.r)[..., None])[..., 0])
+        return np.asarray((of.JT @ (of.irls_weight * of.r)[..., None])[..., 0])
 
     @property
     def hessian(self) -> Array:

@@ -245,7 +245,7 @@ class Observations:
     @cached_property
     def pixel_share(self) -> Array:
         """Share of each residual in a labelled pixel, (M,): 1/2 where the pixel has two, 0 for ends."""
-        shares = [0.0 if isinstance(rows, EndRows) else 1.0 / rows.components for rows in self.rows]
+        shares = [rows.measures_labels / rows.components for rows in self.rows]
         return np.repeat(shares, self._residuals_of_rows)
 
     @property

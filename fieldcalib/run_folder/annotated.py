@@ -20,7 +20,7 @@ from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound,
 from fieldcalib.io.annotations import Labels
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
-from fieldcalib.io.results import LINES, TABLE
+from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
@@ -40,7 +40,7 @@ from fieldcalib.run_folder.units import (
 )
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
-RUN_FILES = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
+RUN_FILES = frozenset({LINES, SOLVER, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # number of skipped files of each kind that are named
 CAMERA_FILES = (CAMERAS.file_name("<id>"),)
 
@@ -225,7 +225,7 @@ def calibrate_folder(
         raise ValueError(f"images of several sizes are not calibrated together: there are {there}")
     size = unit_size(len(files)) if at_once is None else at_once
     return calibrate_files(
-        run, files, FromFiles(reader.read, method, partial(_losses, reader.field)), size, writes, more
+        run, files, FromFiles(reader.read, method, partial(paper_losses, reader.field)), size, writes, more
     )
 
 
@@ -258,7 +258,7 @@ def _first_broken(read: Callable[[FrameFile], object], files: tuple[FrameFile, .
     return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
 
 
-def _losses(field: Field, frames: Mapping[str, Pixels], calibrations: Sequence[Calibration]) -> dict[str, float]:
+def paper_losses(field: Field, frames: Mapping[str, Pixels], calibrations: Sequence[Calibration]) -> dict[str, float]:
     """The paper's loss (eq. 3) of the frames that have a camera, each on its own field; computes all errors first."""
     compute_errors(calibrations)
     of = dict(zip(frames, calibrations, strict=True))

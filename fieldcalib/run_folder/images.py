@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from fieldcalib.console.arguments import millions
 from fieldcalib.console.inputs import Input
@@ -38,8 +38,8 @@ class Frame:
     path: Path | str = ""
     """File of the image, for messages."""
     is_of_video: bool = False
-    line: str = ""
-    """The image's line of cameras.jsonl from an earlier part of the run, if any."""
+    line: Mapping[str, Any] | None = None
+    """The image's results from an earlier part of the run, if any."""
 
 
 @dataclass(frozen=True)

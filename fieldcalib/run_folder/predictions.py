@@ -21,11 +21,10 @@ from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,
     named_in_errors,
-    parse_json_object,
     read_regular_file,
 )
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format
-from fieldcalib.io.results import lines_file, result_lines
+from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
 from fieldcalib.io.wc14 import IMAGE_SIZE
@@ -149,7 +148,7 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
     """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
     if not lines_file(path).is_file():
         return None
-    lines = (parse_json_object(text, "a frame's result") for text in result_lines(lines_file(path)))
+    lines = ResultFile(lines_file(path)).mains()
     return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.results import FORMAT, OLD_FORMATS
 from fieldcalib.run_folder.options import RunOptions
 
 RECORD = "run.json"
@@ -37,6 +38,10 @@ class RunRecord:
     writes: tuple[str, ...]
     """Names of a frame's files, with <id> for its id."""
     version: str = fieldcalib.__version__
+    format: int = FORMAT
+    """Version of the files that are written."""
+    source: Sequence[str] = ()
+    """Paths of the input, from which its frames can be read again; empty if it is no file."""
 
     @classmethod
     def of(
@@ -48,7 +53,8 @@ class RunRecord:
         field = None if run.field_file is None else FrameFile(str(run.field_file), run.field_file).state
         contents = _digest([[*(file.state for file in files)], field, more])
         shard = None if run.shard is None else str(run.shard)
-        return cls(run.command, kept, len(files), names, contents, unit, shard, tuple(writes))
+        source = [str(Path(one).absolute()) for one in run.recorded.get("input", ()) if Path(one).exists()]
+        return cls(run.command, kept, len(files), names, contents, unit, shard, tuple(writes), source=source)
 
     @classmethod
     def read(cls, folder: Path) -> RunRecord | None:
@@ -64,7 +70,7 @@ class RunRecord:
             return None
         try:
             record = parse_json_object(read_regular_file(path), "a run")
-            return cls(**{**record, "writes": tuple(record["writes"])})
+            return cls(**{"format": OLD_FORMATS[0], **record, "writes": tuple(record["writes"])})
         except (BrokenFileError, KeyError, TypeError) as error:
             raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
 
@@ -78,6 +84,8 @@ class RunRecord:
             return f"it is of {self.command}, not of {other.command}"
         if self.version != other.version:
             return f"it is of version {self.version}, this is {other.version}"
+        if self.format != other.format:
+            return f"its files are of format {self.format}, this fieldcalib writes format {other.format}"
         names = [name for name in {**self.options, **other.options} if self._at(name) != other._at(name)]
         if names:
             return "; ".join(f"{_option(name)} was {self._at(name)!r}, is {other._at(name)!r}" for name in names)

@@ -1,8 +1,8 @@
 """The folder of results of a run, written frame by frame, so that a run that ends at any time can be resumed.
 
-``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``cameras.jsonl`` and then
-its files. So a frame has all of its files if another line follows; the last one is done again. And no file is without
-a line, which says what belongs to the run.
+``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``solver.jsonl``, that in
+``cameras.jsonl``, and then its files. So a frame has all of its files if another line follows; the last one is done
+again. And no file is without a line, which says what belongs to the run.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from pathlib import Path
@@ -27,7 +27,7 @@ from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.parquet import read_parquet, write_parquet
-from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
+from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, split_line, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RECORD, RunRecord
@@ -35,10 +35,11 @@ from fieldcalib.run_folder.to_look_at import ToLookAt
 from fieldcalib.solve.aspect import WAS_SQUASHED
 
 SUMMARY = "summary.json"  # of a run that is finished
-MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
+MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"
 LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
-SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # files that are of no single frame
+REPORT = "report.html"
+SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY, REPORT)  # files that are of no single frame
 PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
 # Least number and share of frames with pixels that are not square, to warn of them. Of 728 annotated frames none has
 # such pixels, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.
@@ -56,6 +57,8 @@ class ResultsWriter:
 
     out: Path
     log: LineLog
+    solver: LineLog | None = None
+    """The second file of lines; None where there is only one."""
     done: int = 0
     """Frames that are written."""
     statuses: Counter[str] = attribute(default_factory=Counter)
@@ -75,11 +78,19 @@ class ResultsWriter:
         """Write the line of the next frame, and its files; a complaint is printed on stderr."""
         if outcome.complaint:
             say(outcome.complaint)
-        self.log.append(json.dumps(outcome.line))
+        self._append(outcome.line)
         for name, content in outcome.files.items():
             write_bytes(self.out / name, content)
         self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
         self.calibrated += bool(outcome.line.get("verdict"))
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        if self.solver is None:
+            self.log.append(json.dumps(line))
+            return
+        main, solver = split_line(line)
+        self.solver.append(json.dumps(solver))
+        self.log.append(json.dumps(main))
 
     def restore(self, line: Mapping[str, Any]) -> None:
         """Count a frame that an earlier part of the run has written."""
@@ -176,8 +187,9 @@ def write_table(run: RunOptions) -> None:
     """Replace ``cameras.jsonl`` by a table, if that is asked for."""
     if run.writes_table:
         with output_folder(run.out):
-            write_parquet(whole_lines(run.out / LINES), run.out / TABLE)
+            write_parquet(whole_line_pairs(run.out), run.out / TABLE)
             (run.out / LINES).unlink()
+            (run.out / SOLVER).unlink()
 
 
 @contextmanager
@@ -198,13 +210,16 @@ def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> I
         if run.overwrite:
             _clear(out)
         remove_temporaries(out)
-        count = _count(out / lines)
+        count, has_solver = _count(out, lines), lines == LINES
         results: ResultsWriter | None = None
         try:
             if earlier is None:
                 record.write(out)
-            with LineLog(out / lines, count if is_finished(out) else max(count - 1, 0)) as log:
-                results = ResultsWriter(out, log)
+            kept = count if is_finished(out) else max(count - 1, 0)
+            with ExitStack() as logs:
+                log = logs.enter_context(LineLog(out / lines, kept))
+                solver = logs.enter_context(LineLog(out / SOLVER, kept)) if has_solver else None
+                results = ResultsWriter(out, log, solver)
                 for text in whole_lines(out / lines):
                     results.restore(json.loads(text))
                 yield results
@@ -220,11 +235,12 @@ def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> I
 
 
 def _restore_lines(run: RunOptions) -> None:
-    """Write the ``cameras.jsonl`` of a run that is resumed or replaced from the table that it has left."""
-    path = run.out / LINES
-    if (run.resume or run.overwrite) and lines_file(run.out) != path:
-        with whole_file(path) as file:
-            file.writelines(text + b"\n" for text in read_parquet(lines_file(run.out)))
+    """Write the lines of a run that is resumed or replaced from the table that it has left; ``cameras.jsonl`` last."""
+    table = lines_file(run.out)
+    if (run.resume or run.overwrite) and table.name == TABLE:
+        for index, name in ((1, SOLVER), (0, LINES)):
+            with whole_file(run.out / name) as file:
+                file.writelines(texts[index] + b"\n" for texts in read_parquet(table))
 
 
 def finish(out: Path, summary: Mapping[str, Any]) -> None:
@@ -266,8 +282,11 @@ def _used(out: Path) -> bool:
     )
 
 
-def _count(log: Path) -> int:
-    return sum(1 for _ in whole_lines(log)) if log.exists() else 0
+def _count(out: Path, lines: str) -> int:
+    """Number of frames that have all of their lines."""
+    if not (out / lines).exists():
+        return 0
+    return sum(1 for _ in (whole_line_pairs(out) if lines == LINES else whole_lines(out / lines)))
 
 
 def _clear(out: Path) -> None:
@@ -300,7 +319,7 @@ def _remove_frames(out: Path, record: RunRecord) -> None:
 def _forget(out: Path) -> None:
     """Remove the log, the record and kept parts of a run."""
     remove_temporaries(out)
-    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / TABLE, out / LOCALIZED, out / RECORD):
+    for path in (*out.glob(f"{PART_OF_CLIP}*"), *(out / name for name in (LINES, SOLVER, TABLE, LOCALIZED, RECORD))):
         path.unlink(missing_ok=True)
 
 

@@ -139,13 +139,12 @@ def work(
     `write`, if given, gets the outcomes of all items instead. A frame whose process ends is written as broken; the
     others of its unit are done.
     """
+    done = results.done if write is None else 0
     with (
         executor_of(run.jobs) as executor,
-        progress_bar(total=frames_of_shard(total, size, run.shard), unit="frame") as progress,
+        progress_bar(total=frames_of_shard(total, size, run.shard), unit="frame", initial=done) as progress,
     ):
         units = units_of(items, size, run.shard)
-        done = results.done if write is None else 0
-        progress.update(done)
         rest, skipped = _rest(units, done)
         rescue = None if executor is None else partial(_rescued, executor, function)
         for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):

@@ -17,7 +17,7 @@ class EndRows(Rows):
     """
 
     name, vectors = "ends", 3
-    shares_noise = False
+    measures_labels = shares_noise = False
     compiled = ("ENDS",)
 
     def closest_points(self, view: View) -> list[ClosestPoints]:

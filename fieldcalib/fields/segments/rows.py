@@ -47,6 +47,8 @@ class Rows(ABC):
     """Least number of vectors that describe a segment, G."""
     components: ClassVar[int] = 1
     """Number of residuals of a pixel."""
+    measures_labels: ClassVar[bool] = True
+    """Whether these are the residuals of labelled pixels, and not further ones of some of them."""
     shares_noise: ClassVar[bool] = True
     """Whether the pixels of a segment share an error, as annotators keep to one side of a line."""
     compiled: ClassVar[tuple[str, ...]] = ()

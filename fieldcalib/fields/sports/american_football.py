@@ -39,7 +39,7 @@ PAINT: Mapping[str, Paint] = {
 
 
 @dataclass(frozen=True)
-class Rules:
+class GridironRules:
     """Measures in which the rule books differ, metres."""
 
     hashes: float
@@ -54,15 +54,15 @@ class Rules:
     """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field american-football-nfl`."""
 
 
-RULES: Mapping[str, Rules] = {
-    "nfl": Rules(
+RULES: Mapping[str, GridironRules] = {
+    "nfl": GridironRules(
         hashes=18.5 * FEET,
         gap=8.0 * INCH,
         numbers=12.0 * YARD,
         try_mark=2.0 * YARD,
         probability=ProbabilityModel((1.87, -3.41, -0.54, -0.32, -0.2)),
     ),
-    "ncaa": Rules(
+    "ncaa": GridironRules(
         hashes=40.0 * FEET,
         gap=4.0 * INCH,
         numbers=7.0 * YARD,
@@ -126,7 +126,7 @@ def american_football(rules: str = "nfl") -> Field:
     )
 
 
-def _quarter(rules: Rules) -> Iterator[dict[str, Segment]]:
+def _quarter(rules: GridironRules) -> Iterator[dict[str, Segment]]:
     """Lines and corners, rows of marks and numbers as lines through their ends, the goal, and ends of marks."""
     end, side, goal, yard_line = 0.5 * LENGTH, 0.5 * WIDTH, GOAL_LINE + 0.5 * GOAL_LINE_WIDTH, 0.5 * WIDTH - rules.gap
     inner, numbers = 0.5 * rules.hashes, side - rules.numbers

@@ -26,7 +26,7 @@ USUAL_IIHF = ((59.5, 60.5), (26.0, 30.0))
 
 
 @dataclass(frozen=True)
-class Rules:
+class RinkRules:
     """Measures of a rink, in metres, to the edges of the paint that the rule books name."""
 
     length: float
@@ -72,7 +72,7 @@ class Rules:
     """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field ice-hockey-nhl`."""
 
 
-NHL = Rules(
+NHL = RinkRules(
     length=200.0 * FEET,
     width=85.0 * FEET,
     corner_radius=28.0 * FEET,
@@ -98,7 +98,7 @@ NHL = Rules(
     probability=ProbabilityModel((1.13, -3.08, -0.94, 0.0, -0.34)),
 )
 NHL_2013 = replace(NHL, hashes_apart=3.0 * FEET, trapezoid=(9.0 * FEET, 14.0 * FEET))
-IIHF = Rules(
+IIHF = RinkRules(
     length=60.0,
     width=30.0,
     corner_radius=8.5,
@@ -123,7 +123,7 @@ IIHF = Rules(
     goal=(1.83, 1.22),
     probability=ProbabilityModel((1.07, -3.18, -0.81, 0.04, -0.43)),
 )
-FIXED: Mapping[str, Rules] = {"nhl": NHL, "nhl-2013": NHL_2013}
+FIXED: Mapping[str, RinkRules] = {"nhl": NHL, "nhl-2013": NHL_2013}
 
 
 def ice_hockey(rules: str = "nhl") -> Field:
@@ -214,7 +214,7 @@ def ice_hockey_iihf(
     return _rink(rules, size_known, model)
 
 
-def _rink(rules: Rules, size_known: bool, size_model: SizePrior | None = None) -> Field:
+def _rink(rules: RinkRules, size_known: bool, size_model: SizePrior | None = None) -> Field:
     rink = court(
         (rules.length, rules.width),
         *_quarter(rules),
@@ -230,7 +230,7 @@ def _rink(rules: Rules, size_known: bool, size_model: SizePrior | None = None) -
     return replace(rink, paint=_paint(rules, rink.segments))
 
 
-def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
+def _paint(rules: RinkRules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
     """Red lines but for the blue ones and the centre circle, spots, and the kick plate of the boards."""
     found = {label: Paint(colour=RED) for label, one in segments.items() if not one.is_point}
     found |= {label: UNPAINTED for label in segments if label.endswith("edge")}
@@ -241,7 +241,7 @@ def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
     return found | {"Centre spot": Paint(width=rules.centre_spot, colour=BLUE)}
 
 
-def _quarter(rules: Rules) -> Iterator[dict[str, Segment]]:
+def _quarter(rules: RinkRules) -> Iterator[dict[str, Segment]]:
     """Boards and lines, the marks of the ends, goals and creases, and the points where lines meet."""
     end, side, r, half = 0.5 * rules.length, 0.5 * rules.width, rules.corner_radius, 0.5 * rules.line
     goal, blue, half_wide = end - rules.goal_line, end - rules.blue_line, 0.5 * rules.wide_line
@@ -284,7 +284,7 @@ def _quarter(rules: Rules) -> Iterator[dict[str, Segment]]:
     }
 
 
-def _ends(rules: Rules) -> dict[str, Segment]:
+def _ends(rules: RinkRules) -> dict[str, Segment]:
     """Spots and circles of ends and neutral zone, hash marks and L marks."""
     neutral = 0.5 * rules.length - rules.blue_line - 0.5 * rules.wide_line - rules.neutral_spot
     found: dict[str, Segment] = {}
@@ -298,7 +298,7 @@ def _ends(rules: Rules) -> dict[str, Segment]:
     return found
 
 
-def _marks(rules: Rules, spot: tuple[float, float], signs: tuple[float, float], name: str) -> dict[str, Segment]:
+def _marks(rules: RinkRules, spot: tuple[float, float], signs: tuple[float, float], name: str) -> dict[str, Segment]:
     """Hash mark and L mark in one quarter around a spot."""
     half = 0.5 * rules.line
 

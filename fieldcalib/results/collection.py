@@ -1,0 +1,336 @@
+"""Results of many frames: a mapping of their ids to calibrations, and what is asked of all of them."""
+
+from __future__ import annotations
+
+import os
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as attribute
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.images import encode_image
+from fieldcalib.results.frames import FrameStore, KeptFrames, Lazy, LazyList
+from fieldcalib.results.homographies import FieldHomography, field_homography
+from fieldcalib.results.sources import Pictures
+from fieldcalib.results.tables import short_table, whole_table
+
+if TYPE_CHECKING:
+    import pandas
+
+WORST = 12  # pictures of `Results.plot`
+GROUND = (52, 92, 58)  # colour of a picture that is not there
+SHOWN = 960  # px: width of a picture in a notebook
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(Mapping[str, Calibration]):
+    """Calibrations by the ids of their frames, in the order of the input.
+
+    Frames whose files could not be read have none: they are in `broken`. Two results are equal if they have the same
+    frames with the same calibrations, and the same calibration of a clip. Frames of a folder are parsed when they are
+    asked for.
+
+    Examples
+    --------
+    >>> import fieldcalib
+    >>> field = fieldcalib.soccer()
+    >>> truth = fieldcalib.Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    >>> pixels = {label: truth.project(field[label].sample(9.0)) for label in labels}
+    >>> results = fieldcalib.calibrate({"00001": pixels}, image_size=(960, 540), progress=False)
+    >>> results, results.verdicts
+    (Results(1 calibration: 1 good), {'00001': <Verdict.GOOD: 'good'>})
+    >>> results.overlay("00001").shape
+    (540, 960, 3)
+    """
+
+    frames: FrameStore
+    """What is kept of each frame."""
+    pictures: Pictures = attribute(default_factory=Pictures)
+    """Where the pictures of the frames are."""
+    clip: Callable[[], tuple[VideoCalibration, float]] | None = None
+    """Gives the calibration of a clip, and its frames per second; None where frames were calibrated by themselves."""
+    command: str = "run"
+    """The command that writes such results: calibrate, of labelled pixels, or run."""
+    options: Mapping[str, Any] = attribute(default_factory=dict)
+    """What they were calibrated with, for the record in their folder."""
+    folder: Path | None = None
+    """The folder that they were read from."""
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        """Numbers of the frames that have a calibration, by id."""
+        broken = self.frames.broken
+        return {id: number for number, id in enumerate(self.frames.ids) if id not in broken}
+
+    def __getitem__(self, id: str) -> Calibration:
+        return self.frames.calibration(self._numbers[id])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __contains__(self, id: object) -> bool:
+        return id in self._numbers
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Results):
+            return NotImplemented
+        if list(self.frames.ids) != list(other.frames.ids) or dict(self.broken) != dict(other.broken):
+            return False
+        same = all(self[id] == other[id] and self.basis[id] == other.basis[id] for id in self)
+        return same and self.video == other.video
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
+        broken = f", {len(self.broken)} broken files" if self.broken else ""
+        return f"Results({count}: {self._counts()}{broken})"
+
+    def _counts(self) -> str:
+        counts = Counter(self.verdicts.values())
+        return ", ".join(f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict]) or "none"
+
+    @property
+    def calibrations(self) -> Mapping[str, Calibration]:
+        """The calibrations by id: the results themselves."""
+        return self
+
+    @property
+    def broken(self) -> Mapping[str, str]:
+        """Problems of files that could not be read, by id."""
+        return self.frames.broken
+
+    @property
+    def lines(self) -> Sequence[Mapping[str, Any]]:
+        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/files.md``."""
+        return LazyList(len(self.frames.ids), self.frames.line)
+
+    @property
+    def cameras(self) -> Mapping[str, Camera | None]:
+        """The best camera of each frame by id, whatever the verdict; None where there is none."""
+        return Lazy(self._numbers, lambda number: _camera_of(self.frames.main(number)))
+
+    @cached_property
+    def verdicts(self) -> Mapping[str, Verdict]:
+        """The verdict on each frame by id: "good", "check" or "reject"."""
+        return {line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if "verdict" in line}
+
+    @property
+    def basis(self) -> Mapping[str, str]:
+        """What the camera of each frame of a clip rests on, by id; empty texts for other frames."""
+        return Lazy(self._numbers, lambda number: str(self.frames.main(number).get("basis", "")))
+
+    @cached_property
+    def _clip(self) -> tuple[VideoCalibration | None, float | None]:
+        return (None, None) if self.clip is None else self.clip()
+
+    @property
+    def video(self) -> VideoCalibration | None:
+        """The calibration of a clip, with its shots and tripods; None where frames were calibrated by themselves."""
+        return self._clip[0]
+
+    @property
+    def frames_per_second(self) -> float | None:
+        """Frame rate of a clip; None for others."""
+        return self._clip[1]
+
+    def image(self, id: str) -> Image:
+        """The picture of a frame, read from where it was.
+
+        Raises
+        ------
+        ValueError
+            If it is not known where it is, or it is gone.
+        BrokenFileError
+            If it cannot be read.
+        """
+        return self.pictures.image(id)
+
+    def overlay(self, frame: str | int | None = None, image: Image | None = None, *, show_paint: bool = False) -> Image:
+        """The picture of a frame with the projected field, as `fieldcalib run` draws it.
+
+        Parameters
+        ----------
+        frame : str or int, optional
+            The id of a frame, or its place in the order of the frames; may be left out if there is one only.
+        image : (height, width, 3) uint8 array, optional
+            The picture; by default it is read again from the input. Where it cannot be, the field is drawn on a plain
+            ground.
+        show_paint : bool
+            Whether markings beside their paint are orange, and those without any grey.
+
+        Returns
+        -------
+        (height, width, 3) uint8 array
+            Blue, green, red.
+
+        Raises
+        ------
+        KeyError
+            If there is no such frame, or it could not be read.
+        ValueError
+            If no frame is named, and there are several; or if the image is none.
+        """
+        id = self._id(frame)
+        found = self[id]
+        if image is None:
+            image = self.image(id) if self.pictures.has(id) else _plain(found)
+        return draw_calibration(checked_image(image), found, self._field(found), show_paint=show_paint)
+
+    def _id(self, frame: str | int | None) -> str:
+        """The id of a frame that a user names."""
+        ids = list(self) if not isinstance(frame, str) else []
+        if frame is None and len(ids) != 1:
+            raise ValueError(f"say which frame: there are {len(ids)}, as {', '.join(map(repr, ids[:3]))}")
+        found = frame if isinstance(frame, str) else ids[frame or 0]
+        if found in self.broken:
+            raise KeyError(f"frame {found!r} could not be read: {self.broken[found]}")
+        if found not in self:
+            near = ", ".join(map(repr, list(self)[:3]))
+            raise KeyError(f"there is no frame {found!r}; frames are as {near or 'none'}")
+        return found
+
+    def _field(self, calibration: Calibration) -> Field:
+        return calibration.field or soccer()
+
+    def plot(self) -> Image:
+        """A picture of all results: of a clip its cameras over time, else the frames to look at first.
+
+        Returns
+        -------
+        (height, width, 3) uint8 array
+            Blue, green, red: `fieldcalib.draw.plot_sequence`, or a `fieldcalib.draw.contact_sheet` of overlays.
+
+        Raises
+        ------
+        ValueError
+            If there is no calibration.
+        """
+        if not len(self):
+            raise ValueError("there is no calibration to plot")
+        if self.video is not None:
+            return plot_sequence(self.video, frames_per_second=self.frames_per_second)
+        ids = list(self)
+        ids = [ids[index] for index in worst_frames(LazyList(len(ids), lambda k: self[ids[k]]), WORST)]
+        captions = [f"{id}: {self[id].verdict}, {self[id].reason}" for id in ids]
+        return contact_sheet([self.overlay(id) for id in ids], captions, title=self._counts())
+
+    def homographies(self) -> Mapping[str, FieldHomography]:
+        """Homographies from pixels to metres on the ground, by id, of the frames that have a camera.
+
+        Returns
+        -------
+        mapping of str to FieldHomography
+            Of undistorted pixels (exact), of the pixels of the picture (nearest), and what the lens leaves of that in
+            pixels and metres; made when they are asked for.
+        """
+        numbers = {id: number for id, number in self._numbers.items() if self.cameras[id] is not None}
+        return Lazy(numbers, lambda number: self._homography(self.frames.ids[number]))
+
+    def _homography(self, id: str) -> FieldHomography:
+        camera = self.cameras[id]
+        assert camera is not None
+        return field_homography(camera, self._field(self[id]))
+
+    def to_pandas(self, *, everything: bool = False) -> pandas.DataFrame:
+        """A table with a row for each frame, broken ones included, indexed by id.
+
+        Parameters
+        ----------
+        everything : bool
+            By default there are the columns of `fieldcalib.results.tables.COLUMNS`: verdict and reason, the camera in
+            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of ``docs/files.md``
+            without those that only serve to read results back; nested ones as "angles_degrees.pan", matrices and lists
+            in one cell.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        if everything:
+            return whole_table(self.lines)
+        return short_table(self.frames.mains())
+
+    def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False, overlays: bool = True) -> None:
+        """Write the results to a folder as `fieldcalib run` (or `calibrate`, of labelled pixels) does.
+
+        Parameters
+        ----------
+        folder : path
+            It is made if it is not there.
+        overwrite : bool
+            Whether results in it are replaced.
+        overlays : bool
+            Whether pictures with the projected field are drawn, where the pictures can be read again.
+
+        Raises
+        ------
+        FileExistsError
+            If there are results in the folder already.
+        OSError
+            If it cannot be written to.
+        """
+        from fieldcalib.results.saving import save
+
+        save(self, Path(folder), overwrite=overwrite, overlays=overlays)
+
+    def details(self, id: str) -> dict[str, Any]:
+        """Keys of the line of a frame that do not follow from its calibration."""
+        return self.frames.details(id) if isinstance(self.frames, KeptFrames) else {}
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks, and a picture where one can be made."""
+        rows = {"frames": str(len(self.frames.ids)), "verdicts": self._counts()}
+        if self.broken:
+            rows["broken files"] = str(len(self.broken))
+        if self.video is not None:
+            rows |= {"shots": str(len(self.video.shots)), "tripods": str(len(self.video.tripods))}
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+        return f"<table>{''.join(cells)}</table>{self._html_picture()}"
+
+    def _html_picture(self) -> str:
+        import cv2
+
+        try:
+            picture = self.overlay() if len(self) == 1 and self.video is None else self.plot()
+        except (ValueError, OSError):  # nothing to draw, or pictures that are gone
+            return ""
+        if picture.shape[1] > SHOWN:
+            size = SHOWN, max(round(picture.shape[0] * SHOWN / picture.shape[1]), 1)
+            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        data = b64encode(encode_image(picture, ".jpg")).decode()
+        return f'<img alt="cameras" src="data:image/jpeg;base64,{data}">'
+
+
+def _camera_of(line: Mapping[str, Any]) -> Camera | None:
+    """The camera in a line of ``cameras.jsonl``."""
+    if line.get("K") is None:
+        return None
+    return Camera(line["K"], line["R"], line["C"], tuple(line["image_size"]), line["dist"])
+
+
+def _plain(calibration: Calibration) -> Image:
+    """A picture of one colour, of the size of the camera."""
+    width, height = (960, 540) if calibration.camera is None else calibration.camera.image_size
+    return np.full((height, width, 3), GROUND, np.uint8)

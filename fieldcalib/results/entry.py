@@ -1,0 +1,139 @@
+"""`fieldcalib.calibrate`: whatever shows a field to its cameras."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+from numpy.typing import ArrayLike
+
+from fieldcalib.console.progress import Progress
+from fieldcalib.fields.catalogue import field as field_named
+from fieldcalib.fields.field import Field
+from fieldcalib.images.from_video import Mount
+from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.field_files import is_field_file, read_field
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.results.collection import Results
+from fieldcalib.results.inputs import Labels, Method, input_of
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+
+Path: TypeAlias = str | os.PathLike[str]
+Source: TypeAlias = Path | Image | Iterable[Image] | Sequence[Path] | Labels | Mapping[str, Labels] | Sequence[Labels]
+Time: TypeAlias = str | float | None
+
+
+def calibrate(
+    source: Source,
+    field: str | Field = "soccer",
+    *,
+    start: Time = None,
+    end: Time = None,
+    step: int = 1,
+    clip: bool | None = None,
+    image_size: tuple[int, int] | None = None,
+    network: Network | None = None,
+    camera_matrix: ArrayLike | None = None,
+    dist_coeffs: ArrayLike | None = None,
+    rvec: ArrayLike | None = None,
+    tvec: ArrayLike | None = None,
+    flags: int = DEFAULT_FLAGS,
+    prior: Prior = ALL,
+    camera: Mount = "tripod",
+    progress: Progress = True,
+) -> Results:
+    """Calibrate the cameras of pictures, of a clip, or of labelled pixels.
+
+    The frames of a video are calibrated together (`calibrate_video`), pictures one by one (`calibrate_from_images`), as
+    `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Files that cannot be read are in
+    `Results.broken`.
+
+    Parameters
+    ----------
+    source : path, pictures or labelled pixels
+        One of
+
+        * the path of a video, a picture, a folder or a zip of pictures, a pattern of paths (``"match/*.jpg"``), or a
+          list of paths;
+        * a (height, width, 3) uint8 array in blue, green, red, a list of them, or an iterator;
+        * labelled pixels, a mapping of labels to (N, 2) pixels, several of them in a list or by id, or what
+          `read_annotations` returns;
+        * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
+    field : str or Field
+        The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file of a field of one's own, or a `Field`. The
+        size of a field in pictures is estimated from them, unless it is said to be known (`Field.size_known`).
+    start, end : str or float, optional
+        The first frame, and the one after the last: seconds, ``"1:30"``, or the number of a frame, ``"750f"``.
+    step : int
+        Take every n-th frame only.
+    clip : bool, optional
+        Whether pictures are a clip whose frames are calibrated together. By default a video is one, pictures are not.
+    image_size : (int, int), optional
+        Width and height of the pictures that pixels were labelled in, where these do not say it.
+    network : Network, optional
+        Finds the markings in pictures; by default the one that comes with the package, for soccer.
+    camera_matrix, dist_coeffs, rvec, tvec, flags, prior
+        What is known of the camera, as in `calibrate_from_segments`.
+    camera : {"tripod", "moving"}
+        How the camera of a clip is carried, see `calibrate_video`.
+    progress : bool or function
+        True shows a bar on a terminal and in a notebook, and prints a line every ten seconds elsewhere. A function is
+        called with the number of frames that are done, how many there are (None if that is not known), and the stage;
+        an error that it raises ends the work.
+
+    Returns
+    -------
+    Results
+        A mapping of ids to `Calibration`: names of files without ending, numbers of frames with six digits for videos
+        and arrays.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError
+        If there is no input, or a video cannot be read.
+    ValueError
+        If the source is none of these, or a stream without an `end`; or as the functions above.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> results = calibrate(np.zeros((540, 960, 3), np.uint8), progress=False)
+    >>> results["000000"].message.split(":")[0]
+    'no marking was found in the image'
+    """
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    method = Method(_field(field), given, flags, prior, camera, network, image_size, progress)
+    options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
+    options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
+    return replace(input_of(source, _cut(start, end, step), clip).calibrate(method), options=options)
+
+
+def _field(field: object) -> Field:
+    """The field that a user gives.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a field, nor the name or the file of one.
+    """
+    if isinstance(field, Field):
+        return field
+    if isinstance(field, str):
+        return read_field(field) if is_field_file(field) else field_named(field)
+    raise ValueError(f'expected a Field, as fieldcalib.soccer(), or the name of a sport, as "soccer", got {field!r}')
+
+
+def _position(time: str | float) -> Position:
+    return Position.parse(time if isinstance(time, str) else f"{time:.6f}")
+
+
+def _cut(start: Time, end: Time, step: int) -> Cut:
+    """The part of the input that is asked for; a ValueError if it is none."""
+    if step < 1 or step != int(step):
+        raise ValueError(f"step must be a whole number from 1, got {step!r}")
+    first = Position(frame=0) if start is None else _position(start)
+    return Cut(first, None if end is None else _position(end), int(step))

@@ -1,0 +1,83 @@
+"""Homographies from pixels to metres on the ground, and what the lens of the camera leaves of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+
+SAMPLES = 33  # along each axis of the picture, and of the field
+
+
+@dataclass(frozen=True, eq=False)
+class FieldHomography:
+    """Homographies (3, 3) from pixels (x, y, 1) of a picture to ground points (x, y, 1) in metres.
+
+    With a lens, no homography maps the pixels of the picture exactly: `from_raw` is the one nearest to the camera, in
+    pixels, over the part of the field in view.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (0, 65, -16), (960, 540), k=(0.05, 0.0))
+    >>> found = field_homography(camera, soccer())
+    >>> exact = camera.image_to_field([700.0, 400.0])[:2]
+    >>> bool(np.linalg.norm(dehomogenize(found.from_raw @ [700.0, 400.0, 1.0]) - exact) <= found.largest_m)
+    True
+    """
+
+    from_undistorted: Array
+    """Of pixels without the distortion of the lens (as ``cv2.undistort`` makes pictures): exact."""
+    from_raw: Array
+    """Of the pixels of the picture as it is; NaN if less than four points of the field are in view."""
+    rms_px: float
+    """Root mean square distance by which `from_raw` misses the camera, pixels, over the field in view."""
+    largest_px: float
+    """The largest one."""
+    rms_m: float
+    """The same on the ground, metres."""
+    largest_m: float
+
+
+def field_homography(camera: Camera, field: Field) -> FieldHomography:
+    """The homographies of a camera, and what its lens leaves over the part of the field in view."""
+    xy, X = _in_view(camera, field)
+    exact = camera.inverse_homography / camera.inverse_homography[2, 2]
+    if not np.any(camera.dist):
+        return FieldHomography(exact, exact, 0.0, 0.0, 0.0, 0.0)
+    fitted = _fitted(X, xy)
+    if fitted is None:
+        return FieldHomography(exact, np.full((3, 3), np.nan), *4 * [float("nan")])
+    raw = np.asarray(np.linalg.inv(fitted))
+    raw = raw / raw[2, 2]
+    pixels = np.linalg.norm(dehomogenize(homogenize(X) @ fitted.T) - xy, axis=-1)
+    metres = np.linalg.norm(dehomogenize(homogenize(xy) @ raw.T) - X, axis=-1)
+    return FieldHomography(exact, raw, _rms(pixels), float(pixels.max()), _rms(metres), float(metres.max()))
+
+
+def _in_view(camera: Camera, field: Field) -> tuple[Array, Array]:
+    """Pixels (N, 2) of the picture that show the field, on a grid, and their ground points (N, 2)."""
+    axes = (np.linspace(0.0, size - 1.0, SAMPLES) for size in camera.image_size)
+    xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    X = camera.image_to_field(xy)[:, :2]
+    shows = np.all(np.abs(X) <= (field.length / 2.0, field.width / 2.0), axis=-1)  # false for NaN
+    return xy[shows], X[shows]
+
+
+def _fitted(X: Array, xy: Array) -> Array | None:
+    """The homography from ground points to pixels with least squares of the distances in pixels."""
+    import cv2
+
+    if len(X) < 4:
+        return None
+    found, _ = cv2.findHomography(X, xy, 0)
+    return None if found is None else np.asarray(found, dtype=float)
+
+
+def _rms(distances: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(distances))))

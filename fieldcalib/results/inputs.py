@@ -1,0 +1,303 @@
+"""What `fieldcalib.calibrate` takes, and how each kind of input is calibrated."""
+
+from __future__ import annotations
+
+import glob
+import os
+import sys
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from fieldcalib.assess.result import Calibration
+from fieldcalib.console.progress import Progress, progress_bar
+from fieldcalib.fields.field import Field
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_video import Mount, calibrate_video
+from fieldcalib.images.tracker import Tracker
+from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.localize import Network
+from fieldcalib.localize.grid import classes_without_segment
+from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
+from fieldcalib.results.collection import Results
+from fieldcalib.results.frames import EQ3, KeptFrames
+from fieldcalib.results.sources import Pictures
+from fieldcalib.run_folder.annotated import paper_losses
+from fieldcalib.run_folder.clip_input import ClipInput
+from fieldcalib.run_folder.images import Frame, ReadImage, accepted, checked_frames, pixels_of
+from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
+from fieldcalib.run_folder.units import grouped, unit_size, units_of
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.label_ends import with_border_complaint
+from fieldcalib.solve.options import Prior
+
+Labels: TypeAlias = ImageSegments | Annotation
+
+EXPECTED = (
+    "expected a path, pictures (uint8 arrays, one, a list or an iterator) or labelled pixels (a mapping of labels to "
+    "pixels, or several)"
+)
+
+
+@dataclass(frozen=True)
+class Method:
+    """How frames are calibrated, whatever they come from."""
+
+    field: Field
+    given: GivenCamera
+    flags: int
+    prior: Prior
+    camera: Mount
+    network: Network | None
+    image_size: tuple[int, int] | None
+    progress: Progress
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of the functions that calibrate."""
+        return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
+
+    def loaded(self) -> Network:
+        """The network that is given, or the one that comes with the package.
+
+        Raises
+        ------
+        ValueError
+            If that one does not know the field.
+        """
+        network = SegmentationNetwork.load() if self.network is None else self.network
+        if self.network is None and classes_without_segment(network.classes, self.field):
+            raise ValueError(
+                "the network that comes with fieldcalib knows soccer fields only: give network=, one that was trained "
+                "for this field; labelled pixels need none"
+            )
+        return network
+
+    def check(self, *, labelled: bool = False, clip: bool = False) -> None:
+        """Raise a ValueError if an option does not apply to the input."""
+        if self.image_size is not None and not labelled:
+            raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
+        if self.camera != "tripod" and not clip:
+            raise ValueError("camera is of clips: give a video, or clip=True with pictures")
+
+
+class Input(Protocol):
+    """Something that can be calibrated."""
+
+    def calibrate(self, method: Method) -> Results:
+        """Calibrate all of it."""
+
+
+def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
+    """The input that a source is, in the words of `fieldcalib.calibrate`; a ValueError if it is none."""
+    labels = _labels_in(source)
+    if labels is not None:
+        if cut != WHOLE or clip is not None:
+            raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
+        return Labelled(labels)
+    if isinstance(source, str) and Stream.recognises(source):
+        if cut.end is None or clip is not None:
+            raise ValueError(
+                f"{Stream(source)} is a stream, which may have no end: give end= to calibrate a part of it, without "
+                f"clip, or use Tracker for frames as they come"
+            )
+        return LiveStream(Stream(source), cut)
+    if isinstance(source, str | os.PathLike):
+        return _files(_paths(source), cut, clip)
+    if isinstance(source, np.ndarray):
+        return _arrays([source] if source.ndim < 4 else list(source), cut, clip)
+    if isinstance(source, Sequence) and len(source) and all(isinstance(one, str | os.PathLike) for one in source):
+        return _files([Path(one) for one in source], cut, clip)
+    if isinstance(source, Sequence):
+        return _arrays(source, cut, clip)
+    if not isinstance(source, Iterable):
+        raise ValueError(f"{EXPECTED}, got {source!r}")
+    if clip:
+        raise ValueError("the frames of a clip are read several times, an iterator only once: give a list or a path")
+    return OneByOne(Pictures(cut=cut), source)
+
+
+def _labels_in(source: object) -> dict[str, Labels] | None:
+    """Labelled pixels by id; None if the source is something else."""
+    if isinstance(source, Annotation):
+        return {source.id: source}
+    if isinstance(source, Mapping):
+        if source and all(isinstance(one, Mapping | Annotation) for one in source.values()):
+            return dict(source)
+        return {"000000": source}
+    if isinstance(source, Sequence) and len(source) and all(isinstance(one, Mapping | Annotation) for one in source):
+        return {f"{number:06d}": one for number, one in enumerate(source)}
+    return None
+
+
+def _paths(source: str | os.PathLike[str]) -> list[Path]:
+    """The paths that a path or a pattern means."""
+    path = Path(source)
+    if path.exists() or not glob.has_magic(str(source)):
+        return [path]
+    found = sorted(map(Path, glob.glob(str(source), recursive=True)))
+    if not found:
+        raise FileNotFoundError(f"there is no file named {source}")
+    return found
+
+
+def _files(paths: Sequence[Path], cut: Cut, clip: bool | None) -> Input:
+    """The clip or the pictures at some paths, as `fieldcalib run` takes them."""
+    found = [Path(str(part)) for path in paths for part in videos_in(path)]
+    videos = [path for path in found if is_video(path)]
+    if videos and len(found) > 1:
+        raise ValueError(
+            f"there are {len(videos)} videos, as {videos[0].name}: calibrate them one by one, or with fieldcalib run"
+        )
+    together = is_clip(found[0], together=bool(clip), alone=clip is False)
+    pictures = Pictures(tuple(found), cut=cut, is_clip=together)
+    return Clip(pictures) if together else OneByOne(pictures)
+
+
+def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
+    """Pictures in memory."""
+    if not len(images):
+        raise ValueError(f"{EXPECTED}, got nothing")
+    checked_image(images[0])
+    pictures = Pictures(images=images, cut=cut, is_clip=bool(clip))
+    return Clip(pictures) if clip else OneByOne(pictures)
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """Labelled pixels by id, each frame by itself."""
+
+    labels: Mapping[str, Labels]
+
+    def calibrate(self, method: Method) -> Results:
+        """Calibrate all of it."""
+        method.check(labelled=True)
+        frames = {id: self._frame(id, one, method) for id, one in self.labels.items()}
+        calibrations: dict[str, Calibration] = {}
+        losses: dict[str, float] = {}
+        with progress_bar(unit="frame", total=len(frames), progress=method.progress) as bar:
+            for unit in units_of(frames, unit_size(len(frames))):
+                for size, ids in grouped(unit, lambda id: frames[id][1]).items():
+                    pixels = {id: frames[id][0] for id in ids}
+                    found = calibrate_batch(method.field, list(pixels.values()), size, **method.keywords)
+                    seen = [
+                        with_border_complaint(method.field, pixels[id], one) for id, one in zip(ids, found, strict=True)
+                    ]
+                    losses |= paper_losses(method.field, pixels, seen)
+                    calibrations |= zip(ids, seen, strict=True)
+                bar.update(len(unit))
+        details = {id: {EQ3: loss} for id, loss in losses.items()}
+        kept = KeptFrames(list(frames), [calibrations[id] for id in frames], details=details)
+        return Results(kept, command="calibrate")
+
+    @staticmethod
+    def _frame(id: str, labels: Labels, method: Method) -> tuple[Pixels, tuple[int, int]]:
+        """The checked pixels of a frame, and the size of its picture."""
+        pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
+        size = method.image_size or size
+        if size is None:
+            raise ValueError("labelled pixels do not say the size of their pictures: give image_size=(width, height)")
+        try:
+            return thinned(check_segments(method.field, pixels, size)), size
+        except ValueError as error:
+            raise ValueError(f"frame {id}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class OneByOne:
+    """Pictures that are calibrated one by one: of files, of a video, in memory, or of an iterator."""
+
+    pictures: Pictures
+    iterator: Iterable[Image] | None = None
+    """Images that can be read once only."""
+
+    def calibrate(self, method: Method) -> Results:
+        """Calibrate all of it."""
+        method.check()
+        network = method.loaded()
+        ids: list[str] = []
+        calibrations: list[Calibration] = []
+        broken: dict[str, str] = {}
+        frames, total = self._frames()
+        with progress_bar(unit="frame", total=total, progress=method.progress) as bar:
+            for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
+                images = [frame.image for frame in part if frame.image is not None]
+                calibrations += calibrate_from_images(method.field, images, network, **method.keywords)
+                ids += [frame.id for frame in part]
+                broken |= {frame.id: frame.problem for frame in part if frame.image is None}
+                bar.update(len(part))
+        if not ids:
+            raise ValueError(f"{EXPECTED}, got nothing")
+        return Results(KeptFrames(ids, calibrations, broken), self.pictures)
+
+    def _frames(self) -> tuple[Iterator[Frame], int | None]:
+        """The frames, and how many there are."""
+        if self.iterator is not None:
+            numbers = self.pictures.cut.numbers()
+            chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
+            named = zip(numbers, chosen, strict=False)
+            return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
+        source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
+        if source is not None:
+            return iter(source), source.count or None
+        return map(ReadImage(), self.pictures.files), len(self.pictures.files)
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Frames that are calibrated together."""
+
+    pictures: Pictures
+
+    def calibrate(self, method: Method) -> Results:
+        """Calibrate all of it."""
+        method.check(clip=True)
+        source = self.pictures.frames(_warn)
+        input = ClipInput(source, progress=method.progress)
+        found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
+        readable = [id for id in input.ids if id not in source.broken]
+        basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
+        kept = KeptFrames(input.ids, found, dict(source.broken), basis)
+        return Results(kept, self.pictures, lambda: (found, source.frames_per_second))
+
+
+@dataclass(frozen=True, eq=False)
+class LiveStream:
+    """A part of a stream, whose frames are calibrated as they come."""
+
+    stream: Stream
+    cut: Cut
+
+    def calibrate(self, method: Method) -> Results:
+        """Calibrate all of it."""
+        method.check()
+        network, ids, basis = method.loaded(), [], {}
+        calibrations: list[Calibration] = []
+        with (
+            StreamReader(self.stream, cut=self.cut) as reader,
+            Tracker(method.field, network, wait=not self.stream.is_live, **method.keywords) as tracker,
+            progress_bar(unit="frame", total=len(reader.numbers), progress=method.progress) as bar,
+        ):
+            for frame in checked_frames(self.stream, reader, accepted):
+                assert frame.image is not None
+                calibrations.append(tracker.update(frame.image))
+                ids.append(frame.id)
+                basis[frame.id] = {"basis": str(tracker.basis)}
+                bar.update()
+        return Results(KeptFrames(ids, calibrations, details=basis))
+
+
+def _warn(message: str) -> None:
+    """Warn the caller of `fieldcalib.calibrate`."""
+    warnings.warn(message, stacklevel=2)

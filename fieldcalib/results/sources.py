@@ -1,0 +1,91 @@
+"""Where the pictures of results are, to be read again: files, a video, or arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from fieldcalib.io.clips import in_order
+from fieldcalib.io.cuts import WHOLE, Cut, Position
+from fieldcalib.io.files import FrameFile, named_in_errors
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.clip_input import ArrayFrames, Frames, ImageFrames, VideoFrames
+from fieldcalib.run_folder.images import MOST_BYTES, in_cut
+
+
+def _nothing(message: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Pictures by the ids of their frames."""
+
+    paths: Sequence[Path] = ()
+    images: Sequence[Image] = ()
+    """Images in memory, in place of paths."""
+    cut: Cut = WHOLE
+    is_clip: bool = False
+    """Whether the images of files are in the order of the numbers in their names."""
+
+    @property
+    def is_video(self) -> bool:
+        """Whether they are the frames of a video."""
+        return bool(self.paths) and VIDEOS.recognises(self.paths[0])
+
+    @cached_property
+    def files(self) -> Sequence[FrameFile]:
+        """Files of the pictures, or of the video."""
+        if self.is_video:
+            return [FrameFile(self.paths[0].stem, self.paths[0])]
+        found = IMAGES.find(self.paths) if self.paths else []
+        return in_cut(in_order(found) if self.is_clip else found, self.cut) if found else []
+
+    @cached_property
+    def _by_id(self) -> dict[str, FrameFile]:
+        return {file.id: file for file in self.files}
+
+    def has(self, id: str) -> bool:
+        """Whether the picture of a frame can be read again."""
+        if len(self.images):
+            return True
+        if self.is_video:
+            return self.paths[0].is_file()
+        try:
+            return id in self._by_id
+        except (OSError, ValueError):  # moved, or no pictures
+            return False
+
+    def image(self, id: str) -> Image:
+        """The picture of a frame.
+
+        Raises
+        ------
+        ValueError
+            If it is not known where it is.
+        BrokenFileError
+            If it cannot be read.
+        """
+        if not self.has(id):
+            raise ValueError(f"it is not known where the picture of frame {id} is, or it is gone: give it as image=")
+        if len(self.images):
+            return checked_image(self.images[int(id)])
+        if self.is_video:
+            cut = Cut(Position(frame=int(id)), Position(frame=int(id) + 1))
+            with VideoReader(self.paths[0], cut=cut) as video:
+                return next(iter(video))
+        file = self._by_id[id]
+        with named_in_errors(file.path):
+            return IMAGES.read(file.read(MOST_BYTES))
+
+    def frames(self, tell: Callable[[str], object] = _nothing) -> Frames:
+        """The pictures one after the other, again and again; `tell` gets a message about lost frames of a video."""
+        if len(self.images):
+            return ArrayFrames(self.images, self.cut)
+        if self.is_video:
+            return VideoFrames(self.paths[0], self.cut, tell=tell)
+        return ImageFrames(self.files, tell=_nothing)

@@ -1,0 +1,160 @@
+"""What is written of a clip: its frames, its overlay and plots, the whole calibration, and its tripods in words."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from fieldcalib.assess.placement import Placement
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file, write_text
+from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import write_image
+from fieldcalib.io.results import FORMAT
+from fieldcalib.io.videos import DEFAULT_RATE
+from fieldcalib.run_folder.clip_input import ClipInput
+from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
+
+SHEET_FRAMES = 12  # in the contact sheet of the worst frames
+
+WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; others are coefficients of the lens
+    "x": "position_x_m",
+    "y": "position_y_m",
+    "z": "position_z_m",
+    "axis offset": "centre_ahead_of_axes_m",
+    "cx": "principal_point_x_px",
+    "cy": "principal_point_y_px",
+    "cx slope": "principal_point_x_px_per_log_focal_length",
+    "cy slope": "principal_point_y_px_per_log_focal_length",
+    "a1 slope": "lens_a1_per_log_focal_length",
+    "a1 bend": "lens_a1_per_squared_log_focal_length",
+    "length": "field_length_m",
+    "width": "field_width_m",
+}
+
+
+class FrameOptions(Protocol):
+    """How frames are written and drawn."""
+
+    def placement(self, image: Image) -> Placement:
+        """Placement of an image in its frame."""
+
+    def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
+        """The outcome of a frame; `more` are keywords of `Outcome.of`."""
+
+    def drawn(self, image: Image, calibration: Calibration) -> Image:
+        """An overlay of a calibration on its image."""
+
+
+def write_clip_results(
+    results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None = None
+) -> str:
+    """Write everything of a clip that is calibrated; returns a note about the overlay video, if there is one."""
+    out, rate = results.out, clip.source.frames_per_second
+    results.notes = found.notes
+    worst, note = _write_frames(results, clip, found, options, threads)
+    write_clip(out, found, rate)
+    if worst:
+        write_image(out / MOTION, plot_sequence(found, frames_per_second=rate))
+        write_image(out / WORST, contact_sheet(list(worst.values()), list(worst)))
+    return note
+
+
+def _write_frames(
+    results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None
+) -> tuple[dict[str, Image], str]:
+    """Write the results of all frames and the overlay video; returns pictures of the worst frames by caption."""
+    path, done = results.out / OVERLAY, results.done
+    calibrations, basis = list(found), found.basis
+    worst = worst_frames(calibrations, SHEET_FRAMES)
+    pictures: dict[int, tuple[str, Image]] = {}
+    readable = 0
+    with VIDEOS.write(path, clip.source.frames_per_second, threads=threads) as video:
+        for index, frame in enumerate(clip.frames()):
+            if frame.image is None:
+                if index >= done:  # its problem was told when it was read first
+                    results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
+                continue
+            calibration = options.placement(frame.image).from_frame(calibrations[readable])
+            if index >= done:
+                results.add(options.outcome(frame.id, calibration, details={"basis": str(basis[readable])}))
+            picture = options.drawn(frame.image, calibration)
+            video.write(picture)
+            if readable in worst:
+                pictures[readable] = _caption(frame.id, calibrations[readable]), picture
+            readable += 1
+    note = f"{path} {video.note}" if video.note else ""
+    return dict(pictures[index] for index in worst if index in pictures), note
+
+
+def _caption(id: str, calibration: Calibration) -> str:
+    return f"{id}: {calibration.status}, {calibration.message}"
+
+
+def write_clip(out: Path, found: VideoCalibration, frames_per_second: float) -> None:
+    """Write ``clip.jsonl``, from which `read_clip` makes the calibration again, and ``tripods.json``.
+
+    The first line has what is of all frames, and each other one a tripod: no more than one is in memory as text.
+    """
+    record = found.to_dict()
+    tripods = record.pop("tripods")
+    with whole_file(out / CLIP) as file:
+        head = {"format": FORMAT, "frames_per_second": frames_per_second, **record}
+        for part in (head, *tripods):
+            file.write(json.dumps(part).encode() + b"\n")
+    write_text(out / TRIPODS, json.dumps(tripods_in_words(found, frames_per_second), indent=2) + "\n")
+
+
+def read_clip(path: Path) -> tuple[VideoCalibration, float]:
+    """The calibration in a ``clip.jsonl``, and its frames per second.
+
+    Raises
+    ------
+    BrokenFileError
+        If the file is none; the message begins with its path.
+    """
+    try:
+        with open_regular_file(path) as file:
+            head, *tripods = (parse_json_object(line, "a clip") for line in file)
+        return VideoCalibration.from_dict({**head, "tripods": tripods}), float(head["frames_per_second"])
+    except (ValueError, KeyError) as error:
+        raise BrokenFileError(f"{path}: is no calibration of a clip: {error}") from error
+
+
+def tripods_in_words(found: VideoCalibration, frames_per_second: float = DEFAULT_RATE) -> dict[str, Any]:
+    """Content of ``tripods.json``: the shots, and what the frames of each tripod share, with units in the names."""
+    return {
+        "format": FORMAT,
+        "frames_per_second": frames_per_second,
+        "shots": [
+            {"first_frame": shot.start, "last_frame": shot.stop - 1, "tripod": None if shot.tripod < 0 else shot.tripod}
+            for shot in found.shots
+        ],
+        "notes": list(found.notes),
+        "tripods": [dict(_in_words(tripod)) for tripod in found.tripods],
+    }
+
+
+def _in_words(tripod: SequenceCalibration) -> Iterator[tuple[str, Any]]:
+    yield "frames", len(tripod)
+    yield "reference_focal_length_px", _reference(tripod)
+    yield "crown_m", tripod.crown
+    for name, (value, deviation) in tripod.shared.items():
+        yield WORDS.get(name, f"lens_{name}"), {"value": value, "standard_deviation": deviation}
+
+
+def _reference(tripod: SequenceCalibration) -> float | None:
+    """The focal length at which the shared principal point and lens hold; None if they do not depend on it."""
+    law = None if tripod.layout is None else tripod.layout.zoom_law
+    return None if law is None else float(np.exp(law.reference))

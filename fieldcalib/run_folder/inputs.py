@@ -1,0 +1,34 @@
+"""What an input is of: a video, a stream, or images; and whether its frames are calibrated together."""
+
+from __future__ import annotations
+
+from fieldcalib.console.inputs import Input
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.streams import Stream
+
+
+def is_video(one: Input) -> bool:
+    """Whether an input is the file of a video."""
+    return not isinstance(one, Stream) and VIDEOS.recognises(one)
+
+
+def is_clip(first: Input, *, together: bool = False, alone: bool = False) -> bool:
+    """Whether frames are calibrated together: those of a video unless `alone`, images if `together`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> is_clip(Path("a.mp4")), is_clip(Path("a.mp4"), alone=True), is_clip(Path("a.jpg"))
+    (True, False, False)
+    """
+    return together or (is_video(first) and not alone)
+
+
+def videos_in(one: Input) -> list[Input]:
+    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    if isinstance(one, Stream) or not one.is_dir():
+        return [one]
+    files = sorted(path for path in one.iterdir() if path.is_file())
+    if any(map(IMAGES.recognises, files)):
+        return [one]
+    return [path for path in files if VIDEOS.recognises(path)] or [one]

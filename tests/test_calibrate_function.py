@@ -1,0 +1,403 @@
+"""`fieldcalib.calibrate` of all kinds of input, its results, and what they are in a folder."""
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from commands import run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from networks import FIELD, KnownCameras, looked_at
+from strategies import numbers, texts
+
+import fieldcalib
+from fieldcalib import Camera, calibrate, read, soccer
+from fieldcalib.draw.scene import render_field
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.videos import VideoWriter
+from fieldcalib.results import inputs
+
+SIZE = (480, 270)
+TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), SIZE) for pan in np.linspace(0.1, 0.4, 4)]
+LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+LINES = ("cameras.jsonl", "solver.jsonl")
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    return [render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in TRUTHS]
+
+
+@pytest.fixture
+def knows(monkeypatch):
+    """Let `calibrate` use a network that knows the cameras of the images to come, if none is given."""
+
+    def install(cameras):
+        network = KnownCameras(cameras)
+        monkeypatch.setattr(inputs.SegmentationNetwork, "load", lambda: network)
+        return network
+
+    return install
+
+
+def labelled(camera=TRUTHS[3], shift=0.0):
+    seen = {label: camera.project(soccer()[label].sample(6.0)) + shift for label in LABELS}
+    inside = {label: xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)] for label, xy in seen.items()}
+    return {label: xy for label, xy in inside.items() if len(xy)}
+
+
+def picture_folder(path, images):
+    path.mkdir()
+    for name, image in zip("dabc", images, strict=False):
+        cv2.imwrite(str(path / f"{name}.png"), image)
+    return path
+
+
+def video_file(path, images):
+    with VideoWriter(path, 25.0) as video:
+        for image in images:
+            video.write(image)
+    return path
+
+
+def assert_kept(results, folder):
+    """What is saved is read back, equal, and equal again when that is saved."""
+    results.save(folder)
+    again = read(folder)
+    assert again == results
+    assert [dict(line) for line in again.lines] == [dict(line) for line in results.lines]
+    assert again.verdicts == results.verdicts
+    assert dict(again.cameras) == dict(results.cameras)
+    again.save(folder.parent / "again")
+    for path in folder.iterdir():
+        assert (folder.parent / "again" / path.name).read_bytes() == path.read_bytes()
+    assert read(folder.parent / "again") == results
+
+
+# --- kinds of input ---
+
+
+def test_pictures_of_a_folder_with_a_broken_one(rendered, knows, tmp_path):
+    folder = picture_folder(tmp_path / "in", rendered)
+    (folder / "b2.png").write_bytes(b"no picture")
+    knows([TRUTHS[1], TRUTHS[2], TRUTHS[3], TRUTHS[0]])
+    results = calibrate(folder, progress=False)
+    assert list(results) == ["a", "b", "c", "d"]
+    assert dict(results.broken) == {"b2": "is no image that OpenCV can read"}
+    for id, truth in zip("abcd", (*TRUTHS[1:], TRUTHS[0]), strict=True):
+        np.testing.assert_allclose(results.cameras[id].angles, truth.angles, atol=6e-3)
+    assert results.video is None
+    assert_kept(results, tmp_path / "out")
+
+
+def test_what_is_saved_is_what_run_writes(rendered, knows, know, tmp_path):
+    folder = picture_folder(tmp_path / "in", rendered)
+    knows([TRUTHS[1], TRUTHS[2], TRUTHS[3], TRUTHS[0]])
+    calibrate(folder, progress=False).save(tmp_path / "python")
+    know([TRUTHS[1], TRUTHS[2], TRUTHS[3], TRUTHS[0]])
+    assert run("run", folder, "--out", tmp_path / "command") == 0
+    written = {path.name: path.read_bytes() for path in (tmp_path / "command").iterdir()}
+    ours = {path.name: path.read_bytes() for path in (tmp_path / "python").iterdir()}
+    assert ours.keys() == written.keys()
+    differ = {name for name in written if ours[name] != written[name]}
+    assert differ <= {"run.json", "summary.json"}  # which have the options
+
+
+def test_a_clip(rendered, knows, know, tmp_path):
+    video = video_file(tmp_path / "a.mp4", rendered)
+    with fieldcalib.io.videos.VideoReader(video) as reader:
+        decoded = list(reader)
+    knows([TRUTHS[t] for t in looked_at(decoded)])
+    results = calibrate(video, progress=False)
+    assert list(results) == [f"{number:06d}" for number in range(4)]
+    assert set(results.basis.values()) <= {"lines", "lines and matches", "matches"}
+    assert [tuple(shot) for shot in results.video.shots] == [(0, 4, 0)]
+    assert_kept(results, tmp_path / "out")
+    again = read(tmp_path / "out")
+    assert again.video.shots == results.video.shots
+    assert again.video.tripods[0].shared == results.video.tripods[0].shared
+    assert again.frames_per_second == 25.0
+    know([TRUTHS[t] for t in looked_at(decoded)])
+    assert run("run", video, "--out", tmp_path / "command") == 0
+    assert read(tmp_path / "command") == results
+    for name in (*LINES, "clip.jsonl", "tripods.json", "motion.png", "camera_000002.json"):
+        assert (tmp_path / "command" / name).read_bytes() == (tmp_path / "out" / name).read_bytes()
+    np.testing.assert_array_equal(again.image("000002"), decoded[2])
+
+
+def test_pictures_as_a_clip_with_a_broken_one(rendered, knows, tmp_path):
+    folder = picture_folder(tmp_path / "in", rendered)
+    for old, new in zip("dabc", (8, 9, 10, 12), strict=True):
+        (folder / f"{old}.png").rename(folder / f"f{new}.png")
+    (folder / "f11.png").write_bytes(b"no picture")
+    knows([TRUTHS[t] for t in looked_at(rendered)])
+    results = calibrate(folder, clip=True, progress=False)
+    assert list(results) == ["f8", "f9", "f10", "f12"]
+    assert list(results.broken) == ["f11"]
+    assert len(results.video) == 4
+    assert_kept(results, tmp_path / "out")
+    np.testing.assert_array_equal(read(tmp_path / "out").image("f12"), rendered[3])
+
+
+def test_a_video_frame_by_frame(rendered, knows, tmp_path):
+    video = video_file(tmp_path / "a.mp4", rendered)
+    knows(TRUTHS[1:3])
+    results = calibrate(video, clip=False, start="1f", end="3f", progress=False)
+    assert list(results) == ["000001", "000002"]
+    assert results.video is None
+    assert_kept(results, tmp_path / "out")
+    assert (tmp_path / "out" / "overlay.mp4").exists()
+
+
+def test_arrays(rendered, knows, tmp_path):
+    for source, ids in (
+        (rendered[0], ["000000"]),
+        (rendered[:2], ["000000", "000001"]),
+        (np.array(rendered[:2]), ["000000", "000001"]),
+        (iter(rendered[:2]), ["000000", "000001"]),
+    ):
+        knows(TRUTHS)
+        results = calibrate(source, progress=False)
+        assert list(results) == ids
+        np.testing.assert_allclose(results.cameras["000000"].angles, TRUTHS[0].angles, atol=6e-3)
+        assert_kept(results, tmp_path / str(id(source)) / "out")
+    knows([TRUTHS[1], TRUTHS[3]])
+    assert list(calibrate(iter(rendered), start="1f", step=2, progress=False)) == ["000001", "000003"]
+    knows([TRUTHS[t] for t in looked_at(rendered)])
+    assert len(calibrate(rendered, clip=True, progress=False).video) == 4
+
+
+def test_a_pattern_of_paths_and_a_list_of_them(rendered, knows, tmp_path):
+    folder = picture_folder(tmp_path / "in", rendered)
+    knows([TRUTHS[1], TRUTHS[2]])
+    assert list(calibrate(str(folder / "[ab].png"), progress=False)) == ["a", "b"]
+    knows([TRUTHS[2], TRUTHS[1]])
+    assert list(calibrate([folder / "b.png", folder / "a.png"], progress=False)) == ["b", "a"]
+    knows([TRUTHS[1]])
+    assert list(calibrate(folder / "a.png", progress=False)) == ["a"]
+
+
+def test_a_name_that_looks_like_a_pattern_is_a_name(rendered, knows, tmp_path):
+    path = tmp_path / "a[1].png"
+    cv2.imwrite(str(path), rendered[0])
+    knows(TRUTHS)
+    assert list(calibrate(path, progress=False)) == ["a[1]"]
+
+
+def test_labelled_pixels(annotated_folder, calibrated_folder, tmp_path):
+    one = calibrate(labelled(), image_size=SIZE, progress=False)
+    assert list(one) == ["000000"]
+    np.testing.assert_allclose(one.cameras["000000"].C, TRUTHS[3].C, atol=3.0)
+    by_id = calibrate({"x": labelled(), "y": {}}, image_size=SIZE, progress=False)
+    assert by_id["x"] == one["000000"]
+    assert by_id.cameras["y"] is None
+    assert list(calibrate([labelled(), labelled(TRUTHS[2])], image_size=SIZE, progress=False)) == ["000000", "000001"]
+    assert_kept(by_id, tmp_path / "out")
+    size = (960, 540)
+    frames = {path.stem: parse_annotation(path.read_bytes(), size) for path in sorted(annotated_folder.glob("?.json"))}
+    of_files = calibrate(frames, image_size=size, progress=False)
+    assert of_files == read(calibrated_folder)
+    of_files.save(tmp_path / "files")
+    for name in (*LINES, "camera_b.json"):
+        assert (tmp_path / "files" / name).read_bytes() == (calibrated_folder / name).read_bytes()
+
+
+def test_annotations_say_the_size_of_their_pictures(tmp_path):
+    shapes = [
+        {"label": label, "shape_type": "linestrip", "points": (xy + 0.5).tolist()}
+        for label, xy in labelled().items()
+        if len(xy) > 1
+    ]
+    record = {"imagePath": "7.jpg", "imageWidth": 480, "imageHeight": 270, "shapes": shapes}
+    (tmp_path / "7.json").write_text(json.dumps(record))
+    results = calibrate(fieldcalib.read_annotations(tmp_path / "7.json"), progress=False)
+    assert results["7"].camera.image_size == SIZE
+
+
+def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):
+    video = video_file(tmp_path / "a.mkv", rendered)
+    knows([TRUTHS[0], *TRUTHS])
+    results = calibrate(f"file://{video}", end="3f", progress=False)
+    assert list(results) == ["000000", "000001", "000002"]
+    assert results.video is None
+    assert_kept(results, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "message"),
+    [
+        ("rtsp://host/live", {}, "give end= .* or use Tracker"),
+        ("-", {}, "standard input is a stream.* use Tracker"),
+        (labelled(), {}, "give image_size="),
+        ({"a": {"Midle line": [(1, 2)]}}, {"image_size": SIZE}, "frame a: .*did you mean 'Middle line'"),
+        (labelled(), {"image_size": SIZE, "start": 3}, "are of pictures"),
+        (np.zeros((270, 480, 3), np.uint8), {"image_size": SIZE}, "image_size is of labelled pixels"),
+        (np.zeros((270, 480, 3)), {}, "image must be uint8"),
+        ([], {}, "got nothing"),
+        (iter([]), {}, "got nothing"),
+        (7, {}, "expected a path, pictures .* got 7"),
+        (iter([]), {"clip": True}, "an iterator only once"),
+        (np.zeros((270, 480, 3), np.uint8), {"start": 1.5}, "images have no times"),
+        (np.zeros((270, 480, 3), np.uint8), {"step": 0}, "step must be"),
+        (np.zeros((270, 480, 3), np.uint8), {"field": "tenis"}, "tennis"),
+        (np.zeros((270, 480, 3), np.uint8), {"field": 3}, "expected a Field"),
+        (np.zeros((270, 480, 3), np.uint8), {"field": "tennis"}, "knows soccer fields only"),
+        (np.zeros((270, 480, 3), np.uint8), {"camera": "moving"}, "camera is of clips"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_said(source, options, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate(source, progress=False, **options)
+
+
+def test_paths_that_are_not_there(tmp_path):
+    for source in (tmp_path / "no.mp4", str(tmp_path / "*.jpg"), tmp_path / "no"):
+        with pytest.raises(FileNotFoundError):
+            calibrate(source, progress=False)
+
+
+def test_several_videos_are_calibrated_one_by_one(rendered, tmp_path):
+    for name in ("a", "b"):
+        video_file(tmp_path / f"{name}.mp4", rendered[:1])
+    with pytest.raises(ValueError, match=r"there are 2 videos, as a\.mp4: calibrate them one by one"):
+        calibrate(tmp_path, progress=False)
+
+
+def test_progress_is_told_to_a_function_of_the_caller(rendered, knows, tmp_path):
+    seen = []
+    knows(TRUTHS)
+    calibrate(rendered, progress=lambda *what: seen.append(what))
+    assert seen == [(0, 4, ""), (4, 4, "")]
+    seen.clear()
+    knows([TRUTHS[t] for t in looked_at(rendered)])
+    calibrate(rendered, clip=True, progress=lambda *what: seen.append(what))
+    stages = list(dict.fromkeys(stage for *_, stage in seen))
+    assert stages[:3] == ["looking", "matching", "finding lines"]
+    assert {total for _, total, _ in seen} == {4}
+
+    def stop(done, total, stage):
+        if done == 2:
+            raise RuntimeError("enough")
+
+    knows(TRUTHS)
+    with pytest.raises(RuntimeError, match="enough"):
+        calibrate(rendered, clip=True, progress=stop)
+
+
+# --- results ---
+
+
+@pytest.fixture(scope="module")
+def some():
+    return calibrate({"x": labelled(), "y": {}, "z": labelled(TRUTHS[2])}, image_size=SIZE, progress=False)
+
+
+def test_results_in_words(some):
+    assert repr(some) == "Results(3 calibrations: 2 good, 1 reject)"
+    assert {id: str(verdict) for id, verdict in some.verdicts.items()} == {"x": "good", "y": "reject", "z": "good"}
+    html = some._repr_html_()
+    assert "2 good, 1 reject" in html
+    assert 'src="data:image/jpeg;base64,' in html
+
+
+def test_overlays_on_pictures_that_are_given_and_on_none(some, rendered):
+    plain, on = some.overlay("x"), some.overlay("x", rendered[3])
+    assert plain.shape == on.shape == (270, 480, 3)
+    assert not np.array_equal(plain, on)
+    np.testing.assert_array_equal(some.overlay(0), plain)
+    with pytest.raises(ValueError, match="say which frame: there are 3, as 'x', 'y', 'z'"):
+        some.overlay()
+    with pytest.raises(KeyError, match="there is no frame 'w'"):
+        some.overlay("w")
+
+
+def test_homographies_and_what_the_lens_leaves():
+    camera = Camera.from_angles(0.3, 1.36, 0.0, 650.0, (0.0, 66.0, -16.0), SIZE, k=(0.2, 0.0))
+    found = calibrate(labelled(camera), image_size=SIZE, progress=False).homographies()["000000"]
+    camera = calibrate(labelled(camera), image_size=SIZE, progress=False).cameras["000000"]
+    xy = np.array([[350.0, 150.0], [100.0, 250.0], [240.0, 200.0]])
+    X = camera.image_to_field(xy)[:, :2]
+    raw = np.column_stack([xy, np.ones(3)]) @ found.from_raw.T
+    off = np.linalg.norm(raw[:, :2] / raw[:, 2:] - X, axis=1)
+    assert 0.0 < off.max() <= found.largest_m
+    ideal = np.column_stack([camera.normalized(xy), np.ones(3)]) @ camera.K.T
+    exact = ideal @ found.from_undistorted.T
+    np.testing.assert_allclose(exact[:, :2] / exact[:, 2:], X, atol=1e-9)
+    assert 0.0 < found.rms_px < found.largest_px < 10.0
+    assert 0.0 < found.rms_m < found.largest_m
+
+
+def test_a_table_of_some_twenty_columns(some):
+    table = some.to_pandas()
+    assert 18 <= len(table.columns) <= 24
+    assert list(table.index) == ["x", "y", "z"]
+    assert table.loc["x", "pan_degrees"] == pytest.approx(np.degrees(some.cameras["x"].angles[0]))
+    assert table.loc["y", "reason"] == "no labelled pixels: nothing to calibrate from"
+    assert np.isnan(table.loc["y", "x_m"])
+    assert len(some.to_pandas(everything=True).columns) > len(table.columns)
+
+
+def test_results_that_are_there_are_not_replaced_without_a_word(some, tmp_path):
+    some.save(tmp_path / "out")
+    with pytest.raises(FileExistsError):
+        some.save(tmp_path / "out")
+    with pytest.raises(FileExistsError):
+        read(tmp_path / "out").save(tmp_path / "out2") or read(tmp_path / "out").save(tmp_path / "out2")
+    some.save(tmp_path / "out", overwrite=True)
+    read(tmp_path / "out").save(tmp_path / "out2", overwrite=True)
+    assert read(tmp_path / "out2") == some
+
+
+def test_results_that_differ_are_not_equal(some):
+    less = calibrate({"x": labelled(), "y": {}}, image_size=SIZE, progress=False)
+    other = calibrate({"x": labelled(), "y": {}, "z": labelled(TRUTHS[2], shift=0.5)}, image_size=SIZE, progress=False)
+    assert some != less
+    assert some != other
+    assert some != dict(some)
+
+
+@settings(max_examples=10)
+@given(
+    frames=st.dictionaries(
+        texts(min_size=1, max_size=8).filter(lambda id: id.isalnum()),
+        st.tuples(st.sampled_from(TRUTHS), numbers(-2.0, 2.0), st.integers(0, 5)),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_any_results_are_read_back_equal(frames, tmp_path_factory):
+    def of(truth, shift, count):
+        return dict(list(labelled(truth, shift).items())[:count])
+
+    results = calibrate({id: of(*what) for id, what in frames.items()}, image_size=SIZE, progress=False)
+    assert_kept(results, tmp_path_factory.mktemp("any") / "out")
+
+
+# --- the name ---
+
+
+def test_it_stays_a_function_whatever_else_is_used():
+    """No module of that name may take its place, in any order."""
+    code = """
+import importlib, pkgutil, warnings
+import fieldcalib
+warnings.simplefilter("ignore")
+for name in fieldcalib.__all__:
+    getattr(fieldcalib, name)
+    assert callable(fieldcalib.calibrate) and callable(fieldcalib.read), name
+for module in pkgutil.walk_packages(fieldcalib.__path__, "fieldcalib."):
+    if module.name.endswith("__main__"):
+        continue
+    try:
+        importlib.import_module(module.name)
+    except ImportError as error:
+        if (error.name or "").startswith("fieldcalib"):
+            raise
+    assert callable(fieldcalib.calibrate) and callable(fieldcalib.read), module.name
+print(fieldcalib.calibrate.__module__, fieldcalib.read.__module__)
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["fieldcalib.results.entry", "fieldcalib.results.reading"]

@@ -1,0 +1,99 @@
+"""Progress: bars, lines where there is no terminal, and functions of the caller's."""
+
+import io
+import re
+import sys
+
+import pytest
+
+from fieldcalib.console import progress as module
+from fieldcalib.console.progress import progress_bar
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that moves by three seconds with each look at it."""
+    now = [0.0]
+
+    def look():
+        now[0] += 3.0
+        return now[0]
+
+    monkeypatch.setattr(module.time, "monotonic", look)
+    return now
+
+
+def lines_of(text):
+    return [line.removeprefix("fieldcalib: ") for line in text.splitlines()]
+
+
+def test_a_line_every_ten_seconds_where_there_is_no_terminal(clock, capfd):
+    with progress_bar(unit="frame", total=9, desc="looking") as progress:
+        for _ in range(9):
+            progress.update()
+    lines = lines_of(capfd.readouterr().err)
+    assert lines == [
+        "looking: 4 of 9 frames, 0.333 a second, 0:15 left",
+        "looking: 8 of 9 frames, 0.333 a second, 0:03 left",
+    ]
+
+
+def test_a_line_without_a_known_end(clock, capfd):
+    with progress_bar(unit="frame") as progress:
+        for _ in range(5):
+            progress.update()
+    assert lines_of(capfd.readouterr().err) == ["4 frames, 0.333 a second"]
+
+
+def test_what_was_done_before_does_not_count_for_the_rate(clock, capfd):
+    with progress_bar(unit="frame", total=20, initial=10) as progress:
+        for _ in range(4):
+            progress.update()
+    assert lines_of(capfd.readouterr().err) == ["14 of 20 frames, 0.333 a second, 0:18 left"]
+
+
+def test_short_work_prints_nothing(capfd):
+    with progress_bar(unit="frame", total=2) as progress:
+        progress.update(2)
+    assert capfd.readouterr().err == ""
+
+
+def test_text_that_is_kept_in_memory_gets_no_lines(clock, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with progress_bar(unit="frame", total=9) as progress:
+        for _ in range(9):
+            progress.update()
+    assert sys.stderr.getvalue() == ""
+
+
+def test_a_terminal_gets_a_bar(monkeypatch):
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with progress_bar(unit="frame", total=2, desc="looking") as progress:
+        progress.update(2)
+    assert re.search(r"looking: 100%.*2/2", terminal.getvalue())
+
+
+def test_a_function_is_told_of_each():
+    seen = []
+    with progress_bar(unit="frame", total=3, desc="looking", progress=lambda *what: seen.append(what)) as progress:
+        progress.update()
+        progress.update(2)
+    assert seen == [(0, 3, "looking"), (1, 3, "looking"), (3, 3, "looking")]
+
+
+def test_an_error_of_the_function_ends_the_work():
+    def stop(done, total, stage):
+        if done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), progress_bar(unit="frame", progress=stop) as progress:
+        progress.update()
+
+
+def test_nothing_is_shown_if_it_is_not_wanted(clock, capfd):
+    with progress_bar(unit="frame", progress=False) as progress:
+        for _ in range(9):
+            progress.update()
+    assert capfd.readouterr().err == ""
