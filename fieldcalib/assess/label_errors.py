@@ -24,6 +24,6 @@ def rms_by_label(evaluation: Evaluation) -> Array:
 
 def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     """Sums of squared distances, and numbers of pixels, (B, L)."""
-    observations = evaluation.problem.observations.without_ends
-    squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
-    return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label
+    observations = evaluation.problem.observations
+    is_counted = (observations.label >= 0) & (observations.pixel_share > 0.0)  # no padding, no ends
+    return observations.by_label(np.where(is_counted, np.square(evaluation.r), 0.0)), observations.pixels_by_label

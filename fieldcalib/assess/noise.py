@@ -72,7 +72,7 @@ class Noise:
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
         if paint == 0.0:
             return np.zeros((len(JT), JT.shape[1], 1))
-        by_metre = np.linalg.norm(self.evaluation.derivatives(problem.layout.is_centre)[:, :2], axis=1)
+        by_metre = np.linalg.norm(self.evaluation.by_centre[:, :2], axis=1)
         off = np.hypot(paint * by_metre, FOUND_BESIDE * problem.layout.image_size[0])
         return np.asarray((JT * (irls_weight * off)[:, None]) @ self.segment)
 

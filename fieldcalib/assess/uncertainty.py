@@ -43,7 +43,7 @@ from fieldcalib.problem.layout import Layout
 # Number of equations as which the noise of other frames counts. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
 # pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); here it is less, as annotators differ.
 OTHER_FRAMES = 5.0
-TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
+TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed, in the order of theta
 TOUCHED = 1e-6  # share of a derivative along open directions: less is rounding
 
 
@@ -225,8 +225,8 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     sigma, kappa = size_and_curvature(problem.loss, variance)
 
     tested = [name for name in TESTED if name in layout.names and not free[layout.names.index(name)]]
-    by_tested = [evaluation.derivatives(np.array(layout.names) == name) for name in tested]
-    by_kept = np.concatenate([evaluation.derivatives(layout.considered), *by_tested], axis=1)
+    by_tested = evaluation.derivatives(np.isin(layout.names, tested))
+    by_kept = np.concatenate([evaluation.derivatives(layout.considered), by_tested], axis=1)
     rows = np.concatenate([directions.JT, by_kept], axis=1)
     noisy = variance[:, None, None] * noise.covariance(rows)
     noisy += noise.of_paint(rows, evaluation.irls_weight)

@@ -34,13 +34,15 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.localize import Network
+from fieldcalib.results.reading import read
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
+from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
+from fieldcalib.web.report import write_report
 
 SAMPLE = 40  # images of one field from which its size is estimated
 ROUNDS = 2  # of calibrating these images and estimating the size
@@ -77,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, CalibrationOptions)
     add_options(parser, ReadImage)
     add_options(parser, RunOptions)
+    parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -86,7 +89,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(request: RunRequest) -> int:
-    """Calibrate one video or stream, or images."""
+    """Calibrate one video or stream, or images, and write the report."""
+    code = _calibrate(request)
+    if request.report:
+        write_report(read(request.run.out), request.run.out / REPORT)
+    return code
+
+
+def _calibrate(request: RunRequest) -> int:
     if request.is_stream:
         return run_stream(request)
     request.check()

@@ -128,6 +128,8 @@ class RunRequest:
     calibration: CalibrationOptions
     same_field: bool
     """Whether all images show one field."""
+    report: bool
+    """Whether a report of one file is written too."""
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> RunRequest:

@@ -151,14 +151,18 @@ class Evaluation:
 
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
-        JT = self._by_camera(free)
-        moving = free[self.problem.layout.field_size_block.start :]  # length, width and crown
-        if np.any(moving):
-            # moving a segment is equivalent to moving the camera the other way
-            by_centre = self._by_camera(self.problem.layout.is_centre)
-            by_field = -np.einsum("bcm,bmcs->bsm", by_centre, self.motion_of_points[..., moving])
-            JT[:, JT.shape[1] - by_field.shape[1] :] = by_field
-        return JT
+        is_size = np.arange(len(free)) >= self.problem.layout.field_size_block.start  # length, width and crown
+        by_camera = self._by_camera(free & ~is_size)
+        if not np.any(free & is_size):
+            return by_camera
+        # moving a segment is equivalent to moving the camera the other way
+        moving = self.motion_of_points[..., free[is_size]]
+        return np.concatenate([by_camera, -np.einsum("bcm,bmcs->bsm", self.by_centre, moving)], axis=1)
+
+    @cached_property
+    def by_centre(self) -> Array:
+        """Derivatives of the residuals by the position of the camera, (B, 3, M)."""
+        return self._by_camera(self.problem.layout.is_centre)
 
     def _by_camera(self, free: BoolArray) -> Array:
         """`derivatives` for a field of constant size."""

@@ -132,6 +132,8 @@ class Projection:
         (B, P, N) array
             One row for each free parameter, in the order of theta.
         """
+        if not np.any(free):
+            return np.zeros((n.shape[1], 0, n.shape[2]))
         if self.layout.zoom_law is None:
             return self._derivatives(s, inverse_depth, n, free)
         camera = slice(self.layout.zoom_law_block.start)

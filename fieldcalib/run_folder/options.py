@@ -15,7 +15,7 @@ from fieldcalib.io.field_files import is_field_file
 
 # Options that do not change the results of a frame, or that the record of a run has elsewhere.
 NOT_RECORDED = frozenset(
-    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard"}
+    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
 )
 
 

@@ -38,7 +38,8 @@ SUMMARY = "summary.json"  # of a run that is finished
 MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"
 LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
-SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY)  # files that are of no single frame
+REPORT = "report.html"
+SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY, REPORT)  # files that are of no single frame
 PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
 # Least number and share of frames with pixels that are not square, to warn of them. Of 728 annotated frames none has
 # such pixels, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.

@@ -7,102 +7,133 @@ of good frames are left out last. The file says what was left out.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 import fieldcalib
+from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
+from fieldcalib.console.progress import Progress, progress_bar
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import write_text
+from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.image import Image
 from fieldcalib.io.image_size import stored_size
 from fieldcalib.results.collection import Results
+from fieldcalib.results.sources import Pictures
+from fieldcalib.run_folder.results import SUMMARY
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
 from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
-REPORT = "report.html"
 MOST_BYTES = 20_000_000  # of the file
 PICTURE_BYTES = 8_700_000  # of JPEGs, of which the file has base64: 4/3 of them
 TABLE_BYTES, STATE_BYTES = 5_000_000, 2_500_000  # of the table, and of what is drawn on pictures
 STYLES = ("style", "report")
 
 
-def chosen_frames(ids: Sequence[str], worst: Sequence[int]) -> Thumbnails:
-    """Pictures, to be filled, of the frames that a report shows: the worst ones, and others spread over all.
-
-    Parameters
-    ----------
-    ids : sequence of str
-        Ids of all frames.
-    worst : sequence of int
-        Numbers of the worst frames, worst first.
-    """
-    return Thumbnails([ids[number] for number in frames_to_show(len(ids), worst)], PICTURE_BYTES)
-
-
-def write_report(
-    results: Results,
-    path: Path | str,
-    pictures: Mapping[str, bytes] = MappingProxyType({}),
-    *,
-    title: str = "",
-    about: Mapping[str, Any] = MappingProxyType({}),
-    rate: float | None = None,
-    cuts: Sequence[int] = (),
-) -> None:
+def write_report(results: Results, path: str | os.PathLike[str], title: str = "", *, progress: Progress = True) -> None:
     """Write the report of results as one HTML file, which opens in any browser without a network.
+
+    Pictures are read again from the input, as far as it is still where it was.
 
     Parameters
     ----------
     results : Results
+        As of `fieldcalib.calibrate` or `fieldcalib.read`.
     path : path
         The file, e.g. ``report.html``.
-    pictures : mapping of str to bytes
-        JPEGs of frames by id, see `chosen_frames`; the others have no picture.
     title : str
-        Heading.
-    about : mapping
-        What is written about the run, e.g. the content of its ``summary.json``.
-    rate : float, optional
-        Frames per second, of a clip.
-    cuts : sequence of int
-        Numbers of the first frames of shots, of a clip.
+        Heading; by default the name of the folder of the results.
+    progress : bool or function
+        Whether progress is shown while pictures are read, or a function that gets it, see `fieldcalib.calibrate`.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
     """
     field = next((one.field for one in results.values() if one.field is not None), soccer())
-    lines = results.lines
-    numbers = {line["id"]: number for number, line in enumerate(lines)}
+    whole = ReportTable.of(map(results.frames.main, range(len(results.frames.ids))), field)
+    pictures = thumbnails(results, frames_to_show(whole.count, whole.worst), progress)
+    numbers = {id: number for number, id in enumerate(results.frames.ids)}
     states = _states(results, pictures)
-    table = ReportTable.of(lines, field).within(TABLE_BYTES, [numbers[id] for id in states])
+    table = whole.within(TABLE_BYTES, [numbers[id] for id in states])
     kept = np.array([numbers[id] for id in table.columns["id"]], dtype=int)
+    title = title or ("fieldcalib" if results.folder is None else results.folder.resolve().name)
     report = {
-        "title": title or Path(path).resolve().parent.name,
-        "rate": None if rate is None else rate * len(kept) / max(table.count, 1),
-        "cuts": np.searchsorted(kept, np.array(cuts, dtype=int)).tolist(),
-        "about": {"version": fieldcalib.__version__, **about},
+        "title": title,
+        **_clip(results, kept),
+        "about": _about(results),
         "field": field_record(field),
         **table.to_record(),
         "states": states,
     }
     jpegs = {id: base64.b64encode(pictures[id]).decode() for id in states}
     data = {"report": report, "pictures": jpegs}
-    write_text(Path(path), one_file(report["title"], styles(*STYLES), bundled("report"), data))
+    write_text(Path(path), one_file(title, styles(*STYLES), bundled("report"), data))
+
+
+def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
+    """Frame rate and first frames of shots in a table with some of the frames; without a clip no rate."""
+    video, rate, frames = results.video, results.frames_per_second, len(results.frames.ids)
+    if video is None or rate is None:
+        return {"rate": None, "cuts": []}
+    readable = np.flatnonzero([id in results for id in results.frames.ids])
+    starts = readable[np.array([shot.start for shot in video.shots], dtype=int)]
+    return {"rate": rate * len(kept) / max(frames, 1), "cuts": np.searchsorted(kept, starts).tolist()}
+
+
+def _about(results: Results) -> dict[str, Any]:
+    """What is written about the run."""
+    summary = Path() if results.folder is None else results.folder / SUMMARY
+    if summary.is_file():
+        return parse_json_object(read_regular_file(summary), "a summary")
+    return {"frames": len(results.frames.ids), "options": dict(results.options), "version": fieldcalib.__version__}
+
+
+def thumbnails(results: Results, numbers: Sequence[int], progress: Progress = False) -> dict[str, bytes]:
+    """Pictures of frames as JPEG by id; `numbers` has the most important ones first.
+
+    The frames of a video are read one after the other, and no more pictures are in memory than their budget has bytes.
+    """
+    ids, pictures = results.frames.ids, results.pictures
+    found = Thumbnails([ids[number] for number in numbers if ids[number] in results], PICTURE_BYTES)
+    with progress_bar(unit="frame", total=len(ids), desc="report", progress=progress) as counter:
+        for id, image in _images(pictures, found.wanted):
+            found.add(id, image)
+            counter.update()
+    return found.jpegs
+
+
+def _images(pictures: Pictures, ids: Sequence[str]) -> Iterator[tuple[str, Image]]:
+    """All frames of a video, or the pictures of some frames, as far as they can be read."""
+    if pictures.is_video:
+        some = pictures.frames() if ids and pictures.has(ids[0]) else ()
+        yield from ((frame.id, frame.image) for frame in some if frame.image is not None)
+        return
+    for id in ids:
+        if pictures.has(id):
+            with suppress(BrokenFileError):  # replaced since
+                yield id, pictures.image(id)
 
 
 def _states(results: Results, pictures: Mapping[str, bytes]) -> dict[str, Any]:
     """What is drawn on the pictures of frames, of as many as fit their bytes."""
     states: dict[str, Any] = {}
     size = 0
-    remedies = {line["id"]: line.get("remedy", "") for line in results.lines if line["id"] in pictures}
+    remedies = {
+        id: results.frames.main(number).get("remedy", "")
+        for number, id in enumerate(results.frames.ids)
+        if id in pictures
+    }
     for id, jpeg in pictures.items():
-        calibration = results.get(id)
-        if calibration is None:
-            continue
-        state = {"remedy": remedies[id], **_drawn(calibration, stored_size(jpeg))}
+        state = {"remedy": remedies[id], **_drawn(results[id], stored_size(jpeg))}
         size += len(as_json(state))
         if size > STATE_BYTES:
             break

@@ -1,0 +1,125 @@
+"""Clips: a frame that is mended holds, and the others follow; play, cuts, the timeline."""
+
+import cv2
+import numpy as np
+import pytest
+from driving import FIELD, SECONDS
+
+from fieldcalib.draw.scene import render_field
+from fieldcalib.geometry.camera import Camera
+
+SIZE = (960, 540)
+COUNT = 24
+CAMERAS = [
+    Camera.from_angles(*np.radians([-17.0 + 0.35 * k, 77.0, 0.2]), 1300.0 + 4.0 * k, (1.5, 66.0, -16.0), SIZE)
+    for k in range(COUNT)
+]
+HAND = ("Side line top", "Side line left", "Big rect. left main", "Big rect. left top", "Circle left", "Middle line")
+
+
+def write(path, images, size=SIZE):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, size)
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return path
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A rendered clip: a camera that pans and zooms."""
+    images = (render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in CAMERAS)
+    return write(tmp_path_factory.mktemp("clip") / "clip.avi", images)
+
+
+def worst_shift(camera, truth):
+    """Largest distance, px, between where two cameras see the ground in view."""
+    f, angles = camera["focal_length"], np.radians([camera["pan"], camera["tilt"], camera["roll"]])
+    found = Camera.from_angles(
+        *angles, f, camera["position"], SIZE, k=camera["dist"][:2], principal_point=camera["principal_point"]
+    )
+    X = np.stack([*np.meshgrid(np.linspace(-50, 20, 15), np.linspace(-34, 34, 9)), np.zeros((9, 15))], axis=-1)
+    xy = truth.project(X)
+    seen = np.all((xy > 0.0) & (xy < SIZE), axis=-1)
+    return float(np.max(np.linalg.norm(found.project(X) - xy, axis=-1)[seen]))
+
+
+def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip):
+    one = window(serve(clip))
+    one.press(*["ArrowRight"] * 5)
+    one.wait_for_frame(5)
+    assert one.page.get_by_role("button", name="Solve the clip again").is_disabled()
+    one.label_by_clicks(HAND, camera=CAMERAS[5])
+    assert one.page.locator(".frame-row[aria-selected=true] .frame-hand").inner_text() == "by hand"
+
+    one.page.get_by_role("button", name="Solve the clip again").click()
+    one.page.get_by_role("progressbar", name="Solving the clip").wait_for()
+    one.page.get_by_text("Solved again:").wait_for(timeout=8e3 * SECONDS)
+    assert "frames would change" in one.text(".clip-words")
+    one.page.get_by_role("button", name="Largest change").click()
+    one.page.locator(".legend-proposed").wait_for()
+    one.page.get_by_role("button", name="Keep").click()
+    one.page.get_by_text("mended by hand holds the clip").wait_for()
+
+    one.wait("() => document.querySelectorAll('.frame-row .verdict-good').length >= 12")
+    shifts = [worst_shift(one.state(number)["camera"], CAMERAS[number]) for number in range(0, COUNT, 4)]
+    assert max(shifts) < 3.0
+
+
+def test_solving_is_cancelled(serve, window, clip):
+    one = window(serve(clip))
+    one.label_by_clicks(HAND, camera=CAMERAS[0])
+    one.page.get_by_role("button", name="Solve the clip again").click()
+    one.page.get_by_role("button", name="Cancel").click()
+    one.page.get_by_role("button", name="Solve the clip again").wait_for()
+
+
+def test_labels_of_the_previous_frame_are_copied(serve, window, clip):
+    one = window(serve(clip))
+    one.label_by_clicks(HAND, camera=CAMERAS[0])
+    before = one.state(0)["marks"]
+    one.press("ArrowRight")
+    one.wait_for_frame(1)
+    one.press("Shift+C")
+    one.wait_for_revision(1)
+    copied = one.state(1)["marks"]
+    assert {mark["label"] for mark in copied} == {mark["label"] for mark in before}
+    moved = np.mean([mark["x"] for mark in copied]) - np.mean([mark["x"] for mark in before])
+    assert moved < -3.0  # the camera pans to the right, so the field moves to the left
+
+
+def test_space_plays_and_stops(serve, window, clip):
+    one = window(serve(clip))
+    one.press("Space")
+    one.page.get_by_role("button", name="Pause").wait_for()
+    one.wait("() => Number(document.querySelector('.picture-lines').dataset.frame) > 2")
+    one.press("Space")
+    one.page.get_by_role("button", name="Play").wait_for()
+    number = int(one.canvas.get_attribute("data-frame"))
+    assert one.page.evaluate("location.hash") == f"#{number}"
+
+
+def test_the_timeline_seeks_and_cuts_are_added_moved_and_joined(serve, window, clip):
+    one = window(serve(clip))
+    box = one.page.locator("canvas.timeline").bounding_box()
+    left, width = 74.0 * 13.0 / 14.0, box["width"] - 86.0 * 13.0 / 14.0
+
+    def at(number):
+        return box["x"] + left + (number + 0.5) / COUNT * width, box["y"] + 60.0
+
+    one.page.mouse.click(*at(10))
+    one.wait_for_frame(10)
+    one.press("Shift+K")
+    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => project.cuts.includes(10))")
+
+    one.page.mouse.move(*at(9.5))
+    one.page.mouse.down()
+    one.page.mouse.move(*at(14), steps=4)
+    one.page.mouse.up()
+    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => project.cuts.includes(14))")
+    assert 10 not in one.get("api/project")["cuts"]
+
+    one.page.mouse.click(*at(14))
+    one.wait_for_frame(14)
+    one.press("Shift+K")
+    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => !project.cuts.includes(14))")
