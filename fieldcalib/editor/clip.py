@@ -9,14 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import Shape
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.editor.sources import Frames
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.anchored_clip import Anchors, solve_around
-from fieldcalib.images.clip_keyframes import Keyframes, read_keyframes
+from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, read_keyframes
 from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
 from fieldcalib.images.from_video import PART, SHARED_BY, Mount
@@ -25,7 +27,9 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
+from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.options import pixel_unit
 
 GRID = (9, 6)  # places across and down the picture whose moves are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")
@@ -57,7 +61,7 @@ class Proposal:
     window: Window
     video: VideoCalibration
     calibrations: Mapping[int, Calibration]
-    """By the number of the frame; those of anchors are theirs."""
+    """By the number of the frame."""
     anchors: frozenset[int]
     moves: Mapping[int, float]
     """Largest move of the picture's points, pixels; NaN where there was no camera, or is none."""
@@ -122,24 +126,44 @@ def solve(
     window, shape = first.window, first.shape
     count = window.end - window.begin
     inside = {t: one for t, one in anchors.items() if window.begin <= t < window.end}
-    labels = {t - window.begin: _pixels_in_frame(one, shape) for t, one in inside.items()}
+    known = {
+        t - window.begin: KeyframeLabels(pixels, one.accepted)
+        for t, one in inside.items()
+        if (pixels := _pixels_in_frame(one, shape)) is not None
+    }
     starts = None if cuts is None else [cut - window.begin for cut in cuts]
     progress(0, count, STAGES[1])
 
     def images() -> Iterable[Image]:
         return _in_frame(_counted(_readable(frames, window), window, progress, STAGES[2]), shape)
 
-    known = {t: one for t, one in labels.items() if one is not None}
     found = solve_around(first.keyframes, Anchors(known, starts), images, Padded(network))
     found = replace(found, shape=shape)
     calibrations, moves = dict[int, Calibration](), dict[int, float]()
     for k, calibration in enumerate(found):
         progress(k, count, STAGES[3])
         number = window.begin + k
-        calibrations[number] = inside.get(number, calibration)
+        calibrations[number] = _held(inside[number], calibration) if number in inside else calibration
         old = before(number)
         moves[number] = largest_move(None if old is None else old.camera, calibrations[number].camera)
     return Proposal(window, found, calibrations, frozenset(inside), moves)
+
+
+def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
+    """The camera of an anchor: that of the clip, in which its labels count too, unless they alone tell it well and that
+    of the clip does not fit them.
+    """
+    if by_hand.solved is None or by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
+        return by_hand
+    pixels = by_hand.solved.pixels
+    before, after = (
+        float(rms_of_labels(evaluate_cameras([one.camera], one.field or {}, pixels))[0])
+        for one in (by_hand, in_clip)
+        if one.camera is not None
+    )
+    is_well_known = by_hand.verdict is Verdict.GOOD
+    farther = after > before + FARTHER * pixel_unit(by_hand.camera.image_size)
+    return by_hand if is_well_known and farther else in_clip
 
 
 def largest_move(old: Camera | None, new: Camera | None) -> float:

@@ -15,20 +15,21 @@ from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.fitting import automatic, network_marks, network_of
 from fieldcalib.editor.frame import Edit, FrameEditor
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
+from fieldcalib.editor.label_files import label_file, label_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
-from fieldcalib.editor.stored import BY_HAND, Saved, Stored, source_of
+from fieldcalib.editor.stored import BY_HAND, NewRun, Saved, Stored, source_of
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
+from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, IMAGES, OVERLAYS, VIDEOS
+from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
-
-LABELS = "labels"  # folder of labels by hand, in the folder of results
 
 
 def ignored(done: int, count: int, stage: str) -> None:
@@ -91,8 +92,7 @@ class Editor:
         self._rows = [Row()] * len(self.frames)
         self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
         self._journal = None if folder is None else Journal(folder, replayed.size)
-        self._options = {"field": self.field_name}
-        self.source = [] if paths is None else paths
+        self._new = NewRun({"field": self.field_name}, paths or (), self.frames.rate or DEFAULT_RATE)
         self.cuts = replayed.cuts or ([] if self.stored is None else self.stored.cuts)
         """First frames of the shots of a clip, as far as they are known."""
         self.has_own_cuts = replayed.cuts is not None
@@ -113,8 +113,7 @@ class Editor:
 
     def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""
-        line = {} if self.stored is None else self.stored.lines.get(id, {})
-        if self.stored is not None and line and line.get("basis") != BY_HAND:
+        if self.stored is not None and id in self.stored and self.stored.basis(id) != BY_HAND:
             return self.stored.calibration(id)
         return None if edits.base is None else Calibration.from_dict(edits.base)
 
@@ -180,7 +179,7 @@ class Editor:
                 state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
             if self.stored is not None:
-                self.stored.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
+                self.stored.versions.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
@@ -202,8 +201,7 @@ class Editor:
     def _basis(self, number: int, one: FrameEditor) -> str:
         if not one.is_automatic:
             return BY_HAND
-        line = {} if self.stored is None else self.stored.lines.get(self.ids[number], {})
-        return str(line.get("basis", ""))
+        return "" if self.stored is None else self.stored.basis(self.ids[number])
 
     def _set_row(self, number: int, row: Row) -> None:
         if self._rows[number] != row:
@@ -349,7 +347,7 @@ class Editor:
             for n, calibration in proposal.calibrations.items():
                 basis = BY_HAND if n in proposal.anchors else proposal.basis(n)
                 frames.append(Saved(self.ids[n], calibration, basis, {}))
-            stored.save(frames, self.ids, self._options)
+            stored.save(frames, self.ids, self._new, proposal.video if len(frames) == len(self) else None)
             for n, calibration in proposal.calibrations.items():
                 state = self._states.get(n)
                 if state is not None and not _is_anchor(state):
@@ -384,14 +382,14 @@ class Editor:
             journal.open()
             revisions = {n: self.revision(n) for n in numbers}
             frames = [self._saved(n) for n in numbers]
-            written = stored.save(frames, self.ids, self._options)
+            written = stored.save(frames, self.ids, self._new)
             for n, revision in revisions.items():
                 self._states[n].edits.is_saved = self.revision(n) == revision
             journal.saved(written)
         return len(frames)
 
     def _is_to_save(self, number: int, state: _FrameState) -> bool:
-        is_new = self.stored is not None and self.ids[number] not in self.stored.lines
+        is_new = self.stored is not None and self.ids[number] not in self.stored
         return is_new or not state.edits.is_saved
 
     def _saved(self, number: int) -> Saved:
@@ -400,11 +398,45 @@ class Editor:
         calibration = one.calibration
         files: dict[str, bytes | None] = {label_file(id): None}
         if not one.is_automatic and len(one.marks):
-            files[label_file(id)] = (ANNOTATIONS.write(one.ordered_pixels, size_of(one.image)) + "\n").encode()
+            files[label_file(id)] = soccernet_file(Annotation(id, one.ordered_pixels, size_of(one.image)))
         if not self.is_clip:
             drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
             files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
         return Saved(id, calibration, self._rows[number].basis, files)
+
+    def save_labels(self, format: str) -> str:
+        """Write the labels by hand of all frames into the folder; returns the name of the file or the folder.
+
+        Parameters
+        ----------
+        format : {"soccernet", "labelme", "cvat", "coco", "labelstudio"}
+
+        Raises
+        ------
+        ValueError
+            If there is no folder, no label, or no such format.
+        ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal = self.stored, self._journal
+        if stored is None or journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        labelled = [n for n, state in sorted(self._states.items()) if _is_anchor(state)]
+        frames = {n: self[n] for n in labelled}
+        annotations = [
+            Annotation(self.ids[n], one.ordered_pixels, size_of(one.image), self.frames.name(n))
+            for n, one in frames.items()
+            if len(one.marks)
+        ]
+        with self.lock:
+            name, files = label_files(format, annotations)
+            journal.open()
+            journal.written(stored.write(files))
+        return name
+
+    def _repr_html_(self) -> str:
+        """The first frame, for notebooks."""
+        return self[0]._repr_html_()
 
     def close(self) -> None:
         """Close the files."""
@@ -415,11 +447,6 @@ class Editor:
 
 def _is_anchor(state: _FrameState) -> bool:
     return not state.edits.history.present.automatic
-
-
-def label_file(id: str) -> str:
-    """The name of the file with the labels of a frame, in the folder of results."""
-    return f"{LABELS}/{ANNOTATIONS.file_name(id)}"
 
 
 def _places(
@@ -442,8 +469,8 @@ def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> 
         assert isinstance(source, Sequence)
         return Arrays(source)
     if VIDEOS.recognises(paths[0]):
-        numbers = [int(id) for id in stored.lines if id.isdecimal()] if stored is not None and stored.lines else None
-        return VideoFrames(paths[0], numbers)
+        numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
+        return VideoFrames(paths[0], numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
     return Pictures(files)
 

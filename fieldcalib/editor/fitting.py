@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -19,15 +20,20 @@ from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.grid import classes_without_segment
-from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Weights
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
 MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
+NOTHING_YET = "nothing is labelled yet, and no network knows this field"
+STRAY = 8.0  # px of such an image between a mark and its marking, from which on one of them is wrong
 FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
 
 
@@ -48,7 +54,7 @@ def network_of(field: Field) -> Network | None:
 def automatic(field: Field, image: Image, network: Network | None) -> tuple[Calibration, Marks]:
     """The camera that is found without a person, and the labels of the network, a few for each segment."""
     if network is None:
-        return calibrate_from_segments(field, {}, size_of(image)), Marks()
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_YET), Marks()
     (calibration,) = calibrate_from_images(field, [image], network)
     return calibration, network_marks(field, image, network)
 
@@ -80,22 +86,55 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     """
     pixels, weights = marks.pixels, _weights(marks)
     size = size_of(image)
+    prior: Prior = ALL if field.stands else None
+    flags = arguments["flags"]
+    if prior is None:  # nothing else would hold it
+        flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    arguments = {**arguments, "flags": flags, "prior": prior}
     by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
     if not by_marks.accepted:
         return by_marks
-    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=arguments["flags"])
+    return _with_strays(field, marks, _refined(field, image, marks, by_marks, flags, prior))
+
+
+def _refined(field: Field, image: Image, marks: Marks, by_marks: Calibration, flags: int, prior: Prior) -> Calibration:
+    """The camera of marks refined on the image, unless it is then farther from the marks of the person."""
+    pixels, weights, size = marks.pixels, _weights(marks), size_of(image)
+    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
     if refined is by_marks or refined.camera is None or by_marks.camera is None:
         return by_marks
     before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
-    return refined if after <= before + FARTHER * pixel_unit(size) else by_marks
+    if after > before + FARTHER * pixel_unit(size):
+        return by_marks
+    return replace(refined, suspect_labels=by_marks.suspect_labels)
+
+
+def is_stray(error: float, image_size: tuple[int, int]) -> bool:
+    """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
+    return error > STRAY * pixel_unit(image_size)
+
+
+def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:
+    """A calibration that complains of marks of a person that lie far from their markings."""
+    camera, by_hand = calibration.camera, marks.only_by_hand
+    if camera is None:
+        return calibration
+    worst: dict[str, float] = {}
+    for mark, error in zip(by_hand.all, mark_errors(field, by_hand, camera).tolist(), strict=True):
+        if is_stray(error, camera.image_size):
+            worst[mark.label] = max(error, worst.get(mark.label, 0.0))
+    said = (f"{label!r} is marked {error:.0f} px beside its projection" for label, error in worst.items())
+    return replace(calibration, complaints=(*calibration.complaints, *said))
 
 
 def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:
     """Distance (N,) of each mark from the projection of its segment, pixels."""
     if not marks.all:
         return np.zeros(0)
-    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])
-    return rms_of_labels(evaluate_cameras(len(marks) * [camera], field, table))
+    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])  # one in a frame
+    layout = Layout.of(camera.image_size, camera.lens)
+    problem = Problem(Observations.of(field, table, camera.image_size), layout, RobustLoss("linear", 1.0))
+    return rms_of_labels(evaluate(problem, np.repeat(layout.theta(camera)[None], len(marks), axis=0)))
 
 
 def _distance(field: Field, marks: Marks, camera: Camera) -> float:

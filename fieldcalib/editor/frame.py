@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
 from fieldcalib.editor.fitting import fitted
@@ -22,9 +25,11 @@ from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.io.images import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import Pixels, nearest_label
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 
+NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
 NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
 LENSES: Mapping[str, int] = {
     "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
@@ -262,6 +267,14 @@ class FrameEditor:
     def click_errors(self, X: ArrayLike) -> Array:
         """Shift, metres, of ground points (..., 3) if all clicks are 2 px off."""
         return click_errors(self.calibration, X)
+
+    def _repr_html_(self) -> str:
+        """The picture with its markings, and what is to be said of the camera, for notebooks."""
+        calibration = self.calibration
+        drawn = draw_calibration(self.image, calibration, calibration.field or self.field)
+        content = encode_image(at_most_wide(drawn, NOTEBOOK_WIDTH), ".jpg")
+        picture = f'<img src="data:image/jpeg;base64,{b64encode(content).decode()}">'
+        return f"<div>{picture}<p>{escape(f'{calibration.verdict}: {calibration.reason}')}</p></div>"
 
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)

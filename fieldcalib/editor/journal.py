@@ -2,7 +2,8 @@
 
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
-saved (``{"saved": {name of a file: its size and time}}``). Nothing is ever removed from it.
+saved (``{"saved": {name of a file: its size and time}}``) or that other files were written (``"written"``). Nothing is
+ever removed from it.
 """
 
 from __future__ import annotations
@@ -56,7 +57,9 @@ class Replayed:
         elif "saved" in line:
             for frame in self.frames.values():
                 frame.is_saved = True
-            self.written |= {name: (int(size), int(time)) for name, (size, time) in line["saved"].items()}
+            self.written |= _states(line["saved"])
+        elif "written" in line:
+            self.written |= _states(line["written"])
         elif "begin" in line:
             history = History(edit_from_record(line["begin"]))
             self.frames[str(line["frame"])] = FrameHistory(history, base=line.get("base"))
@@ -91,6 +94,10 @@ def read_journal(path: Path) -> Replayed:
         except (ValueError, KeyError, TypeError) as error:
             raise BrokenFileError(f"{path}, line {number}: {error}") from None
     return found
+
+
+def _states(record: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    return {name: (int(size), int(time)) for name, (size, time) in record.items()}
 
 
 def _lines(path: Path) -> Iterable[bytes]:
@@ -130,6 +137,10 @@ class Journal:
     def saved(self, written: Mapping[str, tuple[int, int]]) -> None:
         """A note that all changes so far are in files of the folder."""
         self._append({"saved": dict(written)})
+
+    def written(self, written: Mapping[str, tuple[int, int]]) -> None:
+        """A note of files that were written, beside those of `saved`."""
+        self._append({"written": dict(written)})
 
     def _append(self, line: dict[str, Any]) -> None:
         self.open().append(json.dumps(line, allow_nan=False))

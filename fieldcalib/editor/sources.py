@@ -8,17 +8,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from threading import Lock
 
-import numpy as np
-
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.videos import VideoReader
+from fieldcalib.io.videos import FramesByNumber
 
 MOST_BYTES = 256_000_000  # of the file of a picture
 CACHE_BYTES = 160_000_000  # of the images in memory: 25 of 1920 x 1080
-AHEAD = 50  # frames: a video is read on to a frame that is nearer than that, and opened again for others
 
 
 class Frames(ABC):
@@ -121,40 +117,26 @@ class VideoFrames(Frames):
     Raises
     ------
     FileNotFoundError, BrokenFileError
-        As `fieldcalib.io.videos.VideoReader`.
+        As `fieldcalib.io.videos.FramesByNumber`.
     """
 
     def __init__(self, path: Path, numbers: Sequence[int] | None = None) -> None:
-        with VideoReader(path, threads=1) as reader:
-            self.rate = reader.frames_per_second
-            count = reader.count
-        self._numbers: Sequence[int] = range(count) if numbers is None else numbers
+        self._video = FramesByNumber(path)
+        self._numbers: Sequence[int] = range(self._video.count) if numbers is None else numbers
         super().__init__([f"{number:06d}" for number in self._numbers])
+        self.rate = self._video.frames_per_second
         self._path = path
-        self._reader: VideoReader | None = None
-        self._frames: Iterator[Image] = iter(())
-        self._next = 0
+        if self._numbers and self._numbers[0] == 0:
+            self._kept[0] = self._video.first
 
     def _read(self, number: int) -> Image:
         wanted = self._numbers[number]
-        if self._reader is None or not self._next <= wanted < self._next + AHEAD:
-            self._open(wanted)
-        image: Image | None = None
-        while self._next <= wanted:
-            image = next(self._frames, None)
-            self._next += 1
+        image = self._video.read(wanted)
         if image is None:
-            self.close()
             raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")
-        return np.asarray(image)
-
-    def _open(self, number: int) -> None:
-        self.close()
-        self._reader = VideoReader(self._path, cut=Cut(Position(frame=number)))
-        self._frames, self._next = iter(self._reader), number
+        return image
 
     def close(self) -> None:
         """End reading."""
-        if self._reader is not None:
-            self._reader.__exit__()
-            self._reader = None
+        with self._lock, self._video:
+            self._kept.clear()

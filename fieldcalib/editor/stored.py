@@ -7,41 +7,32 @@ has changed since it was read or written here is not replaced.
 from __future__ import annotations
 
 import json
-import os
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.editor.table import Row
-from fieldcalib.io.files import (
-    BrokenFileError,
-    FrameFile,
-    parse_json_object,
-    read_regular_file,
-    write_bytes,
-    write_text,
-)
+from fieldcalib.editor.versions import State, Versions
+from fieldcalib.io.files import parse_json_object, read_regular_file, whole_file, write_text
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.line_log import LineLog
-from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, result_lines, write_lines
+from fieldcalib.io.parquet import write_parquet
+from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
+from fieldcalib.io.videos import DEFAULT_RATE
+from fieldcalib.run_folder.clip_results import write_clip
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import SUMMARY, TRIPODS, ResultsWriter, is_unfinished
+from fieldcalib.run_folder.results import CLIP, SUMMARY, TRIPODS, ResultsWriter, is_unfinished
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has mended
 HISTORY = "history"
 COMMAND = "open"
-
-State = tuple[int, int]
-"""Size and time of the last change of a file; -1 if there is none."""
-
-
-class ChangedFileError(ValueError):
-    """A file that another program has changed since it was read."""
+SHARED = (LINES, SOLVER, TABLE, SUMMARY, TRIPODS, CLIP)  # files of all frames; the last two are of a clip
 
 
 @dataclass(frozen=True)
@@ -54,6 +45,22 @@ class Saved:
     """What the camera rests on; empty if nothing is to be said."""
     files: Mapping[str, bytes | None]
     """More files of it, by name in the folder; None removes one."""
+
+
+@dataclass(frozen=True)
+class NewRun:
+    """What is recorded of results that no run has begun."""
+
+    options: Mapping[str, Any]
+    source: Sequence[Path] = ()
+    """Paths of the pictures or of the video."""
+    rate: float = DEFAULT_RATE
+    """Frames per second."""
+
+    def record(self, folder: Path, frames: int) -> RunRecord:
+        """The record for ``run.json``."""
+        record = RunRecord.of(RunOptions(folder, self.options, COMMAND), [], unit=1, writes=[CAMERAS.file_name("<id>")])
+        return replace(record, frames=frames, source=[str(path.absolute()) for path in self.source])
 
 
 class Stored:
@@ -73,24 +80,30 @@ class Stored:
 
     def __init__(self, folder: Path, written: Mapping[str, State] | None = None) -> None:
         self.folder = folder
-        self.lines: dict[str, dict[str, Any]] = {}
-        """Lines of ``cameras.jsonl`` by id."""
-        self._expected = {
-            **(written or {}),
-            **{name: _state(folder / name) for name in (LINES, SOLVER, TABLE, SUMMARY)},
-        }
-        if self.has_results(folder):
-            for number, text in enumerate(result_lines(lines_file(folder)), 1):
-                try:
-                    line = parse_json_object(text, "a frame's result")
-                    self.lines[str(line["id"])] = line
-                except (KeyError, BrokenFileError) as error:
-                    raise BrokenFileError(f"{lines_file(folder)}, line {number}: is no result: {error}") from None
+        self.versions = Versions(folder, folder / HISTORY, written)
+        self._file: ResultFile | None = None
+        self._numbers: dict[str, int] = {}
+        self._read()
+
+    def _read(self) -> None:
+        """Read the ids of the frames, and remember the states of the files."""
+        self.versions.read_now(SHARED)
+        if self.has_results(self.folder):
+            self._file = ResultFile(lines_file(self.folder))
+            self._numbers = {id: number for number, id in enumerate(self._file.ids)}
 
     @staticmethod
     def has_results(folder: Path) -> bool:
         """Whether a folder has results."""
         return (folder / LINES).is_file() or (folder / TABLE).is_file()
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """Names of the frames that have results, in order."""
+        return () if self._file is None else self._file.ids
+
+    def __contains__(self, id: str) -> bool:
+        return id in self._numbers
 
     @property
     def record(self) -> RunRecord | None:
@@ -99,10 +112,15 @@ class Stored:
 
     def calibration(self, id: str) -> Calibration | None:
         """The calibration of a frame; None if there is none."""
-        line = self.lines.get(id)
-        if line is None or line.get("status") == BROKEN:
+        number = self._numbers.get(id)
+        if self._file is None or number is None or number in self._file.broken:
             return None
-        return Calibration.from_dict(line)
+        return self._file.calibration(number)
+
+    def basis(self, id: str) -> str:
+        """What the camera of a frame rests on; empty where nothing is said."""
+        number = self._numbers.get(id)
+        return "" if self._file is None or number is None else str(self._file.main(number).get("basis", ""))
 
     @property
     def cuts(self) -> list[int]:
@@ -115,15 +133,12 @@ class Stored:
 
     def rows(self) -> Iterator[tuple[str, Row]]:
         """What the table says about each frame."""
-        for id, line in self.lines.items():
-            yield id, Row.of_line(line)
+        for line in () if self._file is None else self._file.mains():
+            yield line["id"], Row.of_line(line)
 
-    def expect(self, names: Sequence[str]) -> None:
-        """Remember the states of files that are read now, unless they were read or written before."""
-        for name in names:
-            self._expected.setdefault(name, _state(self.folder / name))
-
-    def save(self, frames: Sequence[Saved], order: Sequence[str], options: Mapping[str, Any]) -> dict[str, State]:
+    def save(
+        self, frames: Sequence[Saved], order: Sequence[str], new: NewRun, clip: VideoCalibration | None = None
+    ) -> dict[str, State]:
         """Write frames, and all files that depend on them; the folder exists, and no other process writes to it.
 
         Parameters
@@ -131,8 +146,10 @@ class Stored:
         frames : sequence of Saved
         order : sequence of str
             Ids of all frames, in the order of the lines.
-        options : mapping
-            Of the record of a run, where there is none yet.
+        new : NewRun
+            For the record of a run, where there is none yet.
+        clip : VideoCalibration, optional
+            The calibration of all frames of a clip together.
 
         Returns
         -------
@@ -147,25 +164,33 @@ class Stored:
             If one cannot be written.
         """
         files: dict[str, bytes | None] = {}
-        lines = dict(self.lines)
+        changed: dict[str, Outcome] = {}
         for one in frames:
-            outcome = _outcome(one)
-            lines[one.id] = dict(outcome.line)
+            outcome = changed[one.id] = _outcome(one)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
-        lines = {id: lines[id] for id in dict.fromkeys((*_ordered(self.lines, order), *lines)) if id in lines}
-        names = [*files, LINES, SOLVER, TABLE, SUMMARY]
-        self._check(names)
-        self._keep(names)
-        self._write(files)
-        is_whole = not self.lines or not is_unfinished(self.folder)
+        self.versions.begin([*files, *(SHARED if clip is not None else SHARED[:-2])])
+        states = self.versions.write(files)
+        is_whole = self._file is None or not is_unfinished(self.folder)
         if self.record is None:
-            _record(self.folder, options, len(order)).write(self.folder)
-        write_lines(self.folder, list(lines.values()))
-        if is_whole:
-            _write_summary(self.folder, list(lines.values()), options)
-        self.lines = lines
-        self._expected |= {name: _state(self.folder / name) for name in names}
-        return {name: self._expected[name] for name in files}
+            new.record(self.folder, len(order)).write(self.folder)
+        _write_lines(self.folder, self._lines(changed, order))
+        if clip is not None:
+            write_clip(self.folder, clip, new.rate)
+        self._read()
+        if is_whole and self._file is not None:
+            _write_summary(self.folder, self._file, new.options)
+        self.versions.read_now(SHARED)
+        return states
+
+    def _lines(self, changed: Mapping[str, Outcome], order: Sequence[str]) -> Iterator[Texts]:
+        """The lines of all frames, as they are or changed: in their order, if all have one, else as given."""
+        ids = order if self._numbers.keys() <= set(order) else (*self.ids, *order)
+        for id in dict.fromkeys(ids):
+            if id in changed:
+                main, solver = (json.dumps(part).encode() for part in split_line(changed[id].line))
+                yield main, solver
+            elif self._file is not None and id in self._numbers:
+                yield _texts(self._file, self._numbers[id])
 
     def write(self, files: Mapping[str, bytes]) -> dict[str, State]:
         """Write other files; returns their states.
@@ -175,54 +200,8 @@ class Stored:
         ChangedFileError, OSError
             As `save`.
         """
-        self._check(list(files))
-        self._keep(list(files))
-        self._write(files)
-        self._expected |= {name: _state(self.folder / name) for name in files}
-        return {name: self._expected[name] for name in files}
-
-    def _check(self, names: Sequence[str]) -> None:
-        """Raise a ChangedFileError if files are not as they were."""
-        for name in names:
-            now = _state(self.folder / name)
-            if now not in (MISSING, self._expected.get(name, MISSING)):
-                raise ChangedFileError(
-                    f"{name} was changed by another program, and nothing was saved: move it out of {self.folder}, or "
-                    "end this one and open the folder again; what was edited here is kept"
-                )
-
-    def _keep(self, names: Sequence[str]) -> None:
-        """Keep the present versions of files."""
-        present = [name for name in names if (self.folder / name).is_file()]
-        if not present:
-            return
-        history = self.folder / HISTORY
-        numbers = [int(one.name) for one in history.iterdir() if one.name.isdecimal()] if history.is_dir() else []
-        version = history / f"{max(numbers, default=0) + 1:04d}"
-        for name in present:
-            kept = version / name
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(self.folder / name, kept)  # files are replaced, not changed: the link keeps this version
-            except OSError:
-                shutil.copy2(self.folder / name, kept)
-
-    def _write(self, files: Mapping[str, bytes | None]) -> None:
-        """Write files, and remove those whose content is None."""
-        for name, content in files.items():
-            path = self.folder / name
-            if content is None:
-                path.unlink(missing_ok=True)
-            else:
-                path.parent.mkdir(exist_ok=True)
-                write_bytes(path, content)
-
-
-MISSING: State = (-1, -1)
-
-
-def _state(path: Path) -> State:
-    return FrameFile("", path).state
+        self.versions.begin(files)
+        return self.versions.write(files)
 
 
 def _outcome(one: Saved) -> Outcome:
@@ -230,29 +209,37 @@ def _outcome(one: Saved) -> Outcome:
     return Outcome.of(one.id, one.calibration, keeps=bool(one.calibration), details=details)
 
 
-def _ordered(lines: Mapping[str, Any], order: Sequence[str]) -> list[str]:
-    """Ids of frames as a run orders them: those that have lines as they are, if the others come after them."""
-    return list(lines) if lines.keys() - set(order) else list(order)
+def _texts(file: ResultFile, number: int) -> Texts:
+    """The lines of a frame in both files, which older folders do not have."""
+    main, solver = file.texts(number)
+    if solver:
+        return main.rstrip(b"\n"), solver.rstrip(b"\n")
+    first, second = (json.dumps(part).encode() for part in split_line(file.line(number)))
+    return first, second
 
 
-def _write_summary(folder: Path, lines: Sequence[Mapping[str, Any]], options: Mapping[str, Any]) -> None:
+def _write_lines(folder: Path, lines: Iterator[Texts]) -> None:
+    if lines_file(folder).name == TABLE:
+        write_parquet(((main + b"\n", solver + b"\n") for main, solver in lines), folder / TABLE)
+        return
+    with ExitStack() as files:  # solver.jsonl is replaced first
+        main_file, solver_file = (files.enter_context(whole_file(folder / name)) for name in (LINES, SOLVER))
+        for main, solver in lines:
+            main_file.write(main + b"\n")
+            solver_file.write(solver + b"\n")
+
+
+def _write_summary(folder: Path, file: ResultFile, options: Mapping[str, Any]) -> None:
     """Write the summary: with the options, times and notes of the run, and the counts of now."""
     before = json.loads((folder / SUMMARY).read_text()) if (folder / SUMMARY).is_file() else {}
     with LineLog(folder / f"{SUMMARY}.counted") as log:
         results = ResultsWriter(folder, log, notes=before.get("notes", ()))
-        for line in lines:
+        for line in file.mains():
             results.restore(line)
         (folder / f"{SUMMARY}.counted").unlink()
     summary = {**results.summary(before.get("options", options), 0.0)}
     kept = {name: before[name] for name in ("seconds", "milliseconds_per_frame") if name in before}
     write_text(folder / SUMMARY, json.dumps({**summary, **kept}, indent=2) + "\n")
-
-
-def _record(folder: Path, options: Mapping[str, Any], frames: int) -> RunRecord:
-    """The record of results that no run has begun."""
-    run = RunOptions(folder, dict(options), COMMAND)
-    record = RunRecord.of(run, [], unit=1, writes=[CAMERAS.file_name("<id>")])
-    return replace(record, frames=frames)
 
 
 def source_of(folder: Path) -> list[Path]:
@@ -264,7 +251,7 @@ def source_of(folder: Path) -> list[Path]:
         If there is none, or it is no longer there.
     """
     record = RunRecord.read(folder)
-    paths = [Path(one) for one in getattr(record, "source", ())]
+    paths = [Path(one) for one in (() if record is None else record.source)]
     if not paths or not all(path.exists() for path in paths):
         where = ", ".join(map(str, paths)) or "nothing"
         raise ValueError(

@@ -12,17 +12,21 @@ from dataclasses import field as attribute
 
 import numpy as np
 
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes
 from fieldcalib.images.detected_lines import with_replaced
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip
+from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip, picture_sigma
 from fieldcalib.images.pieces import Pieces
+from fieldcalib.images.refinement import near_labels
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.options import pixel_unit
 
+FAR, SIGMAS = 12.0, 3.0  # px of a 960 x 540 image, and standard deviations of the picture: labels farther off are wrong
 WEIGHT = 8.0  # of a segment in an anchor, beside 1 of one that a network found
 
 
@@ -30,8 +34,8 @@ WEIGHT = 8.0  # of a segment in an anchor, beside 1 of one that a network found
 class Anchors:
     """What is known of a clip."""
 
-    labels: Mapping[int, PixelTable] = attribute(default_factory=dict)
-    """Lines by frame."""
+    labels: Mapping[int, KeyframeLabels] = attribute(default_factory=dict)
+    """Lines by frame; they are accepted if they tell a camera by themselves."""
     cuts: Sequence[int] | None = None
     """First frames of the shots; None where matches tell them."""
 
@@ -51,15 +55,56 @@ def solve_around(
         Gives the images of the part, from the first one on.
     network : Network
     """
-    held = {t: replace(one, weight=WEIGHT * one.weight) for t, one in anchors.labels.items()}
-    known = _with_labels(_with_cuts(keyframes, anchors.cuts), held)
+    keyframes = _with_cuts(keyframes, anchors.cuts)
+    held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}
+    known = _without_contradicted(keyframes, held) if held else keyframes
     lines = find_clip_lines(solve_tripods(solve_shots(known)), images(), network)
     return finish_clip(_with_lines(lines, held))
 
 
-def _with_labels(keyframes: Keyframes, held: Mapping[int, PixelTable]) -> Keyframes:
-    """Keyframes with the labels of anchors in the place of those that the network found there."""
-    return replace(keyframes, labels={**keyframes.labels, **{t: KeyframeLabels(one) for t, one in held.items()}})
+def _heavy(labels: PixelTable) -> PixelTable:
+    return replace(labels, weight=WEIGHT * labels.weight)
+
+
+def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabels]) -> Keyframes:
+    """Keyframes with the labels of anchors, and without those that contradict them.
+
+    In pieces that have anchors these alone, the matches, and what other pieces tell of the tripod, give cameras. Labels
+    that are far from what these project are left out, and all labels of a keyframe in which these are the most.
+    """
+    number = keyframes.shots.pieces.number
+    anchored = {int(number[t]) for t in held}
+    others = {t: one for t, one in keyframes.labels.items() if int(number[t]) in anchored and t not in held}
+    rest = {t: one for t, one in keyframes.labels.items() if t not in others and t not in held}
+    by_anchors = _cameras(replace(keyframes, labels={**rest, **held}))
+    kept = {t: _near(keyframes, one, by_anchors.get(t)) for t, one in others.items()}
+    labels = {**rest, **{t: one for t, one in kept.items() if one is not None}}
+    told = {int(number[t]) for t, one in labels.items() if one.accepted}
+    sure = {t: replace(one, accepted=one.accepted or int(number[t]) in told) for t, one in held.items()}
+    return replace(keyframes, labels=labels | sure)
+
+
+def _cameras(keyframes: Keyframes) -> dict[int, Calibration]:
+    """Calibrations of the frames that have a tripod, by frame."""
+    solved = solve_tripods(solve_shots(keyframes))
+    found: dict[int, Calibration] = {}
+    for tripod in solved.tripods:
+        found |= zip(solved.pieces.frames(tripod.pieces).tolist(), tripod.calibration, strict=True)
+    return found
+
+
+def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration | None) -> KeyframeLabels | None:
+    """The labels of a keyframe that are near what its camera projects; None if most are far."""
+    if calibration is None or calibration.camera is None:
+        return labels
+    objects = keyframes.options.object_segments if calibration.field is None else calibration.field
+    unit = pixel_unit(keyframes.shots.image_size)
+    table, reach = labels.labels, FAR + SIGMAS * picture_sigma(calibration) / unit
+    (is_near,) = near_labels(objects, [calibration.camera], [table], reach)
+    near = table.take(is_near[table.label])
+    if 2 * len(np.unique(near.label)) < len(np.unique(table.label)):
+        return None
+    return replace(labels, labels=near)
 
 
 def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
@@ -76,7 +121,7 @@ def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
     )
 
 
-def _with_lines(lines: ClipLines, held: Mapping[int, PixelTable]) -> ClipLines:
+def _with_lines(lines: ClipLines, held: Mapping[int, KeyframeLabels]) -> ClipLines:
     """Lines with those of anchors in the place of what was found at the same markings."""
-    replaced = {t: with_replaced(lines.labels.get(t, NO_PIXELS), one) for t, one in held.items()}
+    replaced = {t: with_replaced(lines.labels.get(t, NO_PIXELS), one.labels) for t, one in held.items()}
     return replace(lines, labels={**lines.labels, **replaced})

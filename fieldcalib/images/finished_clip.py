@@ -103,14 +103,14 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     camera = calibration.camera
     if camera is None:
         return None
-    labels, profiles = detected_lines(image, camera, markings, _picture_sigma(calibration))
+    labels, profiles = detected_lines(image, camera, markings, picture_sigma(calibration))
     ridges = Ridges.of(image, camera, markings) if with_ridges else None
     if ridges is not None:
         labels = with_replaced(labels, evidence_of(ridges, markings).beside)
     return _FrameLines(labels, ridges, (len(labels.frame), profiles))
 
 
-def _picture_sigma(calibration: Calibration) -> float:
+def picture_sigma(calibration: Calibration) -> float:
     """Standard deviation of the position of the picture as a whole, pixels.
 
     Where a window moves, the turn of the camera and the shift of the window are each known much worse than their sum.

@@ -87,6 +87,23 @@ def encode_image(image: Image, suffix: str = ".jpg") -> bytes:
     return content.tobytes()
 
 
+def at_most_wide(image: Image, width: int) -> Image:
+    """An image, reduced to a width if it is wider.
+
+    Examples
+    --------
+    >>> at_most_wide(np.zeros((90, 160, 3), np.uint8), 80).shape, at_most_wide(np.zeros((9, 16, 3), np.uint8), 80).shape
+    ((45, 80, 3), (9, 16, 3))
+    """
+    import cv2
+
+    height, full = image.shape[:2]
+    if full <= width:
+        return image
+    size = (width, max(round(height * width / full), 1))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
 def write_image(path: Path, image: Image) -> None:
     """Write an image in the format of the path's suffix, whole or not at all."""
     write_bytes(path, encode_image(image, path.suffix))

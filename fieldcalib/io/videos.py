@@ -187,6 +187,96 @@ class VideoReader(FrameReader):
         return min(max(self._announced - can_be_decoded, 0), left)
 
 
+class FramesByNumber:
+    """Frames of a video file in any order; a context manager.
+
+    Parameters
+    ----------
+    path : Path
+    most_pixels : float
+        As for a `FrameReader`.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError
+        As for a `VideoReader`.
+    """
+
+    count: int
+    """Number of frames, as far as the file says it: the last ones may be missing."""
+    frames_per_second: float
+    first: Image
+    """The image of the first frame."""
+
+    def __init__(self, path: Path, most_pixels: float = MOST_PIXELS) -> None:
+        reader = VideoReader(path, most_pixels)
+        self.frames_per_second, self.first = reader.frames_per_second, np.asarray(reader._frame, dtype=np.uint8)
+        self._path = path
+        self._capture, self._next = reader._capture, 1
+        self._begin = reader._time()  # seconds, of the first frame
+        self.count = self._counted(reader.count)
+
+    def _counted(self, announced: int) -> int:
+        """Number of frames, without those that an MP4 announces before its edit list begins."""
+        import cv2
+
+        self._capture.set(cv2.CAP_PROP_POS_FRAMES, announced - 1)
+        if not self._capture.grab():
+            shown = int(self._capture.get(cv2.CAP_PROP_POS_FRAMES))
+            announced = shown if 0 < shown < announced else announced
+        self._next = announced
+        return announced
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._capture.release()
+
+    def read(self, number: int) -> Image | None:
+        """The image of a frame; None if it cannot be read."""
+        if not 0 <= number - self._next < LEAST_JUMP and self._is_at(number):
+            return self._retrieved()
+        if number < self._next:
+            self._reopen()
+        while self._next <= number:
+            if not self._grab():
+                return None
+        return self._retrieved()
+
+    def _is_at(self, number: int) -> bool:
+        """Jump to a frame, and grab it; false if the jump does not arrive there: times are irregular, or no index."""
+        import cv2
+
+        there = self._begin + number / self.frames_per_second
+        if self._capture.set(cv2.CAP_PROP_POS_FRAMES, number) and self._capture.grab():
+            self._next = number + 1
+            if abs(self._time() - there) * self.frames_per_second < 0.5:
+                return True
+        self._reopen()
+        return False
+
+    def _reopen(self) -> None:
+        self._capture.release()
+        self._capture, self._next = _opened(str(self._path), None), 0
+
+    def _grab(self) -> bool:
+        if not self._capture.grab():
+            self._reopen()
+            return False
+        self._next += 1
+        return True
+
+    def _time(self) -> float:
+        import cv2
+
+        return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+
+    def _retrieved(self) -> Image | None:
+        is_read, frame = self._capture.retrieve()
+        return np.asarray(frame, dtype=np.uint8) if is_read else None
+
+
 def _opened(location: str, threads: int | None, options: str = "") -> Any:
     """OpenCV's reader of a video, with that many threads for decoding, and options of FFmpeg."""
     import cv2

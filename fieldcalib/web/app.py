@@ -21,7 +21,7 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.editor import Editor, StaleEdit
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
-from fieldcalib.editor.stored import ChangedFileError
+from fieldcalib.editor.versions import ChangedFileError
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
@@ -87,6 +87,7 @@ class Page:
             get("/api/frame/{n}/offside.png", answered(self.offside_picture)),
             get("/api/frame/{n}/overlay.png", answered(self.overlay_picture)),
             post("/api/save", answered(self.save)),
+            post("/api/save_labels", answered(self.save_labels)),
             get("/api/clip/job", answered(self.job_report)),
             get("/api/clip/proposed/{n}", answered(self.proposed)),
             post("/api/clip/solve", answered(self.solve)),
@@ -219,6 +220,13 @@ class Page:
         """Labels for a pixel, the likely ones first."""
         one = await self._fitted(request)
         return JSONResponse({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
+
+    async def save_labels(self, request: Request) -> Response:
+        """Write the labels by hand in a format."""
+        format = (await _body(request)).get("format")
+        if not isinstance(format, str):
+            raise ValueError('expected the name of a format, as {"format": "soccernet"}')
+        return JSONResponse({"file": await run_in_threadpool(self.editor.save_labels, format)})
 
     async def job_report(self, request: Request) -> Response:
         """Where the solution of the clip stands."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldcalib.editor.sources import Frames
 from fieldcalib.io.image import Image
+from fieldcalib.io.images import at_most_wide
 
 QUALITY = 88  # of the JPEGs
 CACHE_BYTES = 48_000_000  # of the JPEGs in memory
@@ -66,9 +67,5 @@ def jpeg(image: Image, width: int) -> bytes:
     """An image as JPEG, at most `width` pixels wide."""
     import cv2
 
-    height, full = image.shape[:2]
-    if full > width:
-        size = (width, max(round(height * width / full), 1))
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return content.tobytes()

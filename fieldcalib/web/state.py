@@ -11,7 +11,7 @@ from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.editor import Editor
-from fieldcalib.editor.fitting import mark_errors
+from fieldcalib.editor.fitting import is_stray, mark_errors
 from fieldcalib.editor.frame import LENSES, FrameEditor, Known
 from fieldcalib.io.image import size_of
 from fieldcalib.web.records import calibration_record
@@ -76,7 +76,7 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
             "x": round(mark.x, 2),
             "y": round(mark.y, 2),
             "by_hand": mark.by_hand,
-            "suspect": mark.label in suspects,
+            "suspect": mark.label in suspects or (mark.by_hand and is_stray(error, size_of(one.image))),
             "error": to_json(round(error, 2)),
             "fits": suspects.get(mark.label),
         }

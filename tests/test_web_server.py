@@ -1,0 +1,478 @@
+"""The server of the page, without a browser: what it answers, and what it refuses."""
+
+import json
+import sys
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from starlette.testclient import TestClient
+
+import fieldcalib
+from fieldcalib import Camera, soccer
+from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.editor import Editor
+from fieldcalib.editor.sources import VideoFrames
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.web.app import Page, page_files
+
+TOKEN = "a-token-of-the-tests"
+HOST = "127.0.0.1:8765"
+BASE = f"http://{HOST}"
+ORIGIN = {"Origin": BASE}
+SIZE = (960, 540)
+TRUTH = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
+LINES = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top")
+
+
+class Client:
+    """Requests to the page of a source."""
+
+    def __init__(self, source, out, field=None):
+        self.editor = Editor(source, field, out=out)
+        self.page = Page(self.editor)
+        self.http = TestClient(self.page.application(TOKEN, [HOST]), base_url=BASE)
+
+    def get(self, path, **more):
+        return self.http.get(f"/{TOKEN}/{path}", **more)
+
+    def post(self, path, body, headers=ORIGIN):
+        return self.http.post(f"/{TOKEN}/{path}", json=body, headers=headers)
+
+    def state(self, number=0):
+        answer = self.get(f"api/frame/{number}")
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def edit(self, do, number=0, **body):
+        revision = self.state(number)["revision"]
+        return self.post(f"api/frame/{number}/edit", {"revision": revision, "do": do, **body})
+
+    def close(self):
+        self.page.close()
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory):
+    path = tmp_path_factory.mktemp("pictures") / "frame.png"
+    cv2.imwrite(str(path), render_field(TRUTH, soccer()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def shown(picture):
+    """A page that tests only look at."""
+    client = Client(picture, picture.parent / "shown")
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def client(picture, tmp_path):
+    one = Client(picture, tmp_path / "out")
+    yield one
+    one.close()
+
+
+def ends(label):
+    xy = TRUTH.project(soccer()[label].sample(3.0))
+    return xy[((xy > 5.0) & (xy < (955.0, 535.0))).all(axis=1)][[0, -1]].tolist()
+
+
+def labelled(client):
+    client.edit("clear")
+    for label in LINES:
+        answer = client.edit("mark", label=label, xy=ends(label))
+        assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+# --- what is answered ---
+
+
+def test_what_is_opened(shown):
+    project = shown.get("api/project").json()
+    assert (project["title"], project["kind"], project["count"]) == ("frame.png", "pictures", 1)
+    assert project["can_save"]
+    assert "tennis" in project["sports"]
+    field = shown.get("api/field").json()
+    assert {one["label"] for one in field["segments"]} == set(soccer())
+    assert len({one["key"] for one in field["segments"]}) == len(soccer())
+
+
+def test_a_frame_is_calibrated_by_itself(shown):
+    state = shown.state()
+    assert (state["width"], state["height"], state["automatic"], state["by_hand"]) == (*SIZE, True, False)
+    assert state["camera"] is not None
+    assert {"paint"} <= {curve["state"] for curve in state["curves"]}
+    frames = shown.get("api/frames").json()
+    assert frames["verdict"] == [state["verdict"]]
+    assert frames["by_hand"] == [False]
+    assert abs(frames["focal_length"][0] - 1600.0) < 80.0
+
+
+def test_a_frame_is_labelled_from_nothing(client):
+    state = labelled(client)
+    assert state["by_hand"]
+    assert not state["automatic"]
+    assert abs(state["camera"]["focal_length"] - 1600.0) < 16.0
+    assert state["basis"] == "labelled by hand"
+    assert [mark["label"] for mark in state["marks"]] == [label for label in LINES for _ in range(2)]
+    assert state["next"]["label"] in soccer()
+    assert all(mark["error"] < 2.0 for mark in state["marks"])
+    assert client.edit("undo").json()["can_redo"]
+    assert len(client.edit("redo").json()["marks"]) == 8
+    assert len(client.edit("remove", numbers=[0, 1]).json()["marks"]) == 6
+    relabelled = client.edit("relabel", numbers=[0], label="Middle line").json()
+    assert relabelled["marks"][0]["label"] == "Middle line"
+    assert client.edit("automatic").json()["automatic"]
+
+
+def test_known_values(client):
+    labelled(client)
+    state = client.edit("know", values={"focal_length": 1650.0, "position": [0.0, 68.0, -17.0], "lens": "none"}).json()
+    assert state["known"]["focal_length"] == 1650.0
+    assert state["camera"]["focal_length"] == 1650.0
+    assert state["camera"]["position"] == [0.0, 68.0, -17.0]
+    assert client.edit("know", values={"focal_length": None}).json()["known"]["focal_length"] is None
+
+
+def test_pictures_as_the_screen_shows_them(shown):
+    small = shown.get("image/0?width=320")
+    image = cv2.imdecode(np.frombuffer(small.content, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (180, 320, 3)
+    part = shown.get("image/0/crop?x=100&y=50&w=64&h=40")
+    assert cv2.imdecode(np.frombuffer(part.content, np.uint8), cv2.IMREAD_COLOR).shape == (40, 64, 3)
+    at_border = shown.get("image/0/crop?x=940&y=-10&w=64&h=40&width=10")
+    assert cv2.imdecode(np.frombuffer(at_border.content, np.uint8), cv2.IMREAD_COLOR).shape == (15, 10, 3)
+    assert shown.get("image/0/crop?x=2000&y=0&w=10&h=10").status_code == 400
+
+
+def test_measuring(client):
+    labelled(client)
+    foot, other = TRUTH.project([(-40.0, 5.0, 0.0), (-40.0, -5.0, 0.0)])
+    at = "x={}&y={}".format(*foot)
+    ground = client.get(f"api/frame/0/ground?{at}").json()
+    assert np.linalg.norm(np.subtract(ground["X"], (-40.0, 5.0))) < 0.3
+    assert 0.0 < ground["rms"] < 1.0
+    ruler = client.get("api/frame/0/distance?x1={}&y1={}&x2={}&y2={}".format(*foot, *other)).json()
+    assert abs(ruler["metres"] - 10.0) < 0.2
+    assert 0.0 < ruler["sd"] < 0.5
+    line = client.get(f"api/frame/0/offside?{at}").json()
+    assert abs(line["X"] + 40.0) < 0.3
+    on_line = TRUTH.image_to_field(line["line"])
+    assert np.nanmax(np.abs(on_line[:, 0] + 40.0)) < 0.3
+    drawn = client.get(f"api/frame/0/offside.png?{at}")
+    assert drawn.headers["content-type"] == "image/png"
+    assert "attachment" in drawn.headers["content-disposition"]
+    metres = client.get("api/frame/0/errors").json()["metres"]
+    assert any(value is not None and value < 0.5 for row in metres for value in row)
+    assert client.get("api/frame/0/ground?x=480&y=-4000").json() == {"X": None, "sd": None, "rms": None}
+    x, y = np.mean(ends(LINES[0]), axis=0)
+    assert client.get(f"api/frame/0/likely?x={x}&y={y}").json()["labels"][0] == LINES[0]
+
+
+def test_saving(client, tmp_path):
+    labelled(client)
+    assert client.get("api/project").json()["unsaved"] == 1
+    assert client.post("api/save", {}).json()["saved"] == 1
+    assert client.get("api/project").json()["unsaved"] == 0
+    out = tmp_path / "out"
+    saved = fieldcalib.read_results(out)["frame"]
+    assert saved.camera.focal_length == pytest.approx(client.state()["camera"]["focal_length"], abs=0.01)
+    assert set(json.loads((out / "labels" / "frame.json").read_text())) == set(LINES)
+    assert (out / "camera_frame.json").exists()
+
+
+def test_a_file_that_another_program_changed_is_kept(client, tmp_path):
+    labelled(client)
+    client.post("api/save", {})
+    label_file = tmp_path / "out" / "labels" / "frame.json"
+    label_file.write_text("{}")
+    before = (tmp_path / "out" / "cameras.jsonl").read_bytes()
+    client.edit("remove", numbers=[0])
+    answer = client.post("api/save", {})
+    assert answer.status_code == 409
+    assert "changed by another program" in answer.json()["error"]
+    assert label_file.read_text() == "{}"
+    assert (tmp_path / "out" / "cameras.jsonl").read_bytes() == before
+    label_file.unlink()
+    assert client.post("api/save", {}).status_code == 200
+
+
+def test_what_is_replaced_is_kept(client, tmp_path):
+    labelled(client)
+    client.post("api/save", {})
+    before = (tmp_path / "out" / "labels" / "frame.json").read_bytes()
+    client.edit("remove", numbers=[0])
+    client.post("api/save", {})
+    assert (tmp_path / "out" / "history" / "0001" / "labels" / "frame.json").read_bytes() == before
+
+
+# --- two tabs ---
+
+
+def test_a_stale_edit_is_refused(client):
+    revision = client.state()["revision"]
+    edit = {"revision": revision, "do": "mark", "label": "Middle line", "xy": [[400, 300]], "snap": False}
+    assert client.post("api/frame/0/edit", edit).status_code == 200
+    count = len(client.state()["marks"])
+    answer = client.post("api/frame/0/edit", edit)
+    assert answer.status_code == 409
+    assert answer.json()["state"]["revision"] == revision + 1
+    assert len(client.state()["marks"]) == count
+
+
+# --- who may ask ---
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("/wrong-token/api/project", {}, 404),
+        ("/", {}, 404),
+        (f"/{TOKEN}", {}, 404),
+        (f"/{TOKEN}x/api/project", {}, 404),
+        (f"/{TOKEN}/api/project", {"Host": "evil.example:8765"}, 403),
+        (f"/{TOKEN}/api/project", {"Host": "127.0.0.1:80"}, 403),
+        (f"/{TOKEN}/api/project", {"Origin": "http://evil.example"}, 403),
+        (f"/{TOKEN}/static/..%2f..%2fapp.py", {}, 404),
+        (f"/{TOKEN}/static/%2e%2e/app.py", {}, 404),
+        (f"/{TOKEN}/../{TOKEN}/static/app.py", {}, 404),
+        (f"/{TOKEN}/static/app.py", {}, 404),
+        (f"/{TOKEN}/static/{'a' * 400}.js", {}, 414),
+        (f"/{TOKEN}/api/frame/1", {}, 404),
+        (f"/{TOKEN}/api/frame/-1", {}, 404),
+        (f"/{TOKEN}/api/frame/0x0", {}, 404),
+        (f"/{TOKEN}/api/frame/٣", {}, 404),
+        (f"/{TOKEN}/image/0?width=abc", {}, 400),
+        (f"/{TOKEN}/image/0/crop?x=1e400&y=0&w=1&h=1", {}, 400),
+        (f"/{TOKEN}/api/frame/0/ground?x=nan&y=1", {}, 400),
+        (f"/{TOKEN}/api/clip/proposed/0", {}, 400),
+    ],
+)
+def test_a_request_that_is_refused(shown, path, headers, status):
+    answer = shown.http.get(path, headers=headers)
+    assert answer.status_code == status
+    assert answer.json()["error"]
+
+
+@pytest.mark.parametrize(
+    ("headers", "content", "status"),
+    [
+        ({}, b"{}", 403),
+        ({"Origin": "null"}, b"{}", 403),
+        ({"Origin": "http://evil.example"}, b"{}", 403),
+        ({"Origin": f"https://{HOST}"}, b"{}", 403),
+        ({**ORIGIN, "Content-Type": "text/plain"}, b"{}", 415),
+        ({**ORIGIN, "Content-Type": "application/json"}, b"no json", 400),
+        ({**ORIGIN, "Content-Type": "application/json"}, b"[1]", 400),
+        ({**ORIGIN, "Content-Type": "application/json"}, b"[" * 100_000, 400),
+        ({**ORIGIN, "Content-Type": "application/json"}, b"x" * 1_000_001, 413),
+        ({**ORIGIN, "Content-Type": "application/json"}, iter([b"x" * 600_000] * 2), 413),
+    ],
+)
+def test_a_body_that_is_refused(shown, headers, content, status):
+    answer = shown.http.post(f"/{TOKEN}/api/frame/0/edit", content=content, headers=headers)
+    assert answer.status_code == status
+    assert answer.json()["error"]
+
+
+def test_other_methods(shown):
+    for method in ("PUT", "DELETE", "PATCH", "OPTIONS"):
+        assert shown.http.request(method, f"/{TOKEN}/api/project").status_code == 405
+
+
+def test_headers_of_every_answer(shown):
+    for path in ("api/project", "api/frame/9", "image/0", ""):
+        headers = shown.get(path).headers
+        assert "default-src 'none'" in headers["content-security-policy"]
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert "access-control-allow-origin" not in headers
+    assert shown.get("api/project").headers["cache-control"] == "no-store"
+
+
+def test_a_label_is_never_markup(client):
+    """A label that the field does not have is refused, and what is said about it is JSON."""
+    answer = client.edit("mark", label="<script>alert(1)</script>", xy=[[1, 2]])
+    assert answer.status_code == 400
+    assert answer.headers["content-type"] == "application/json"
+    assert "unknown label" in answer.json()["error"]
+
+
+def test_a_field_with_markup_as_a_label(picture, tmp_path):
+    name = "<script>alert(1)</script>"
+    field = fieldcalib.Field(20.0, 10.0, {name: fieldcalib.Line((0, -5, 0), (0, 5, 0))})
+    one = Client([np.zeros((54, 96, 3), np.uint8)], tmp_path / "out", field)
+    answer = one.edit("mark", label=name, xy=[[1, 2]], snap=False)
+    assert answer.json()["marks"][0]["label"] == name
+    assert answer.headers["content-type"] == "application/json"
+    one.close()
+
+
+TEXTS = st.text(max_size=12) | st.sampled_from(
+    ["..", "../../etc/passwd", "%00", "mark", "undo", "<script>", "__class__"]
+)
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | TEXTS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=3),
+    max_leaves=8,
+)
+EDITS = st.fixed_dictionaries(
+    {},
+    optional={
+        "revision": VALUES,
+        "do": VALUES | st.sampled_from(["mark", "move", "relabel", "remove", "know", "copy"]),
+        "label": VALUES,
+        "xy": VALUES,
+        "to": VALUES,
+        "numbers": VALUES,
+        "values": VALUES,
+        "snap": VALUES,
+        "from": VALUES,
+    },
+)
+PLACES = st.sampled_from(
+    ["api/frame/{}", "api/frame/{}/likely", "image/{}", "image/{}/crop", "static/{}", "api/{}", "{}", "api/frame/0/{}"]
+)
+opened: list[str] | None = None
+
+
+def _note(event, arguments):
+    """Note the files that the server opens, which answers in another thread than the test's."""
+    if event == "open" and opened is not None and threading.current_thread() is not threading.main_thread():
+        opened.append(str(arguments[0]))
+
+
+sys.addaudithook(_note)
+
+
+def odd_requests(client, data):
+    """A request that asks for nothing that there is; returns the answer."""
+    if data.draw(st.booleans()):
+        place = data.draw(PLACES).format(data.draw(TEXTS.filter(lambda text: text not in ("0", "project", "frames"))))
+        path = "".join(c if c.isprintable() else "%01" for c in place).replace("?", "%3f").replace("#", "%23")
+        query = {name: str(data.draw(VALUES)) for name in data.draw(st.sets(st.sampled_from("xywh")))}
+        return client.http.get(f"/{TOKEN}/{path}", params=query)
+    body = json.dumps(data.draw(EDITS)).encode("utf-8", errors="surrogatepass")
+    headers = {**ORIGIN, "Content-Type": "application/json"}
+    path = data.draw(st.sampled_from(["api/frame/0/edit", "api/frame/7/edit", "api/clip/cuts", "api/frame/x/edit"]))
+    return client.http.post(f"/{TOKEN}/{path}", content=body, headers=headers)
+
+
+def check_odd_requests(shown, data):
+    global opened
+    state = shown.editor.revision(0)
+    files = sorted(Path(shown.editor.stored.folder.parent).rglob("*"))
+    opened = []
+    try:
+        answer = odd_requests(shown, data)
+    finally:
+        seen, opened = opened, None
+    assert 400 <= answer.status_code < 500, (answer.status_code, answer.text)
+    assert "Traceback" not in answer.text
+    assert answer.json()["error"]
+    assert shown.editor.revision(0) == state
+    assert sorted(Path(shown.editor.stored.folder.parent).rglob("*")) == files
+    inside = str(Path(fieldcalib.__file__).parent)
+    assert not [path for path in seen if not path.startswith((inside, sys.prefix, sys.base_prefix, "/proc/"))]
+
+
+@given(st.data())
+def test_odd_requests(shown, data):
+    check_odd_requests(shown, data)
+
+
+@pytest.mark.slow
+@settings(max_examples=500)
+@given(st.data())
+def test_five_hundred_odd_requests(shown, data):
+    check_odd_requests(shown, data)
+
+
+# --- pictures of all kinds ---
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((960, 540, 3), np.uint8),
+        np.full((270, 480), 90, np.uint8),
+        np.full((270, 480, 3), 20000, np.uint16),
+    ],
+    ids=["portrait", "grey", "16 bit"],
+)
+def test_unusual_pictures(image, tmp_path):
+    check_picture(image, tmp_path / "one.png")
+
+
+@pytest.mark.slow
+def test_a_huge_picture(tmp_path):
+    check_picture(np.zeros((6000, 8000, 3), np.uint8), tmp_path / "one.jpg")
+
+
+def check_picture(image, path):
+    cv2.imwrite(str(path), image)
+    one = Client(path, path.parent / "out")
+    state = one.state()
+    assert (state["height"], state["width"]) == image.shape[:2]
+    assert state["verdict"] != "good"
+    shown = one.get("image/0?width=100")
+    assert shown.headers["content-type"] == "image/jpeg"
+    width = min(100, image.shape[1])
+    assert cv2.imdecode(np.frombuffer(shown.content, np.uint8), cv2.IMREAD_COLOR).shape[1] == width
+    assert one.edit("mark", label="Middle line", xy=[[1, 1]]).status_code == 200
+    one.close()
+
+
+def test_a_broken_picture(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((54, 96, 3), np.uint8))
+    (tmp_path / "b.png").write_bytes(b"no picture")
+    one = Client(tmp_path, tmp_path / "out")
+    state = one.state(1)
+    assert "no image" in state["problem"]
+    assert one.get("image/1").status_code == 422
+    assert one.edit("mark", number=1, label="Middle line", xy=[[1, 1]]).status_code == 422
+    assert one.state(0)["problem"] is None
+    one.close()
+
+
+def test_a_video_that_is_cut_off(tmp_path, capfd):
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (160, 90))
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        writer.write(rng.integers(0, 255, (90, 160, 3), dtype=np.uint8))
+    writer.release()
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 10])
+    one = Client(path, tmp_path / "out")
+    project = one.get("api/project").json()
+    assert (project["kind"], project["rate"]) == ("clip", 25.0)
+    assert 5 < project["count"] < 15
+    assert one.state(0)["problem"] is None
+    assert one.get("image/3").status_code == 200
+    one.close()
+    frames = VideoFrames(path, range(30))  # as results of the whole video name them
+    assert frames.image(3).shape == (90, 160, 3)
+    with pytest.raises(BrokenFileError, match="cut off"):
+        frames.image(25)
+    frames.close()
+
+
+def test_a_thousand_frames(tmp_path):
+    one = Client([np.zeros((54, 96, 3), np.uint8)] * 1000, tmp_path / "out", "tennis")
+    frames = one.get("api/frames").json()
+    assert all(len(frames[name]) == 1000 for name in frames if name != "version")
+    assert one.state(999)["number"] == 999
+    one.close()
+
+
+def test_every_file_of_the_page_is_sent(shown):
+    assert "index.html" in page_files()
+    for name, content in page_files().items():
+        assert shown.get(f"static/{name}").content == content
