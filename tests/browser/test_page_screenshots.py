@@ -1,39 +1,16 @@
 """Pictures of the page for the docs, in the folder that FIELDCALIB_SCREENSHOTS names; one at 4K is only taken.
 
+That of a clip is taken in test_page_clips.py, which solves one.
+
     FIELDCALIB_SCREENSHOTS=docs/images pytest -m browser tests/browser/test_page_screenshots.py
 """
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
-import pytest
 from driving import FIELD, along
 
 from fieldcalib.draw.scene import render_field
 from fieldcalib.geometry.camera import Camera
-
-LARGEST = 200_000  # bytes of a picture in the docs
-
-
-@pytest.fixture
-def shoot(tmp_path):
-    """Take a picture of a window: `shoot(window, name)`."""
-
-    def take(one, name):
-        for_docs = one.page.viewport_size["width"] == 1280
-        folder = Path(os.environ.get("FIELDCALIB_SCREENSHOTS", tmp_path)) if for_docs else tmp_path
-        one.page.mouse.move(3, 3)
-        one.page.wait_for_timeout(400)  # tips go, crops come
-        path = folder / f"{name}.jpg"
-        one.page.screenshot(path=path, type="jpeg", quality=80)
-        if for_docs:
-            assert path.stat().st_size < LARGEST
-        image = cv2.imread(str(path))
-        assert image.std() > 10.0  # not empty
-
-    return take
 
 
 def test_a_picture_that_is_labelled(serve, window, picture, shoot):
