@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.compute_errors import compute_errors
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status, doubted
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -277,7 +277,7 @@ def _one_judged(
         # a field of another size is no reason to give up a camera that fits its image
         assert calibration.field is not None
         metres = (LARGEST_ERROR_REFINED if refine else LARGEST_ERROR) * calibration.field.tolerance
-        calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
+        calibration = doubted(calibration, LEAST_PROBABILITY, metres, size_known=True)
     return calibration, calibration.accepted and (is_sure or not refine)
 
 
