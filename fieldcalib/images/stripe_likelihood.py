@@ -1,0 +1,158 @@
+"""How much better the stripes of a picture are explained by a camera's projected markings than by chance.
+
+A point of a marking that a camera projects is compared with the nearest stripe that runs in the direction of the
+projected marking, at a distance d across it. If the camera is right, d is half-normal where the paint is seen, which is
+the case for a share `SEEN` of the points; if it is wrong, d is exponential, by the density of such stripes around that
+place: a stripe in a crowd is no evidence. The sum of the logarithms of
+
+    SEEN N(d) / (2 rho exp(-2 rho d)) + 1 - SEEN
+
+over points in even steps in the picture ranks cameras. Stripes are sorted by direction into `BINS` maps, in which the
+logarithms are tabulated, so that thousands of cameras are ranked at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.court_hypotheses import Cameras
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.localize.stripes import Stripes
+
+BINS = 12  # directions, 15 degrees apart
+OVERLAP = np.radians(6.0)  # stripes that are nearer to a bin than this belong to it too
+CELL = 2  # px: the maps are smaller than the picture
+SIGMA = 4.0  # px: distances of right cameras without a lens
+SEEN = 0.7  # share of the points of markings in view whose paint is found
+AROUND = 80.0  # px: half the size of the place whose density of stripes is compared
+SPARSEST = 1.0 / 400.0  # stripes per px: of places without any
+FARTHEST = 40.0  # px: larger distances are alike
+STEP = 12.0  # px along a marking that count as one independent point
+MOST = 3.0  # independent points that one may stand for, where it is near to the camera
+AHEAD = 0.02  # m along a marking, for its direction in the picture
+AT_ONCE = 1024  # cameras: their arrays still fit the processor's cache
+
+Pixels: TypeAlias = Array | Float32
+
+
+@dataclass(frozen=True, eq=False)
+class StripeMaps:
+    """Log likelihood ratios of points of markings, by place and by direction."""
+
+    table: Float32
+    """(BINS, h, w), one cell for `CELL` pixels."""
+    size: tuple[int, int]
+    """Width and height of the picture."""
+
+    @classmethod
+    def of(cls, stripes: Stripes) -> StripeMaps:
+        """Tabulate the stripes of a picture."""
+        import cv2
+
+        width, height = stripes.size
+        w, h = -(-width // CELL), -(-height // CELL)
+        column, row = np.clip((stripes.xy / CELL).astype(np.intp), 0, (w - 1, h - 1)).T
+        table = np.empty((BINS, h, w), np.float32)
+        half = np.pi / BINS / 2.0 + OVERLAP
+        around = 2 * round(AROUND / CELL) + 1
+        for k in range(BINS):
+            turn = stripes.angle - k * np.pi / BINS
+            own = np.abs(turn - np.pi * np.round(turn / np.pi)) < half
+            empty = np.full((h, w), 255, np.uint8)
+            empty[row[own], column[own]] = 0
+            count = np.zeros((h, w), np.float32)
+            np.add.at(count, (row[own], column[own]), np.float32(1.0))
+            distance = np.minimum(cv2.distanceTransform(empty, cv2.DIST_L2, 3), np.float32(FARTHEST / CELL))
+            mean = cv2.boxFilter(count, -1, (around, around), borderType=cv2.BORDER_REFLECT)
+            table[k] = _log_ratio(np.float32(CELL) * distance, mean / np.float32(CELL * CELL))
+        return cls(table, stripes.size)
+
+    def scores(self, cameras: Cameras, points: MarkingPoints) -> Array:
+        """Log likelihood ratios (B,) of cameras."""
+        score = np.zeros(len(cameras))
+        P = cameras.projections.astype(np.float32)
+        for begin in range(0, len(P), AT_ONCE):
+            score[begin : begin + AT_ONCE] = self._scores(P[begin : begin + AT_ONCE], points)
+        return score
+
+    def score(self, camera: Camera, points: MarkingPoints) -> tuple[float, float]:
+        """Log likelihood ratio of a camera with its lens, and the number of independent points in view."""
+        xy, ahead = camera.project(points.X), camera.project(points.X + AHEAD * points.along)
+        (x, y), (dx, dy) = xy.T, (ahead - xy).T / AHEAD
+        direction = np.arctan2(dy, dx)
+        ratio, weight = self._looked_up(x, y, np.nan_to_num(direction), np.hypot(dx, dy) * points.spacing)
+        return float(np.sum(ratio * weight)), float(np.sum(weight))
+
+    def _scores(self, P: Float32, points: MarkingPoints) -> Array:
+        ratio, weight = self._looked_up(*projected(P, points))
+        return np.asarray(np.sum(ratio * weight, axis=1), dtype=float)
+
+    def _looked_up(self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels) -> tuple[Float32, Float32]:
+        """Logarithms of points of markings, and how many independent points each counts for; 0 out of the picture."""
+        width, height = self.size
+        inside = (x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)  # false behind the camera
+        column, row = ((np.where(inside, v, 0.0) / CELL).astype(np.intp) for v in (x, y))
+        k = np.mod(np.round(direction * (BINS / np.pi)).astype(np.intp), BINS)
+        ratio = self.table[k, row, column]
+        weight = np.where(inside, np.minimum(step / np.float32(STEP), np.float32(MOST)), np.float32(0.0))
+        return ratio, np.asarray(weight, np.float32)
+
+
+def _log_ratio(distance: Float32, density: Float32) -> Float32:
+    """The logarithm at the top of the module."""
+    rate = 2.0 * np.maximum(density, np.float32(SPARSEST))
+    seen = np.sqrt(2.0 / np.pi) / SIGMA * np.exp(-0.5 * np.square(distance / np.float32(SIGMA)))
+    return np.asarray(np.log(SEEN * seen / (rate * np.exp(-rate * distance)) + (1.0 - SEEN)), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class MarkingPoints:
+    """Points of painted markings on the ground, and which way the markings run there."""
+
+    X: Array
+    """(N, 3) metres."""
+    along: Array
+    """Unit vectors, (N, 3)."""
+    spacing: Array
+    """Length of marking for which each stands, metres, (N,)."""
+
+    @classmethod
+    def of(cls, field: Field, count: int) -> MarkingPoints:
+        """About so many points in even steps on all markings on the ground together."""
+        markings = Markings.of(field)
+        ground = np.flatnonzero(markings.on_ground)
+        step = _steps(markings)
+        every = max(np.sum(step[ground]) / count, 1e-9)
+        cell = np.floor((np.cumsum(step[ground]) - 0.5 * step[ground]) / every).astype(np.intp)
+        chosen, first = np.unique(cell, return_index=True)
+        last = np.append(first[1:], len(cell)) - 1
+        taken = ground[(first + last) // 2]
+        spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen)), dtype=float)
+        return cls(markings.X[taken], markings.along[taken], spacing)
+
+
+def _steps(markings: Markings) -> Array:
+    """Length of marking (N,) for which each of its points stands."""
+    joined = markings.member[1:] == markings.member[:-1]
+    gap = np.where(joined, np.linalg.norm(np.diff(markings.X, axis=0), axis=1), 0.0)
+    return np.asarray(0.5 * (np.append(gap, 0.0) + np.append(0.0, gap)))
+
+
+def projected(P: Float32, points: MarkingPoints) -> tuple[Float32, Float32, Float32, Float32]:
+    """Pixels x and y, direction and length in the picture of points of markings, (B, N) each; NaN behind the camera."""
+    X = np.vstack([points.X.T, np.ones(len(points.X))]).astype(np.float32)
+    u, v, depth = np.moveaxis(P @ X, 1, 0)
+    du, dv, ddepth = np.moveaxis(P[:, :, :3] @ points.along.T.astype(np.float32), 1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where(depth > 0.0, 1.0 / depth, np.float32(np.nan))
+        x, y = u * inverse, v * inverse
+        dx, dy = (du - x * ddepth) * inverse, (dv - y * ddepth) * inverse
+    length = np.hypot(dx, dy) * points.spacing.astype(np.float32)
+    direction = np.arctan2(dy, dx)
+    return x, y, np.where(np.isfinite(direction), direction, np.float32(0.0)), length

@@ -1,0 +1,272 @@
+"""Courts found in pictures by search: stripes, long lines, hypotheses, and the ranked cameras."""
+
+from itertools import combinations
+
+import cv2
+import numpy as np
+import pytest
+from pictures import picture
+
+from data_tools.court_truth import court_frames
+from data_tools.nonsense import nonsense
+from data_tools.score_courts import Truth
+from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images
+from fieldcalib.fields import badminton, basketball, tennis, volleyball
+from fieldcalib.fields.traits import LineLook
+from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
+from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps, projected
+from fieldcalib.io.videos import VideoReader
+from fieldcalib.localize.long_lines import LongLines, long_lines
+from fieldcalib.localize.stripes import find_stripes
+
+SIZE = (1280, 720)
+TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
+BADMINTON = Camera.from_angles(np.radians(104), np.radians(72), 0.0, 1700.0, (-16.0, -4.0, -6.0), SIZE)
+VOLLEYBALL = Camera.from_angles(np.radians(-8), np.radians(68), -0.01, 1500.0, (-2.0, 19.0, -8.0), SIZE)
+COURTS = {
+    "tennis": (tennis(), TENNIS),
+    "badminton": (badminton(), BADMINTON),
+    "volleyball": (volleyball(), VOLLEYBALL),
+    "barrel lens": (tennis(), Camera(TENNIS.K, TENNIS.R, TENNIS.C, SIZE, (-0.3, 0.0))),
+}
+every_court = pytest.mark.parametrize(("field", "camera"), COURTS.values(), ids=COURTS)
+
+
+def turned(camera):
+    """The same view from the other side."""
+    turn = np.array([-1.0, -1.0, 1.0])
+    return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
+
+
+# Stripes and lines
+
+
+def drawn(*lines, ground=90, paint=200, width=4):
+    image = np.full((240, 320, 3), ground, np.uint8)
+    for start, end in lines:
+        cv2.line(image, start, end, (paint,) * 3, width, cv2.LINE_AA)
+    return image
+
+
+@pytest.mark.parametrize("degrees", [0, 10, 37, 45, 80, 90, 120, 165])
+@pytest.mark.parametrize("width", [2, 5, 9])
+def test_stripes_run_along_a_line_in_its_middle(degrees, width):
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    start, end = (tuple(np.round((160, 120) + t * along).astype(int).tolist()) for t in (-100, 100))
+    stripes = find_stripes(drawn((start, end), width=width))
+    towards = np.subtract(end, start) / np.linalg.norm(np.subtract(end, start))
+    place = (stripes.xy - start) @ towards
+    inner = (place > 15) & (place < 185)
+    assert np.count_nonzero(inner) > 100
+    assert np.max(np.abs((stripes.xy - start)[inner] @ (-towards[1], towards[0]))) < 0.8
+    off = stripes.angle[inner] - np.arctan2(towards[1], towards[0])
+    assert np.max(np.abs(off - np.pi * np.round(off / np.pi))) < np.radians(4)
+
+
+def test_dark_stripes_are_found_when_they_are_asked_for():
+    image = drawn(((20, 120), (300, 120)), ground=200, paint=90)
+    assert not len(find_stripes(image).xy)
+    assert len(find_stripes(image, lighter=False).xy) > 200
+
+
+def test_the_border_of_an_area_is_no_stripe_but_a_line_between_two_areas_is():
+    image = np.full((240, 320, 3), 60, np.uint8)
+    image[:, 160:] = 120
+    assert not len(find_stripes(image).xy)
+    image[:, 158:162] = 230
+    assert len(find_stripes(image).xy) > 200
+
+
+def test_long_lines_come_in_the_order_of_their_lengths():
+    lines = long_lines(find_stripes(drawn(((20, 60), (300, 60)), ((50, 100), (60, 230)), ((200, 100), (260, 180)))), 9)
+    assert len(lines) == 3
+    assert np.all(np.diff(lines.length) < 0)
+    assert abs(lines.offset[0] * lines.normal[0, 1] - 60) < 0.5
+    np.testing.assert_allclose(np.sort(lines.ends[0, :, 0]), (20, 300), atol=16)
+
+
+# Hypotheses
+
+
+def seen_lines(camera, across, along):
+    """Lines of a field at these x and y, as a camera without a lens sees them."""
+    homogeneous, ends = [], []
+    for axis, values in enumerate((across, along)):
+        for value in values:
+            X = np.zeros((2, 3))
+            X[:, axis], X[:, 1 - axis] = value, (-2.0, 2.0)
+            xy = camera.project(X)
+            line = np.cross(*np.column_stack([xy, np.ones(2)]))
+            homogeneous.append(line / np.linalg.norm(line[:2]))
+            ends.append(xy)
+    homogeneous = np.array(homogeneous)
+    return LongLines(homogeneous[:, :2], -homogeneous[:, 2], np.array(ends), np.full(len(ends), 100.0))
+
+
+def nearest(cameras, truth):
+    """How far the nearest of B cameras, or its twin, stands from the true one, in shares of its distance."""
+    off = [np.linalg.norm(cameras.C - one.C, axis=1) for one in (truth, turned(truth))]
+    return np.min(off, initial=np.inf) / np.linalg.norm(truth.C)
+
+
+@pytest.mark.parametrize(("field", "camera"), list(COURTS.values())[:3], ids=list(COURTS)[:3])
+def test_two_pairs_of_lines_give_the_camera(field, camera):
+    lines = FieldLines.of(field)
+    for x in list(combinations(lines.across, 2))[::3]:
+        for y in list(combinations(lines.along, 2))[::3]:
+            assert nearest(hypotheses(seen_lines(camera, x, y), field, SIZE), camera) < 1e-6, (x, y)
+
+
+@pytest.mark.parametrize("camera", [VOLLEYBALL, turned(VOLLEYBALL)], ids=["near side", "far side"])
+def test_a_field_that_tells_its_ends_apart_is_seen_from_both_sides(camera):
+    lines = {f"across {x}": Line((x, -6.0, 0.0), (x, 6.0, 0.0)) for x in (-10.0, 2.0, 10.0)}
+    lines |= {f"along {y}": Line((-10.0, y, 0.0), (10.0, y, 0.0)) for y in (-6.0, 6.0)}
+    field = Field(20.0, 12.0, lines, stands=tennis().stands, farthest_camera=80.0)
+    found = hypotheses(seen_lines(camera, (2.0, 10.0), (-6.0, 6.0)), field, SIZE)
+    off = [np.min(np.linalg.norm(found.C - one.C, axis=1)) for one in (camera, turned(camera))]
+    assert off[0] < 1e-6
+    assert off[1] > 0.1
+
+
+def test_the_principal_point_may_be_elsewhere():
+    K = VOLLEYBALL.K + np.array([[0.0, 0.0, 0.25 * SIZE[0]], [0.0, 0.0, -0.125 * SIZE[0]], [0.0, 0.0, 0.0]])
+    camera = Camera(K, VOLLEYBALL.R, VOLLEYBALL.C, SIZE)
+    lines = seen_lines(camera, (-2.975, 8.975), (-4.475, 4.475))
+    found = hypotheses(lines, volleyball(), SIZE, (0.25, -0.125))
+    assert nearest(found, camera) < 1e-6
+    best = found.camera(int(np.argmin(np.linalg.norm(found.C - camera.C, axis=1))))
+    np.testing.assert_allclose(best.project([1.0, 2.0, 0.0]), camera.project([1.0, 2.0, 0.0]))
+    assert nearest(hypotheses(lines, volleyball(), SIZE), camera) > 1e-3
+
+
+def test_hypotheses_stand_where_cameras_do():
+    lines = FieldLines.of(tennis())
+    found = hypotheses(seen_lines(TENNIS, lines.across, lines.along), tennis(), SIZE)
+    assert len(found) > 10
+    assert np.all(found.C[:, 2] < 0.0)
+    assert np.max(np.linalg.norm(found.C, axis=1)) < tennis().farthest_camera
+    np.testing.assert_allclose(on_canonical_side(found, tennis()).C, found.C)
+
+
+def test_projections_are_those_of_cameras():
+    cameras = Cameras(np.array([2300.0]), np.array([[640.0, 360.0]]), TENNIS.R[None], TENNIS.C[None], SIZE)
+    points = MarkingPoints.of(tennis(), 50)
+    x, y, direction, length = projected(cameras.projections.astype(np.float32), points)
+    np.testing.assert_allclose(np.column_stack([x[0], y[0]]), TENNIS.project(points.X), atol=0.01)
+    ahead = TENNIS.project(points.X + 1e-4 * points.along) - TENNIS.project(points.X)
+    np.testing.assert_allclose(np.tan(direction[0] - np.arctan2(*ahead.T[::-1])), 0.0, atol=1e-3)
+    np.testing.assert_allclose(length[0], np.linalg.norm(ahead, axis=1) / 1e-4 * points.spacing, rtol=1e-2)
+
+
+def test_the_points_of_a_field_stand_for_all_of_its_lines():
+    field = tennis()
+    points = MarkingPoints.of(field, 100)
+    ground = [s for s in field.markings.values() if not np.any(s.vectors[:, 2])]
+    total = sum(np.linalg.norm(segment.vectors[1]) for segment in ground)
+    assert abs(np.sum(points.spacing) - total) < 0.02 * total
+    assert 80 <= len(points.X) <= 120
+
+
+def test_the_true_camera_is_likelier_than_others():
+    image = picture(TENNIS, tennis())
+    maps, points = StripeMaps.of(find_stripes(image)), MarkingPoints.of(tennis(), 300)
+    pans = np.radians(np.array([0.0, 0.3, 1.0, 3.0]))
+    others = [Camera.from_angles(pan + TENNIS.angles[0], *TENNIS.angles[1:], 2300.0, TENNIS.C, SIZE) for pan in pans]
+    parts = [(2300.0, (640.0, 360.0), one.R, one.C) for one in others]
+    cameras = Cameras(*map(np.array, zip(*parts, strict=True)), SIZE)
+    score = maps.scores(cameras, points)
+    assert np.all(np.diff(score) < -20)
+    assert abs(maps.score(TENNIS, points)[0] - score[0]) < 0.02 * score[0]
+
+
+# The search
+
+
+@every_court
+def test_a_rendered_court_is_found(field, camera):
+    found = find_courts(picture(camera, field), field)
+    assert found[0].calibration.accepted
+    assert Truth(camera, field).distance(found[0].calibration.required_camera) < 1.0
+    assert found[0].evidence.probability > 0.9
+    assert all(one.evidence.score <= found[0].evidence.score for one in found)
+    twin = found[0].twin
+    X = np.array([1.0, 2.0, 0.0])
+    np.testing.assert_allclose(twin.project(-X), found[0].calibration.required_camera.project(X))
+
+
+@pytest.mark.parametrize("width", [426, 1920])
+def test_pictures_of_any_size_are_searched_alike(width):
+    size = (width, width * 9 // 16)
+    image = cv2.resize(picture(TENNIS, tennis()), size, interpolation=cv2.INTER_AREA)
+    found = find_courts(image, tennis())
+    assert found[0].calibration.accepted
+    assert found[0].calibration.required_camera.image_size == size
+    assert Truth(TENNIS.scaled(size), tennis()).distance(found[0].calibration.required_camera) < 2.0
+
+
+def test_a_dark_court_is_found():
+    field = tennis()
+    dark = Field(field.length, field.width, field.segments, stands=field.stands, lines=LineLook(0.05, lighter=False))
+    found = find_courts(255 - picture(TENNIS, tennis()), dark)
+    assert Truth(TENNIS, field).distance(found[0].calibration.required_camera) < 1.0
+
+
+@pytest.mark.parametrize(
+    "other",
+    [tennis(), pytest.param(badminton(), marks=pytest.mark.slow), pytest.param(basketball("fiba"))],
+    ids=["tennis", "badminton", "basketball"],
+)
+def test_the_court_of_another_sport_is_not_accepted(other):
+    assert not any(one.calibration.accepted for one in find_courts(picture(VOLLEYBALL, volleyball()), other))
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 4, 6))])
+def test_pictures_without_a_field_have_no_court(seed):
+    assert not any(one.calibration.accepted for one in find_courts(nonsense(seed), badminton()))
+
+
+def test_images_without_a_network_are_searched():
+    image = picture(TENNIS, tennis())
+    boxed = np.pad(image[:, 40:-40], ((0, 0), (80, 80), (0, 0)))  # a pillarbox
+    found = calibrate_from_images(tennis(), [image, boxed, np.zeros_like(image)])
+    assert [one.accepted for one in found] == [True, True, False]
+    assert Truth(TENNIS, tennis()).distance(found[0].required_camera) < 1.0
+    shown = found[1].required_camera.cropped((40, 0), SIZE)
+    assert Truth(TENNIS, tennis()).distance(shown) < 1.0
+    assert found[2].camera is None
+    assert "two lines across" in found[2].message
+
+
+def test_without_a_network_nothing_of_the_camera_may_be_given():
+    with pytest.raises(ValueError, match="nothing may be given"):
+        calibrate_from_images(tennis(), [picture(TENNIS, tennis())], None, TENNIS.K, flags=KNOWN_INTRINSICS_FLAGS)
+    with pytest.raises(ValueError, match="searched for a Field"):
+        calibrate_from_images(dict(tennis()), [picture(TENNIS, tennis())], prior=None)
+
+
+def test_what_is_no_picture_is_an_error():
+    with pytest.raises(ValueError, match="image must be"):
+        find_courts(np.zeros((10, 10)), tennis())
+
+
+FRAMES = court_frames()
+FIRST = list({frame.clip: frame for frame in reversed(FRAMES)}.values())
+
+
+def images_of(shared_data, frames):
+    with VideoReader(shared_data / "courts" / f"{frames[0].clip}.mp4") as video:
+        for number, image in enumerate(video):
+            yield from ((frame, image) for frame in frames if frame.number == number)
+            if number >= frames[-1].number:
+                break
+
+
+@pytest.mark.parametrize("frame", FIRST, ids=[frame.clip for frame in FIRST])
+def test_a_broadcast_frame_is_right_and_accepted(frame, shared_data):
+    from fieldcalib.fields.catalogue import field_named
+
+    ((frame, image),) = images_of(shared_data, [frame])
+    best = find_courts(image, field_named(frame.field))[0]
+    assert frame.is_right(best.calibration.required_camera)
+    assert best.calibration.accepted
