@@ -214,7 +214,7 @@ def test_saved_results_are_those_of_a_run(pictures, tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["frames"], summary["verdict"]["good"]) == (2, 2)
     assert {path.name for path in out.glob("overlay_*")} == {"overlay_a.jpg", "overlay_b.jpg"}
-    assert main(["export", str(out), "--format", "opencv", "--out", str(tmp_path / "exported")]) == 0, (
+    assert main(["export", str(out), "--format", "opencv", "--out", str(tmp_path / "exported")]) == 0
         capsys.readouterr()
     )
     again = edited(out)  # the folder says where its pictures are
@@ -280,7 +280,7 @@ def test_what_cannot_be_saved(blank):
 
 @pytest.mark.parametrize(
     ("source", "message"),
-    [("nothing.mp4", "does not exist"), ("empty", "holds no image"), ("soccre", "does not exist")],
+    [("nothing.mp4", "does not exist"), ("empty", "holds no image"), ("no", "does not exist")],
 )
 def test_what_cannot_be_opened(tmp_path, source, message):
     (tmp_path / "empty").mkdir()
