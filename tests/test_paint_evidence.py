@@ -13,7 +13,7 @@ from synthetic import observe, whole_circle_markings
 from views import camera
 
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
-from fieldcalib.assess.result import Calibration, Status, Verdict
+from fieldcalib.assess.result import Calibration, Status, Verdict, complaints_of
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
@@ -190,7 +190,9 @@ def test_paint_has_the_last_word_on_frames_of_a_sequence():
     found = calibrate_sequence(soccer(size_known=True), labelled, PENALTY_AREA.image_size)
     assert {str(one.verdict) for one in found} == {"good"}
     pulled = replace(found, frames=replace(found.frames, misfit=np.full(3, 30.0)))
-    assert [one.complaints for one in pulled] == 3 * [("the parameters that the frames share put its lines 30 px off",)]
+    assert [complaints_of(one) for one in pulled] == 3 * [
+        ("the parameters that the frames share put its lines 30 px off",)
+    ]
     on = tuple(MarkingInView(name, 400.0, 30, share=0.95, offset=0.0) for name in ("front", "side", "arc"))
     off = (*on, MarkingInView("near", 400.0, 30, share=0.1, offset=9.0))
     seen = pulled.seen_in_images({0: on, 1: off, 2: on[:2]})

@@ -30,7 +30,7 @@ from fieldcalib import (
 )
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import SuspectLabel, Verdict
+from fieldcalib.assess.result import SuspectLabel, Verdict, complaints_of, concerns_of
 from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
@@ -288,7 +288,7 @@ def test_equality_sees_every_part(batch):
         "per_segment_errors": {},
         "suspect_labels": (SuspectLabel("Middle line", None, 9.0),),
         "alternatives": (TRUTH,),
-        "complaints": ("none",),
+        "_complaints": ("none",),
         "pixel_counts": {},
         "field": soccer(100.0, 64.0),
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
@@ -480,3 +480,20 @@ def test_images_and_frames_may_be_generated(batch):
     for frames in ("frames", 3, None):
         with pytest.raises(ValueError, match="expected a sequence of mappings of labels"):
             calibrate_batch(soccer(), frames, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [("complaints", "use reason"), ("concerns", "use reason"), ("doubted", r"compare probability\(metres\)")],
+)
+def test_private_words_go_on_working_and_say_what_to_use(batch, name, advice):
+    with pytest.warns(DeprecationWarning, match=f"Calibration.{name} is private now: {advice}"):
+        found = getattr(batch[0], name)(0.0) if name == "doubted" else getattr(batch[0], name)
+    assert (
+        found
+        == {
+            "complaints": complaints_of(batch[0]),
+            "concerns": concerns_of(batch[0]),
+            "doubted": batch[0],
+        }[name]
+    )

@@ -15,7 +15,7 @@ from data_tools.undeclared import basketball_cameras, calibrated, changed, chang
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration, Verdict, complaints_of, concerns_of
 from fieldcalib.assess.whole_picture import (
     CUT,
     PART_SCALE,
@@ -142,7 +142,7 @@ def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame()
 def test_a_large_roll_is_no_sign_of_a_part():
     rolled = Camera.from_angles(0.3, 1.35, np.radians(4.0), 1300.0, (0.0, 62.0, -15.0), SIZE)
     found = calibrate_from_segments(FIELD, frame_of(rolled), SIZE)
-    assert CUT not in found.concerns
+    assert CUT not in concerns_of(found)
 
 
 def labelled_to_the_border(camera=CAMERA, count=6):
@@ -241,7 +241,7 @@ def test_where_labels_end_is_told_in_pixels_of_the_picture(estimate_aspect):
         [cut["Side line top"], [squashed_point(squashed, "Side line top", end - 1.0)]]
     )
     (found,) = calibrate_batch(FIELD, [cut], size, estimate_aspect=estimate_aspect)
-    (said,) = [one for one in found.complaints if one.startswith(ENDS)]
+    (said,) = [one for one in complaints_of(found) if one.startswith(ENDS)]
     assert said == "the labels end at column 479 of 640: are they of a picture that is 480 pixels wide?"
     assert (WAS_SQUASHED in found.message) is estimate_aspect
 
@@ -263,9 +263,9 @@ def test_labels_of_another_size_end_where_its_picture_ends(factor):
         if len(xy) > 20:
             clipped[label] = xy[np.linspace(0, len(xy) - 1, 5).astype(int)] + rng.normal(0.0, 0.1, (5, 2))
     as_it_is = calibrate_from_segments(FIELD, clipped, SIZE)
-    assert not [one for one in as_it_is.complaints if "end at column" in one]
+    assert not [one for one in complaints_of(as_it_is) if "end at column" in one]
     found = calibrate_from_segments(FIELD, clipped, size)
-    assert [one for one in found.complaints if "end at column 95" in one]
+    assert [one for one in complaints_of(found) if "end at column 95" in one]
     assert found.verdict is not Verdict.GOOD
 
 

@@ -13,6 +13,7 @@ from synthetic import observe
 
 import fieldcalib
 from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.result import doubted
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line
@@ -146,7 +147,7 @@ def test_a_field_whose_probabilities_nobody_fitted_has_none():
     found = calibrate_from_segments(COURT, labelled(COURT, court_camera(), SEEN), SIZE)
     assert found.accepted
     assert not found.has_probability
-    for ask in (found.probability, lambda: found.doubted(0.5)):
+    for ask in (found.probability, lambda: doubted(found, 0.5)):
         with pytest.raises(ValueError, match="a Field with a probability model, as soccer"):
             ask()
     assert np.isfinite(found.field_uncertainty((480.0, 270.0)).rms)

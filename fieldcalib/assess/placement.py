@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -121,7 +121,7 @@ class Shape:
             return calibration
         found = self.placement.from_frame(calibration)
         message = "; ".join(filter(None, (found.message, self.message)))
-        return replace(found, message=message, complaints=(*found.complaints, *self.complaints))
+        return with_complaints(replace(found, message=message), (*complaints_of(found), *self.complaints))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._deprecated import deprecated
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -163,8 +164,8 @@ class Calibration:
     """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
     """Cameras that fit the labels equally well: the one turned by 180 degrees about the centre mark."""
-    complaints: tuple[str, ...] = ()
-    """Further evidence against an accepted camera, in words."""
+    _complaints: tuple[str, ...] = attribute(default=(), repr=False)
+    """Further evidence against an accepted camera, in words; it is part of `reason`."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
     """Number of pixels of each given label; read-only."""
     field: Field | None = attribute(default=None, repr=False)
@@ -244,19 +245,32 @@ class Calibration:
     def verdict(self) -> Verdict:
         """The verdict on the camera; `reason` says why.
 
-        An accepted camera without `concerns` is good. The probability that they depend on is computed when first used.
+        An accepted camera without evidence against it is good. The probability that this depends on is computed when
+        first used.
         """
         if not self.accepted:
             return Verdict.REJECT
-        return Verdict.CHECK if self.concerns else Verdict.GOOD
+        return Verdict.CHECK if self._concerns else Verdict.GOOD
 
     @property
     def reason(self) -> str:
-        """Reason for the verdict."""
-        return "; ".join([*self.concerns, self.message]) if self.accepted else self.message
+        """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
+        return "; ".join([*self._concerns, self.message]) if self.accepted else self.message
+
+    @property
+    @deprecated("Calibration.concerns is private now: use reason, which has them in words")
+    def concerns(self) -> tuple[str, ...]:
+        """Deprecated: use `reason`."""
+        return self._concerns
+
+    @property
+    @deprecated("Calibration.complaints is private now: use reason, which has them in words")
+    def complaints(self) -> tuple[str, ...]:
+        """Deprecated: use `reason`."""
+        return self._complaints
 
     @cached_property
-    def concerns(self) -> tuple[str, ...]:
+    def _concerns(self) -> tuple[str, ...]:
         """Evidence against an accepted camera, in words, most important first."""
         if self.camera is None:
             return ()
@@ -271,7 +285,7 @@ class Calibration:
             elif self.solved is not None:
                 known = self._probability_by_labels(self.field, tolerance, size_known=True)
                 picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated)
-        return (*paint_complaints(self.markings), *improbable, *self.errors.doubts(picture), *self.complaints)
+        return (*paint_complaints(self.markings), *improbable, *self.errors.doubts(picture), *self._complaints)
 
     @property
     def remedy(self) -> str:
@@ -290,7 +304,7 @@ class Calibration:
             return REMEDIES[self.status]
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
-        if not NOT_WHOLE_FRAMES.isdisjoint(self.concerns):
+        if not NOT_WHOLE_FRAMES.isdisjoint(self._concerns):
             return NOT_WHOLE
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
 
@@ -415,30 +429,10 @@ class Calibration:
         probability = self.errors.probability(field, metres, size_known=size_known, level=level)
         return probability / (1 + len(self.alternatives))
 
+    @deprecated("Calibration.doubted is private now: compare probability(metres) with the least that you accept")
     def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
-        """The calibration, with the status "probably wrong" if its `probability` is below `least`.
-
-        A calibration without known errors, or one that is rejected already, is returned unchanged.
-
-        Raises
-        ------
-        ValueError
-            As in `probability`.
-
-        Examples
-        --------
-        >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
-        >>> nothing.doubted(0.5) is nothing
-        True
-        """
-        if not self.knows_errors or self.status is Status.REJECTED:
-            return self
-        probability = self.probability(metres, size_known=size_known)
-        if probability >= least or self.field is None:
-            return self
-        metres = self.field.tolerance if metres is None else metres
-        doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
-        return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
+        """Deprecated: compare `probability` with the least that you accept."""
+        return doubted(self, least, metres, size_known=size_known)
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
         """Add the paint that the image shows of the markings in view.
@@ -486,7 +480,7 @@ class Calibration:
             "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in self.suspect_labels],
             **({} if np.isnan(self.loss_ndc) else {"loss_ndc": to_json(self.loss_ndc)}),
             "alternatives": [_camera_to_record(other) for other in self.alternatives],
-            "complaints": list(self.complaints),
+            "complaints": list(self._complaints),
             "pixel_counts": dict(self.pixel_counts),
             "image_size": None if self.camera is None else list(self.camera.image_size),
             "field": None if self.field is None else field_to_record(self.field),
@@ -550,6 +544,49 @@ class Calibration:
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}"
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table>{''.join(cells)}</table>"
+
+
+def doubted(
+    calibration: Calibration, least: float, metres: float | None = None, *, size_known: bool = False
+) -> Calibration:
+    """The calibration, with the status "probably wrong" if its `probability` is below `least`.
+
+    A calibration without known errors, or one that is rejected already, is returned unchanged.
+
+    Raises
+    ------
+    ValueError
+        As in `Calibration.probability`.
+
+    Examples
+    --------
+    >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+    >>> doubted(nothing, 0.5) is nothing
+    True
+    """
+    if not calibration.knows_errors or calibration.status is Status.REJECTED:
+        return calibration
+    probability = calibration.probability(metres, size_known=size_known)
+    if probability >= least or calibration.field is None:
+        return calibration
+    metres = calibration.field.tolerance if metres is None else metres
+    doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
+    return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+
+
+def concerns_of(calibration: Calibration) -> tuple[str, ...]:
+    """Evidence against a camera, in words, the most important first; `Calibration.reason` has it for accepted ones."""
+    return calibration._concerns
+
+
+def complaints_of(calibration: Calibration) -> tuple[str, ...]:
+    """What labels and frames around it say against a camera; `with_complaints` replaces it."""
+    return calibration._complaints
+
+
+def with_complaints(calibration: Calibration, complaints: Iterable[str]) -> Calibration:
+    """The calibration with other complaints, see `complaints_of`."""
+    return replace(calibration, _complaints=tuple(complaints))
 
 
 def _camera_to_record(camera: Camera) -> dict[str, Any]:

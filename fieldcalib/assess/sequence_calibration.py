@@ -112,7 +112,7 @@ class SequenceCalibration(FrameSequence):
             float("nan"),
             {frames.labels[k]: float(frames.label_errors[t, k]) for k in labelled},
             frames.suspects.get(t, ()),
-            complaints=self._complaints(t),
+            _complaints=self._complaints(t),
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
             errors=errors or NoErrors(),

@@ -10,7 +10,7 @@ from typing import Any
 
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, doubted
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import (
@@ -171,7 +171,7 @@ class _Method:
         if self.pictures.crop_of is not None:  # labels of a part stop short of the whole frame
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
-            calibration = calibration.doubted(self.least_probability)
+            calibration = doubted(calibration, self.least_probability)
         return with_border_complaint(self.field, labels, placement.from_frame(calibration))
 
 

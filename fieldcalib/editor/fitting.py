@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration, Status, complaints_of, with_complaints
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -124,7 +124,7 @@ def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibr
         if is_stray(error, camera.image_size):
             worst[mark.label] = max(error, worst.get(mark.label, 0.0))
     said = (f"{label!r} is marked {error:.0f} px beside its projection" for label, error in worst.items())
-    return replace(calibration, complaints=(*calibration.complaints, *said))
+    return with_complaints(calibration, (*complaints_of(calibration), *said))
 
 
 def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:

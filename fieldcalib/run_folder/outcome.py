@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, concerns_of
 from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
@@ -83,7 +83,7 @@ class Outcome:
         written = dict(files)
         if keeps and calibration.camera is not None:
             written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
-        squashed = SQUASHED in calibration.concerns or WAS_SQUASHED in calibration.message
+        squashed = SQUASHED in concerns_of(calibration) or WAS_SQUASHED in calibration.message
         return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
 
 

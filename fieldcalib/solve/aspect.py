@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
@@ -83,9 +83,9 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
         found = replace(found, message=f"{found.message}; {WAS_SQUASHED}")
     else:
         found = as_it_is
-    if abs(log_ratio) > CERTAIN or not found.accepted or SHAPE in found.complaints:
+    if abs(log_ratio) > CERTAIN or not found.accepted or SHAPE in complaints_of(found):
         return found
-    return replace(found, complaints=(*found.complaints, SHAPE))
+    return with_complaints(found, (*complaints_of(found), SHAPE))
 
 
 def with_likely_aspect(

@@ -287,7 +287,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,
-            complaints=_complaints(errors, suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
+            _complaints=_complaints(errors, suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
             pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
             errors=Solved(evaluation, relabelled.prior.sigma, t),

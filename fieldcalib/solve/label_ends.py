@@ -6,11 +6,9 @@ is given end at column 959, although their segments continue in the picture.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -28,11 +26,11 @@ ENDS = "the labels end at column"
 
 def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
     """The calibration with the complaint of `other_border` replaced; only for labels that were set by hand."""
-    others = tuple(one for one in calibration.complaints if not one.startswith(ENDS))
+    others = tuple(one for one in complaints_of(calibration) if not one.startswith(ENDS))
     if calibration.camera is not None and calibration.are_annotated:
         said = other_border(object_segments, frame, calibration.camera.image_size, calibration.camera)
         others = others if said is None else (*others, said)
-    return calibration if others == calibration.complaints else replace(calibration, complaints=others)
+    return calibration if others == complaints_of(calibration) else with_complaints(calibration, others)
 
 
 def other_border(

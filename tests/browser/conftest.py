@@ -5,12 +5,14 @@ or no Playwright; nothing is downloaded.
 """
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from driving import Server, Window, render
+from driving import ROOT, Server, Window, render
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # without what a browser asks its maker for
@@ -39,8 +41,15 @@ def chromium():
         browser.close()
 
 
+@pytest.fixture(scope="session")
+def compiled(tmp_path_factory):
+    """Numba has compiled the solver, which may take longer than a test waits."""
+    command = [sys.executable, "-m", "fieldcalib", "demo", "--out", tmp_path_factory.mktemp("demo")]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True, cwd=ROOT)
+
+
 @pytest.fixture
-def serve(tmp_path):
+def serve(tmp_path, compiled):
     """Start servers, `serve(source, *arguments)`; they end with the test."""
     servers = []
 

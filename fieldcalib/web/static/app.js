@@ -80,6 +80,7 @@ class App {
       this.keys.setField(field);
       this.showFrames(frames);
       if (this.isClip) this.clip.poll().catch((error) => this.complain(error));
+      this.loaded();
       await opening;
       if (this.current < 0 && first >= project.count) await this.open(0);
       if (this.edits) this.render(true);
@@ -87,9 +88,13 @@ class App {
       this.complain(error);
       this.showEmpty("The page could not be loaded.", error.message);
     }
+    this.loaded();
+    setInterval(() => this.poll(), POLL);
+  }
+
+  loaded() {
     at("page").classList.remove("loading");
     at("page").removeAttribute("aria-busy");
-    setInterval(() => this.poll(), POLL);
   }
 
   get isClip() {
@@ -131,7 +136,7 @@ class App {
     }
     if (this.opening) return;
     this.opening = true;
-    const slow = setTimeout(() => at("busy").classList.add("shown"), SLOW);
+    const slow = setTimeout(() => this.showWaiting(), SLOW);
     while (this.wanted !== this.current) {
       const asked = this.wanted;
       try {
@@ -148,6 +153,11 @@ class App {
     clearTimeout(slow);
     at("busy").classList.remove("shown");
     this.opening = false;
+  }
+
+  showWaiting() {
+    at("busy").classList.add("shown");
+    if (this.current < 0) this.showEmpty("One moment", "The first frame is read and its camera found. After an installation the solver is compiled first, which takes up to a minute.");
   }
 
   present(number, { state, loaded, failure }) {
