@@ -201,6 +201,8 @@ def test_a_marking_is_chosen_on_the_map(serve, window, picture):
     assert one.page.locator('[data-label="Goal left crossbar"]').get_attribute("aria-pressed") == "true"
     one.press("Escape")
     assert one.page.locator("#chosen.shown").count() == 0
+    one.press("ArrowRight", "Enter")  # from marking to marking
+    assert one.text("#chosen b") == list(one.keys)[list(one.keys).index("Goal left crossbar") + 1]
 
 
 def test_a_typed_focal_length_is_held_and_let_go(labelled):
