@@ -10,7 +10,7 @@ from pictures import picture
 from data_tools.court_truth import court_frames
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
-from fieldcalib import Camera, Field, Line
+from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images
 from fieldcalib.fields import badminton, basketball, tennis, volleyball
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
@@ -224,6 +224,25 @@ def test_the_court_of_another_sport_is_not_accepted(other):
 @pytest.mark.parametrize("seed", [1, 3, 5, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 4, 6))])
 def test_pictures_without_a_field_have_no_court(seed):
     assert not any(one.calibration.accepted for one in find_courts(nonsense(seed), badminton()))
+
+
+def test_images_without_a_network_are_searched():
+    image = picture(TENNIS, tennis())
+    boxed = np.pad(image[:, 40:-40], ((0, 0), (80, 80), (0, 0)))  # a pillarbox
+    found = calibrate_from_images(tennis(), [image, boxed, np.zeros_like(image)])
+    assert [one.accepted for one in found] == [True, True, False]
+    assert Truth(TENNIS, tennis()).distance(found[0].required_camera) < 1.0
+    shown = found[1].required_camera.cropped((40, 0), SIZE)
+    assert Truth(TENNIS, tennis()).distance(shown) < 1.0
+    assert found[2].camera is None
+    assert "two lines across" in found[2].message
+
+
+def test_without_a_network_nothing_of_the_camera_may_be_given():
+    with pytest.raises(ValueError, match="nothing may be given"):
+        calibrate_from_images(tennis(), [picture(TENNIS, tennis())], None, TENNIS.K, flags=KNOWN_INTRINSICS_FLAGS)
+    with pytest.raises(ValueError, match="searched for a Field"):
+        calibrate_from_images(dict(tennis()), [picture(TENNIS, tennis())], prior=None)
 
 
 def test_what_is_no_picture_is_an_error():

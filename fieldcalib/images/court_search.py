@@ -45,6 +45,11 @@ APART = 15.0  # px: cameras that project the field nearer than this to each othe
 OTHER = 30.0  # px: cameras that are further from one than this are others
 SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
+NOTHING = (
+    Status.TOO_FEW_SEGMENTS,
+    "no camera was found by search: two lines across the field and two along it must show, on a lens that hardly bends "
+    "them",
+)
 GRID = 7  # points of the field along and across at which cameras are compared
 
 
@@ -96,6 +101,22 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image = checked_image(image)
     task = Task(field, flags=flags, prior=prior)
     task.options(size_of(image))  # raises what the user did wrong before the search
+    return _found(task, field, image)
+
+
+def search_courts(task: Task, images: Sequence[Image]) -> list[Calibration]:
+    """The first camera of each picture by `find_courts`, accepted or not; a ValueError if the object is no field."""
+    field = task.field
+    if field is None:
+        raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
+    if not task.given.is_empty:
+        raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
+    found = (_found(task, field, image) for image in images)
+    return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
+
+
+def _found(task: Task, field: Field, image: Image) -> list[FoundCourt]:
+    """`find_courts` of a checked picture."""
     small = at_working_size(image)
     size = size_of(small)
     stripes = find_stripes(small, lighter=field.lines.lighter)

@@ -15,6 +15,7 @@ from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status, dou
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
@@ -46,7 +47,7 @@ LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
 def calibrate_from_images(
     object_segments: ObjectSegments,
     images: Iterable[Image],
-    network: Network,
+    network: Network | None = None,
     camera_matrix: ArrayLike | None = None,
     dist_coeffs: ArrayLike | None = None,
     rvec: ArrayLike | None = None,
@@ -65,11 +66,13 @@ def calibrate_from_images(
     Parameters
     ----------
     object_segments : mapping of str to segment
-        The calibration object that the network was trained for, e.g. `soccer()`.
+        The calibration object that the network was trained for, e.g. `soccer()`; without a network any `Field`.
     images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
-    network : Network
-        Finds the markings, e.g. `SegmentationNetwork.load()`.
+    network : Network, optional
+        Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the court is searched for in each image
+        (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
+        refined, and neither aspect nor size is estimated.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -115,10 +118,12 @@ def calibrate_from_images(
     ('too few segments', 'no marking was found in the image')
     """
     task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
-    check_network(network)
-    of_part: Method = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
-    if estimate_aspect and camera_matrix is None and prior is not None:
-        of_part = partial(with_aspect_estimated, of_part, task)
+    of_part: Method = partial(search_courts, task)
+    if network is not None:
+        check_network(network)
+        of_part = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
+        if estimate_aspect and camera_matrix is None and prior is not None:
+            of_part = partial(with_aspect_estimated, of_part, task)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
