@@ -13,7 +13,7 @@ from networks import FIELD, looked_at
 import fieldcalib
 from fieldcalib import Camera, soccer
 from fieldcalib.draw.scene import render_field
-from fieldcalib.web import bundle
+from fieldcalib.web import bundle, report
 from fieldcalib.web.bundle import bundled, one_file
 from fieldcalib.web.report import write_report
 from fieldcalib.web.report_table import LOOK, UNREADABLE, ReportTable
@@ -34,6 +34,10 @@ class Page(HTMLParser):
         self.text = path.read_text(encoding="utf-8")
         self.feed(self.text)
         self.report, self.pictures = (json.loads(self.scripts[name]) for name in ("report", "pictures"))
+        columns = self.report["frames"].items()
+        self.frames = {
+            name: [one["texts"][row] for row in one["rows"]] if isinstance(one, dict) else one for name, one in columns
+        }
 
     def handle_starttag(self, tag, attrs):
         self.elements.append((tag, dict(attrs)))
@@ -65,7 +69,7 @@ def test_the_report_of_a_run_has_its_frames_pictures_and_options(know, tmp_path)
     know([TRUTHS[t] for t in looked_at(rendered)])
     assert run("run", folder, "--out", out, "--report") == 1
     page = Page(out / "report.html")
-    frames = page.report["frames"]
+    frames = page.frames
     assert frames["id"] == ["a", "b", "c"]
     assert frames["verdict"][2] == ""
     assert frames["pan"][:2] == pytest.approx(np.degrees([one.angles[0] for one in TRUTHS[:2]]), abs=0.2)
@@ -104,7 +108,7 @@ def test_nothing_is_fetched_and_no_text_becomes_a_tag(tmp_path):
     name = "</script><script>alert(1)</script><!--"
     write_report(labelled([name]), tmp_path / "report.html", title=name)
     page = Page(tmp_path / "report.html")
-    assert page.report["frames"]["id"] == [name]
+    assert page.frames["id"] == [name]
     assert [tag for tag, _ in page.elements].count("script") == 3
     assert "alert(1)" not in page.scripts[""]
     for _, attributes in page.elements:
@@ -120,10 +124,10 @@ def test_a_report_without_pictures_and_without_frames(tmp_path):
     write_report(labelled(), tmp_path / "one.html")
     page = Page(tmp_path / "one.html")
     assert page.pictures == page.report["states"] == {}
-    assert len(page.report["frames"]["view"][0]) >= 6
+    assert len(page.frames["view"][0]) >= 6
     (tmp_path / "cameras.jsonl").write_text("")
     write_report(fieldcalib.read(tmp_path), tmp_path / "none.html")
-    assert Page(tmp_path / "none.html").report["frames"]["id"] == []
+    assert Page(tmp_path / "none.html").frames["id"] == []
 
 
 def many(count):
@@ -156,7 +160,7 @@ def test_the_table_keeps_to_its_bytes_and_the_worst_rows(most):
     table = ReportTable.of(many(600), soccer())
     assert table.within(1e9, []) is table
     short = table.within(most, [7, 13])
-    assert len(json.dumps(dict(short.columns), separators=(",", ":"))) <= most
+    assert len(json.dumps(short.to_record()["frames"], separators=(",", ":"))) <= most
     assert short.count == 600
     assert {"000007", "000013"} <= set(short.columns["id"])
     assert short.columns["id"] == sorted(short.columns["id"])
@@ -164,6 +168,14 @@ def test_the_table_keeps_to_its_bytes_and_the_worst_rows(most):
         short.columns["verdict"].count(one) / max(table.columns["verdict"].count(one), 1) for one in ("check", "good")
     ]
     assert kept[0] >= kept[1]
+
+
+def test_the_parts_of_a_report_are_as_large_together_as_it_may_be():
+    rest = len(bundled("report")) + sum((bundle.STATIC / f"{name}.css").stat().st_size for name in report.STYLES)
+    parts = report.TABLE_BYTES + report.STATE_BYTES + report.PICTURE_BYTES * 4 / 3
+    assert (
+        0.9 * report.MOST_BYTES < parts + rest < report.MOST_BYTES - 100_000
+    )  # that are left for the field and options
 
 
 def test_pictures_become_smaller_and_then_fewer():

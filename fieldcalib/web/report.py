@@ -32,8 +32,9 @@ from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
 MOST_BYTES = 20_000_000  # of the file
-PICTURE_BYTES = 8_700_000  # of JPEGs, of which the file has base64: 4/3 of them
-TABLE_BYTES, STATE_BYTES = 5_000_000, 2_500_000  # of the table, and of what is drawn on pictures
+PICTURE_BYTES = 7_500_000  # of JPEGs, of which the file has base64: 4/3 of them
+TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
+MOST_VIEWS = 20_000  # frames: of more the table has no views of the ground, which would be left out of it anyway
 STYLES = ("style", "report")
 
 
@@ -59,10 +60,10 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
         If it cannot be written.
     """
     field = next((one.field for one in results.values() if one.field is not None), soccer())
-    whole = ReportTable.of(map(results.frames.main, range(len(results.frames.ids))), field)
+    whole = ReportTable.of(results.frames.mains(), field, with_views=len(results.frames.ids) <= MOST_VIEWS)
     pictures = thumbnails(results, frames_to_show(whole.count, whole.worst), progress)
     numbers = {id: number for number, id in enumerate(results.frames.ids)}
-    states = _states(results, pictures)
+    states = _states(results, pictures, numbers)
     table = whole.within(TABLE_BYTES, [numbers[id] for id in states])
     kept = np.array([numbers[id] for id in table.columns["id"]], dtype=int)
     title = title or ("fieldcalib" if results.folder is None else results.folder.resolve().name)
@@ -123,17 +124,12 @@ def _images(pictures: Pictures, ids: Sequence[str]) -> Iterator[tuple[str, Image
                 yield id, pictures.image(id)
 
 
-def _states(results: Results, pictures: Mapping[str, bytes]) -> dict[str, Any]:
+def _states(results: Results, pictures: Mapping[str, bytes], numbers: Mapping[str, int]) -> dict[str, Any]:
     """What is drawn on the pictures of frames, of as many as fit their bytes."""
     states: dict[str, Any] = {}
     size = 0
-    remedies = {
-        id: results.frames.main(number).get("remedy", "")
-        for number, id in enumerate(results.frames.ids)
-        if id in pictures
-    }
     for id, jpeg in pictures.items():
-        state = {"remedy": remedies[id], **_drawn(results[id], stored_size(jpeg))}
+        state = {"remedy": results.frames.main(numbers[id]).get("remedy", ""), **_drawn(results[id], stored_size(jpeg))}
         size += len(as_json(state))
         if size > STATE_BYTES:
             break

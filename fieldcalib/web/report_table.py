@@ -50,12 +50,13 @@ class ReportTable:
     """Number of frames of the run, of which the table may have fewer."""
 
     @classmethod
-    def of(cls, lines: Iterable[Mapping[str, Any]], field: Field) -> ReportTable:
-        """The table of the lines of frames in ``cameras.jsonl``."""
+    def of(cls, lines: Iterable[Mapping[str, Any]], field: Field, *, with_views: bool = True) -> ReportTable:
+        """The table of the lines of frames in ``cameras.jsonl``, perhaps with the ground that each frame shows."""
+        seen = field if with_views else None
         rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
         remedies: dict[tuple[str, str], Counter[str]] = {}
         for line in lines:
-            row = _row(line, field)
+            row = _row(line, seen)
             first = row["reason"].partition("; ")[0]
             key = row["verdict"], VALUES.sub("…", first)
             examples.setdefault(key, first)
@@ -67,7 +68,7 @@ class ReportTable:
         counts = {key: found.total() for key, found in remedies.items()}
         ordered = sorted(counts, key=lambda key: (key[0] == Verdict.CHECK, -counts[key]))
         numbers = {key: number for number, key in enumerate(ordered)}
-        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else _row(NOTHING, field))}
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else _row(NOTHING, seen))}
         columns["group"] = [numbers.get(key, -1) for key in keys]
         reasons = [
             Reason(
@@ -111,15 +112,34 @@ class ReportTable:
         return changed(self, columns={**self.columns, **columns})
 
     def _size(self) -> int:
-        return len(as_json(self.columns))
+        return len(as_json(self._coded()))
+
+    def _coded(self) -> dict[str, Any]:
+        return {name: coded(values) for name, values in self.columns.items()}
 
     def to_record(self) -> dict[str, Any]:
         """The table for JSON."""
-        return {"frames": self.columns, "reasons": [asdict(one) for one in self.reasons], "count": self.count}
+        return {"frames": self._coded(), "reasons": [asdict(one) for one in self.reasons], "count": self.count}
 
 
-def _row(line: Mapping[str, Any], field: Field) -> dict[str, Any]:
-    """The values of a frame."""
+def coded(values: Sequence[Any]) -> Sequence[Any] | dict[str, Any]:
+    """A column for JSON: as it is, or its few different texts and, for each row, the number of its text.
+
+    Examples
+    --------
+    >>> coded(["good", "good", "check"] * 4), coded([1.5, 2.5])
+    ({'texts': ['good', 'check'], 'rows': [0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1]}, [1.5, 2.5])
+    """
+    if not all(one is None or isinstance(one, str) for one in values):
+        return values
+    numbers = {text: number for number, text in enumerate(dict.fromkeys(values))}
+    if 4 * len(numbers) > len(values):
+        return values
+    return {"texts": list(numbers), "rows": [numbers[text] for text in values]}
+
+
+def _row(line: Mapping[str, Any], field: Field | None) -> dict[str, Any]:
+    """The values of a frame; without a field no view."""
     verdict, degrees, K = line.get("verdict", ""), line.get("angles_degrees") or {}, line.get("K")
     probability = line.get("probability_right_1m")
     grade = GRADES[Verdict(verdict)] + (0.5 if probability is None else 1.0 - probability) if K and verdict else 3.0
@@ -132,7 +152,7 @@ def _row(line: Mapping[str, Any], field: Field) -> dict[str, Any]:
         "focal_length": None if K is None else _rounded(K[0][0], 1),
         "probability": _rounded(probability, 3),
         "basis": line.get("basis", ""),
-        "view": None if K is None else _view(line, field),
+        "view": None if K is None or field is None else _view(line, field),
     }
 
 

@@ -16,7 +16,7 @@ class Report {
   constructor(report, pictures) {
     this.report = report;
     this.pictures = pictures;
-    this.frames = report.frames;
+    this.frames = Object.fromEntries(Object.entries(report.frames).map(([name, column]) => [name, decoded(column)]));
     this.hidden = new Set(); // verdicts
     this.group = null; // the number of a reason
     this.current = 0;
@@ -80,7 +80,8 @@ class Report {
 
   /** What the run was, and what is in this file. */
   about() {
-    const { about, count, frames, states } = this.report;
+    const { about, count, states } = this.report;
+    const { frames } = this;
     const dialog = element("dialog", { class: "report-about", "aria-label": "About this run" });
     const table = (values) =>
       element("dl", {}, ...Object.entries(values).flatMap(([name, value]) => [element("dt", { text: name.replaceAll("_", " ") }), element("dd", { text: words(value) })]));
@@ -268,6 +269,11 @@ function words(value) {
   if (Array.isArray(value)) return value.map(words).join(", ") || "–";
   if (typeof value === "object") return Object.entries(value).map(([name, one]) => `${name.replaceAll("_", " ")} ${words(one)}`).join(", ") || "–";
   return String(value);
+}
+
+/** A column: as it is, or of few texts, and the number of its text for each row. */
+function decoded(column) {
+  return Array.isArray(column) ? column : column.rows.map((number) => column.texts[number]);
 }
 
 function dataOf(id) {
