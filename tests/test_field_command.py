@@ -14,7 +14,7 @@ from fieldcalib.fields import tennis
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.localize.network import SHIPPED
-from fieldcalib.results.reading import read as read_results
+from fieldcalib.results.reading import read
 
 SIZE = (1280, 720)
 TRUTH = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1500.0, (-30.0, 0.0, -8.0), SIZE)
@@ -52,7 +52,7 @@ def test_a_court_by_name_and_by_file(court, own, tmp_path, capsys):
     assert named["verdict"] == "good"
     np.testing.assert_allclose(named["C"], TRUTH.C, atol=0.05)
     assert named["C"] == of_file["C"]
-    assert read_results(tmp_path / "own")["a"].field == tennis()
+    assert read(tmp_path / "own")["a"].field == tennis()
     capsys.readouterr()
     assert run("evaluate", tmp_path / "named", court, "--field", "tennis", "--json") == 0
     report = json.loads(capsys.readouterr().out)

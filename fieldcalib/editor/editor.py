@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
+from typing import Self
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.overlays import draw_calibration
@@ -179,7 +180,8 @@ class Editor:
                 state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
             if self.stored is not None:
-                self.stored.versions.expect([label_file(self.ids[number]), CAMERAS.file_name(self.ids[number])])
+                id = self.ids[number]
+                self.stored.versions.expect([label_file(id), CAMERAS.file_name(id), OVERLAYS.file_name(id)])
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
@@ -272,7 +274,7 @@ class Editor:
                     self._journal.begin(self.ids[number], before.present, state.base)
                     state.has_begun = True
                 self._journal.change(self.ids[number], before, after)
-            state.edits.history, state.found = after, changed.found
+            state.edits.history, state.found = before.changed_to(after), changed.found
             state.edits.revision += 1
             state.edits.is_saved = False
 
@@ -438,8 +440,14 @@ class Editor:
         """The first frame, for notebooks."""
         return self[0]._repr_html_()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     def close(self) -> None:
-        """Close the files."""
+        """Close the files; what was changed is in the journal."""
         self.frames.close()
         if self._journal is not None:
             self._journal.close()
