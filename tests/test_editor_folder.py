@@ -215,8 +215,6 @@ def test_saved_results_are_those_of_a_run(pictures, tmp_path):
     assert (summary["frames"], summary["verdict"]["good"]) == (2, 2)
     assert {path.name for path in out.glob("overlay_*")} == {"overlay_a.jpg", "overlay_b.jpg"}
     assert main(["export", str(out), "--format", "opencv", "--out", str(tmp_path / "exported")]) == 0
-        capsys.readouterr()
-    )
     again = edited(out)  # the folder says where its pictures are
     assert again[0].marks.pixels.keys() == set(LINES)
     assert again.unsaved == 0
