@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib import read_results
+from fieldcalib import read
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.console.arguments import count, image_size
@@ -120,7 +120,7 @@ def labelled(begin: FrameEditor, seen: Calibration, noise: float, rng: np.random
 
 def run(options: argparse.Namespace) -> int:
     """Label all pictures and print what came of it; returns the exit code."""
-    results, field = read_results(options.results), soccer()
+    results, field = read(options.results), soccer()
     known = Known(principal_point=options.whole_frame, field_size=options.field_size)
     files = {file.id: file for file in IMAGES.find([options.pictures])}
     found: dict[str, list[Labelling]] = {}

@@ -5,12 +5,14 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
+from commands import run
 from pictures import picture
 
+import fieldcalib
 from data_tools.court_truth import court_frames
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
-from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images
+from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images, calibrate_video
 from fieldcalib.fields import badminton, basketball, tennis, volleyball
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
@@ -236,6 +238,30 @@ def test_images_without_a_network_are_searched():
     assert Truth(TENNIS, tennis()).distance(shown) < 1.0
     assert found[2].camera is None
     assert "two lines across" in found[2].message
+
+
+def test_a_clip_of_a_court_needs_no_network():
+    pans = np.radians([0.0, 0.2, 0.4])
+    cameras = [Camera.from_angles(TENNIS.angles[0] + pan, *TENNIS.angles[1:], 2300.0, TENNIS.C, SIZE) for pan in pans]
+    found = calibrate_video(tennis(), [picture(camera, tennis()) for camera in cameras], every=1)
+    for camera, one in zip(cameras, found, strict=True):
+        assert one.accepted
+        assert Truth(camera, tennis()).distance(one.required_camera) < 0.5
+    assert np.ptp([one.required_camera.C for one in found], axis=0).max() < 1e-4
+
+
+def test_run_finds_courts_without_a_model(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), picture(TENNIS, tennis()))
+    assert run("run", tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") == 0
+    assert "courts are found by search" in capsys.readouterr().err
+    found = fieldcalib.read(tmp_path / "out")["a"]
+    assert found.accepted
+    assert Truth(TENNIS, tennis()).distance(found.required_camera) < 1.0
+
+
+def test_calibrate_finds_courts_without_a_network():
+    found = fieldcalib.calibrate(picture(TENNIS, tennis()), field="tennis", progress=False)
+    assert Truth(TENNIS, tennis()).distance(found["000000"].required_camera) < 1.0
 
 
 def test_without_a_network_nothing_of_the_camera_may_be_given():

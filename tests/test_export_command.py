@@ -19,7 +19,7 @@ from other_tools import (
 
 from fieldcalib.cli.export import FORMATS
 from fieldcalib.io.tvcalib import parse_per_sample_output
-from fieldcalib.results.reading import read as read_results
+from fieldcalib.results.reading import read
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def exported(folder, out, format, *options):
 
 @pytest.mark.parametrize("format", [*EXACT, "gsr", "blender", "freed"])
 def test_a_hundred_real_frames(real_folder, tmp_path, format):
-    results = read_results(real_folder)
+    results = read(real_folder)
     expected = {id: one.camera for id, one in results.items() if one.camera is not None}
     assert len(expected) > 95
     files = exported(real_folder, tmp_path / "out", format)
@@ -78,7 +78,7 @@ def test_the_command_takes_some_frames(calibrated_folder, tmp_path):
 def test_the_table_has_what_the_run_says(calibrated_folder, tmp_path):
     content = exported(calibrated_folder, tmp_path / "out", "csv")["cameras.csv"].decode()
     for row in csv.DictReader(io.StringIO(content)):
-        line = next(line for line in read_results(calibrated_folder).lines if line["id"] == row["id"])
+        line = next(line for line in read(calibrated_folder).lines if line["id"] == row["id"])
         assert (row["status"], row["verdict"], float(row["rms_px"])) == (
             line["status"],
             line["verdict"],
@@ -91,7 +91,7 @@ def test_tvcalib_gets_the_loss(calibrated_folder, tmp_path):
         exported(calibrated_folder, tmp_path / "out", "tvcalib")["per_sample_output.json"]
     )
     assert {one.id: one.loss_ndc_total for one in records} == {
-        id: found.loss_ndc for id, found in read_results(calibrated_folder).items()
+        id: found.loss_ndc for id, found in read(calibrated_folder).items()
     }
 
 

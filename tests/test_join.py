@@ -7,7 +7,7 @@ from synthetic import random_frames
 
 from baselines import dlt_lines
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.results.reading import read as read_results
+from fieldcalib.results.reading import read
 from fieldcalib.run_folder import units
 
 
@@ -59,7 +59,7 @@ def test_shards_as_one_table(folder, tmp_path):
     assert run("join", *shards, "--out", tmp_path / "joined", "--format", "parquet") == 0
     assert not (tmp_path / "joined" / "cameras.jsonl").exists()
     assert read_table(tmp_path / "joined" / "cameras.parquet").num_rows == len(lines_of(tmp_path / "whole"))
-    assert read_results(tmp_path / "joined") == read_results(tmp_path / "whole")
+    assert read(tmp_path / "joined") == read(tmp_path / "whole")
 
 
 def test_broken_files_and_the_files_of_baselines(folder, tmp_path):

@@ -9,7 +9,7 @@ from commands import calibrate, run
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.parquet import ROW_GROUP, read_parquet, write_parquet
 from fieldcalib.io.results import split_line
-from fieldcalib.results.reading import read as read_results
+from fieldcalib.results.reading import read
 
 BROKEN = {"id": "b\udc80", "status": "broken file", "message": "is no JSON"}
 FRAME = {
@@ -137,11 +137,11 @@ def test_a_run_leaves_a_table_that_reads_back_the_same(annotated_folder, calibra
 
     assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet"]) == 0
     assert files_in(tmp_path) == files_in(calibrated_folder) - {"cameras.jsonl", "solver.jsonl"} | {"cameras.parquet"}
-    ours, theirs = read_results(tmp_path), read_results(calibrated_folder)
+    ours, theirs = read(tmp_path), read(calibrated_folder)
     assert list(ours) == list(theirs)
     assert dict(ours) == dict(theirs)
     assert ours.lines == theirs.lines
-    assert read_results(tmp_path / "cameras.parquet").lines == theirs.lines
+    assert read(tmp_path / "cameras.parquet").lines == theirs.lines
     assert run("evaluate", tmp_path, annotated_folder) == 0
 
 
@@ -157,7 +157,7 @@ def test_a_run_with_a_table_is_gone_on_with_and_replaced(annotated_folder, tmp_p
     assert calibrate(tmp_path, annotated_folder, options=[*options, "--resume"]) == 0
     assert (tmp_path / "cameras.parquet").read_bytes() == before
     assert calibrate(tmp_path, annotated_folder / "b.json", options=[*options, "--overwrite"]) == 0
-    assert list(read_results(tmp_path)) == ["b"]
+    assert list(read(tmp_path)) == ["b"]
     assert files_in(tmp_path) == files - {f"camera_{id}.json" for id in "acd"}
 
 
@@ -174,7 +174,7 @@ def test_a_run_that_ended_before_its_table(annotated_folder, tmp_path, monkeypat
     monkeypatch.undo()
     assert calibrate(tmp_path, annotated_folder, options=[*options, "--resume"]) == 0
     assert {"cameras.jsonl", "solver.jsonl", "cameras.parquet"} & files_in(tmp_path) == {"cameras.parquet"}
-    assert len(read_results(tmp_path)) == 4
+    assert len(read(tmp_path)) == 4
 
 
 def test_a_table_without_pyarrow_is_refused_before_the_work(annotated_folder, tmp_path, monkeypatch, capsys):

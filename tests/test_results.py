@@ -25,7 +25,7 @@ from fieldcalib import (
     calibrate_from_points,
     calibrate_from_segments,
     estimate_field_size,
-    read_results,
+    read,
     soccer,
 )
 from fieldcalib.assess.camera_errors import KnownErrors
@@ -353,23 +353,23 @@ def written(tmp_path_factory):
 
 
 def test_results_are_read_back(written):
-    results = read_results(written)
+    results = read(written)
     assert list(results) == ["0", "1", "2", "3"]
     assert list(results.broken) == ["9"]
     assert [line["id"] for line in results.lines] == ["0", "1", "2", "3", "9"]
     again = [parse_annotation(format_annotation(frame, SIZE), SIZE) for frame in FRAMES]
     for found, calibration in zip(results.values(), calibrate_batch(soccer(), again, SIZE), strict=True):
         assert_same(found, calibration)
-    assert list(read_results(str(written / "cameras.jsonl"))) == list(results)
+    assert list(read(str(written / "cameras.jsonl"))) == list(results)
 
 
 def test_results_as_a_table(written):
-    table = read_results(written).to_pandas(everything=True)
+    table = read(written).to_pandas(everything=True)
     import pandas
 
     assert isinstance(table, pandas.DataFrame)
     assert list(table.index) == ["0", "1", "2", "3", "9"]
-    results = read_results(written)
+    results = read(written)
     assert table.loc["0", "angles_degrees.pan"] == pytest.approx(np.degrees(results["0"].camera.angles[0]))
     assert table.loc["9", "status"] == "broken file"
     assert table.loc["1", "image_size"] == list(SIZE)
@@ -389,12 +389,12 @@ def test_without_pandas_the_message_says_how_to_get_it(written, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"pip install 'fieldcalib\[pandas\]'"):
-        read_results(written).to_pandas()
+        read(written).to_pandas()
 
 
 def test_results_that_are_none(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"cameras\.jsonl does not exist"):
-        read_results(tmp_path)
+        read(tmp_path)
     path = tmp_path / "cameras.jsonl"
     good = {"id": "a", "status": "broken file", "message": ""}
     for line, message in (
@@ -405,9 +405,9 @@ def test_results_that_are_none(tmp_path):
     ):
         path.write_text(f"{json.dumps(good)}\n{line}\n")
         with pytest.raises(BrokenFileError, match=f"line 2: .*{message}"):
-            read_results(tmp_path)["b"]
+            read(tmp_path)["b"]
     path.write_text("")
-    assert len(read_results(tmp_path)) == 0
+    assert len(read(tmp_path)) == 0
 
 
 def test_what_parse_camera_reads_is_drawn():
@@ -497,3 +497,10 @@ def test_private_words_go_on_working_and_say_what_to_use(batch, name, advice):
             "doubted": batch[0],
         }[name]
     )
+
+
+def test_the_old_name_of_read_goes_on_working(written):
+    from fieldcalib import read_results
+
+    with pytest.warns(DeprecationWarning, match="read_results is called read now"):
+        assert read_results(written) == read(written)

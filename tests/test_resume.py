@@ -12,7 +12,7 @@ from commands import calibrate, cameras_in, lines_of, run
 from killed import check_that_kills_change_nothing, content_of
 from synthetic import random_frames
 
-from fieldcalib import read_results
+from fieldcalib import read
 from fieldcalib.console import waiting
 from fieldcalib.io import line_log
 from fieldcalib.io.files import FrameFile, write_bytes
@@ -113,7 +113,7 @@ def test_what_was_done_is_not_lost(
     assert f"{count} frame{'s' * (count > 1)} done in {out}: --resume goes on with the run" in capsys.readouterr().err
     assert [line["id"] for line in lines_of(out)] == list("abcd")[:count]
     assert set(cameras_in(out)) == set("abcd"[:count])
-    assert len(read_results(out)) == count
+    assert len(read(out)) == count
     assert not (out / "summary.json").exists()
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
     assert content_of(out) == content_of(tmp_path / "whole")
@@ -164,7 +164,7 @@ def test_what_a_kill_leaves_is_repaired(annotated_folder, tmp_path):
     (out / "cameras.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:1000])
     (out / "camera_b.json").unlink()  # of the last whole line
     (out / ".unfinished-x.json").write_text("half")
-    assert len(read_results(out)) == 2
+    assert len(read(out)) == 2
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
     assert content_of(out) == content_of(tmp_path / "whole")
 

@@ -182,7 +182,7 @@ def test_saving(client, tmp_path):
     assert client.post("api/save", {}).json()["saved"] == 1
     assert client.get("api/project").json()["unsaved"] == 0
     out = tmp_path / "out"
-    saved = fieldcalib.read_results(out)["frame"]
+    saved = fieldcalib.read(out)["frame"]
     assert saved.camera.focal_length == pytest.approx(client.state()["camera"]["focal_length"], abs=0.01)
     assert set(json.loads((out / "labels" / "frame.json").read_text())) == set(LINES)
     assert (out / "camera_frame.json").exists()

@@ -122,6 +122,7 @@ class Journal:
 
     def change(self, id: str, before: History[Edit], after: History[Edit]) -> None:
         """The change of a frame: a new edit, an undo or a redo."""
+        after = before.changed_to(after)
         if before.can_undo and after == before.undone:
             change: dict[str, Any] = {"undo": True}
         elif before.can_redo and after == before.redone:

@@ -118,6 +118,12 @@ class History(Generic[State]):
         """Whether a state was undone."""
         return bool(self.future)
 
+    def changed_to(self, other: History[State]) -> History[State]:
+        """Another history as one change of this one: an undo, a redo, or a new state."""
+        if (self.can_undo and other == self.undone) or (self.can_redo and other == self.redone):
+            return other
+        return self.then(other.present)
+
     def then(self, state: State) -> History[State]:
         """With a new state; the same one as before changes nothing."""
         return self if state == self.present else History(state, (*self.past, self.present))

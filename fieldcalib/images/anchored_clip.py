@@ -41,7 +41,7 @@ class Anchors:
 
 
 def solve_around(
-    keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]], network: Network
+    keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]], network: Network | None
 ) -> VideoCalibration:
     """Calibrate the frames of a part of a clip, given what is known of some.
 
@@ -53,7 +53,7 @@ def solve_around(
         Frames are numbered from the first one of the part.
     images : callable
         Gives the images of the part, from the first one on.
-    network : Network
+    network : Network, optional
     """
     keyframes = _with_cuts(keyframes, anchors.cuts)
     held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}

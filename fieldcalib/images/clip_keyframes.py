@@ -100,10 +100,13 @@ class Keyframes:
         return with_witnesses(options.object_segments, calibration, witnesses)
 
 
-def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptions, network: Network) -> Keyframes:
+def read_keyframes(
+    frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptions, network: Network | None
+) -> Keyframes:
     """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
 
-    Frames are numbered from the first one; matches with frames before it are left out.
+    Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
+    searched for in these frames.
     """
     begin, size = 0, (0, 0)
     piece: list[int] = []
@@ -153,11 +156,17 @@ class KeyframeLabels:
     """Whether that camera explains enough of the labels."""
 
 
-def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Network) -> list[KeyframeLabels | None]:
-    """Calibrate keyframes as single images; return the labels, None where no camera could be fitted."""
+def label_keyframes(
+    options: ClipOptions, images: Sequence[Image], network: Network | None
+) -> list[KeyframeLabels | None]:
+    """Calibrate keyframes as single images; return the labels, None where no camera could be fitted.
+
+    Without a network the labels are lines near the camera that was found by search, so that they do not contradict it
+    where it is wrong: only those of accepted cameras are returned.
+    """
     return [
         None
-        if one.solved is None
+        if one.solved is None or (network is None and not one.accepted)
         else KeyframeLabels(one.solved.pixels, one.accepted, are_consistent(one.solved.alone.evaluation))
         for one in options.calibrate_alone(images, network)
     ]

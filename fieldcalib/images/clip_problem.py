@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.matches import Matches
@@ -49,8 +50,13 @@ class ClipOptions:
         """The task of each frame by itself."""
         return Task(self.object_segments, self.given, self.flags, prior=self.prior)
 
-    def calibrate_alone(self, images: Sequence[Image], network: Network) -> list[Calibration]:
-        """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio."""
+    def calibrate_alone(self, images: Sequence[Image], network: Network | None) -> list[Calibration]:
+        """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio.
+
+        Without a network the court is searched for.
+        """
+        if network is None:
+            return search_courts(self.task, images)
         return calibrate_alone(ImageTask(self.task, network), images)
 
     def not_sharing(self, name: str) -> ClipOptions:

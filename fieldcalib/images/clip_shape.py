@@ -58,7 +58,7 @@ class ShapeEstimator:
     """Estimates the shape of the frames of a clip."""
 
     options: ClipOptions
-    network: Network
+    network: Network | None
     take_off_borders: bool = True
     estimate_aspect: bool = True
 

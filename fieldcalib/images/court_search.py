@@ -25,6 +25,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture
 from fieldcalib.images.court_hypotheses import Cameras, hypotheses
+from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.images.stripe_likelihood import MarkingPoints
@@ -129,7 +130,7 @@ def _found(task: Task, field: Field, image: Image) -> list[FoundCourt]:
     started = [ranked.cameras.camera(index).scaled(size_of(image)) for index in _different(ranked.cameras, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
-    found = _merged(refined, field)
+    found = _fitted(task, markings, image, _merged(refined, field))
     evidence = _evidence(picture, ranked, field, found)
     order = sorted(range(len(found)), key=lambda index: -evidence[index].score)
     twins = [_twin(one.calibration.required_camera, field) for one in found]
@@ -225,6 +226,23 @@ def _distances(xy: Array, other: Array, size: tuple[int, int]) -> Array:
 def _unjudged(camera: Camera, field: Field) -> Calibration:
     """A calibration of a camera that is to be refined."""
     return Calibration(camera, Status.ACCEPTED, "found by search", np.nan, np.nan, {}, field=field)
+
+
+def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refined]) -> list[Refined]:
+    """The cameras, those that refinement left as they were fitted to the lines at their markings.
+
+    A camera without a lens may support the lines so well that no refined one does better, but its errors are not known.
+    """
+    found = list(refined)
+    left = [index for index, one in enumerate(found) if one.calibration.solved is None]
+    if left:
+        cameras = [found[index].calibration.required_camera for index in left]
+        lines = [detected_lines(image, camera, markings)[0] for camera in cameras]
+        fitted = calibrate_on_lines(task, lines, size_of(image), cameras)
+        for index, calibration in zip(left, fitted, strict=True):
+            if calibration.accepted:
+                found[index] = replace(found[index], calibration=calibration)
+    return found
 
 
 def _judged(refined: Refined, evidence: CourtEvidence) -> Calibration:

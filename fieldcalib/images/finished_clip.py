@@ -57,7 +57,7 @@ class _FrameLines(NamedTuple):
     """Number of profiles with a line, and of all profiles."""
 
 
-def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network) -> ClipLines:
+def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network | None) -> ClipLines:
     """Find the lines in all frames; in keyframes and in every fifth frame, paint beside the markings too.
 
     The network sees the frames of pieces that are calibrated one by one.
@@ -156,7 +156,7 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
 
 
 def finish_clip_again(
-    first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network
+    first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network | None
 ) -> VideoCalibration:
     """Find lines near the markings of finished cameras, and finish again if more markings lie on paint then."""
     kept = [members for members in lines.members if members]

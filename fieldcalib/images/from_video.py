@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_models import crown_notes
@@ -41,6 +42,7 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
+from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
@@ -95,7 +97,8 @@ def calibrate_video(
         A video, a folder or a zip of images, which are taken in the order of the numbers in their names; or the images:
         blue, green, red. All are of one size. It is read twice.
     network : Network, optional
-        Finds the markings; by default the one that comes with the package.
+        Finds the markings; by default the one that comes with the package. For a `Field` that this one was not trained
+        for, courts are searched for in keyframes (`fieldcalib.images.court_search.find_courts`).
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_images`. A position holds for all frames, and so does a focal length (no zoom). A rotation
         holds for one frame, and cannot be given.
@@ -154,13 +157,21 @@ def calibrate_video(
     options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
-    network = SegmentationNetwork.load() if network is None else network
+    network = _network_for(object_segments) if network is None else Padded(network)
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
-    found = _calibrated_parts(clip, options, Padded(network), every, parts)
+    found = _calibrated_parts(clip, options, network, every, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
     return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape))
+
+
+def _network_for(object_segments: ObjectSegments) -> Network | None:
+    """The network of the package; None where the object is a field that it was not trained for."""
+    shipped = SegmentationNetwork.load()
+    if isinstance(object_segments, Field) and classes_without_segment(shipped.classes, object_segments):
+        return None
+    return Padded(shipped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +191,7 @@ def _in_frame(placement: Placement, image: Image) -> Image:
 
 
 def _calibrated_parts(
-    clip: _Clip, options: ClipOptions, network: Network, every: int, kept: PartStore | None
+    clip: _Clip, options: ClipOptions, network: Network | None, every: int, kept: PartStore | None
 ) -> VideoCalibration:
     """Calibrate part by part, so that memory does not grow with the video; both passes advance together."""
     parts = []
@@ -208,7 +219,7 @@ def _calibrated_parts(
 def _calibrated_part(
     clip: _Clip,
     options: ClipOptions,
-    network: Network,
+    network: Network | None,
     part: Iterable[tuple[Image, TiedFrame]],
     second: Iterator[Image],
 ) -> VideoCalibration:

@@ -25,7 +25,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import encode_image
-from fieldcalib.results.frames import FrameStore, KeptFrames, Lazy, LazyList
+from fieldcalib.results.frames import FrameStore, Lazy, LazyList
 from fieldcalib.results.homographies import FieldHomography, field_homography
 from fieldcalib.results.sources import Pictures
 from fieldcalib.results.tables import short_table, whole_table
@@ -295,9 +295,9 @@ class Results(Mapping[str, Calibration]):
 
         save(self, Path(folder), overwrite=overwrite, overlays=overlays)
 
-    def details(self, id: str) -> dict[str, Any]:
-        """Keys of the line of a frame that do not follow from its calibration."""
-        return self.frames.details(id) if isinstance(self.frames, KeptFrames) else {}
+    def line(self, id: str) -> Mapping[str, Any]:
+        """Everything that is kept of a frame, see `lines`."""
+        return self.frames.line(self._numbers[id])
 
     def _repr_html_(self) -> str:
         """A table for notebooks, and a picture where one can be made."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -13,6 +14,7 @@ from fieldcalib.io.results import BROKEN, ResultFile, split_line
 from fieldcalib.run_folder.outcome import calibration_line
 
 EQ3 = "loss_ndc_eq3"  # key of the paper's loss
+MOST_OPEN = 1000  # frames whose calibrations are kept as they are
 CACHED = 256  # calibrations that are kept once they were made or parsed: up to 100 kB each
 
 Value = TypeVar("Value")
@@ -49,8 +51,8 @@ class KeptFrames:
     ----------
     ids : sequence of str
         Of all frames in order.
-    calibrations : sequence of Calibration
-        Of the frames that could be read, in order.
+    calibrations : sequence of Calibration or bytes
+        Of the frames that could be read, in order; as bytes those that are `packed`.
     broken : mapping of str to str
         Problems of the others, by id.
     details : mapping of str to mapping
@@ -60,14 +62,14 @@ class KeptFrames:
     def __init__(
         self,
         ids: Sequence[str],
-        calibrations: Sequence[Calibration],
+        calibrations: Sequence[Calibration | bytes],
         broken: Mapping[str, str] = MappingProxyType({}),
         details: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> None:
-        self.ids, self.broken, self._details = ids, broken, details
+        self.ids, self.broken, self._calibrations, self._details = ids, broken, calibrations, details
         readable = (number for number, id in enumerate(ids) if id not in broken)
         self._by_number = dict(zip(readable, range(len(calibrations)), strict=True))
-        self._calibration = lru_cache(CACHED)(lambda number: calibrations[self._by_number[number]])
+        self._calibration = lru_cache(CACHED)(self._made_calibration)
         self._line = lru_cache(CACHED)(self._made_line)
 
     def main(self, number: int) -> Mapping[str, Any]:
@@ -86,17 +88,57 @@ class KeptFrames:
         """The calibration of a frame that is not broken."""
         return self._calibration(number)
 
-    def details(self, id: str) -> dict[str, Any]:
-        """More keys of the line of a frame."""
-        return dict(self._details.get(id, {}))
+    def _made_calibration(self, number: int) -> Calibration:
+        kept = self._calibrations[self._by_number[number]]
+        return kept if isinstance(kept, Calibration) else Calibration.from_dict(unpacked(kept))
 
     def _made_line(self, number: int) -> Mapping[str, Any]:
         id = self.ids[number]
         if id in self.broken:
             return {"id": id, "status": BROKEN, "message": self.broken[id]}
-        details = self.details(id)
-        line = calibration_line(id, self.calibration(number), details.pop(EQ3, None)) | details
-        return json.loads(json.dumps(line))  # type: ignore[no-any-return]
+        kept = self._calibrations[self._by_number[number]]
+        if not isinstance(kept, Calibration):
+            return unpacked(kept)
+        return unpacked(packed(id, self.calibration(number), self._details.get(id, {})))
+
+
+def packed(id: str, calibration: Calibration, details: Mapping[str, Any] = MappingProxyType({})) -> bytes:
+    """The line of a frame in some kilobytes: a calibration has a hundred in memory."""
+    more = dict(details)
+    line = calibration_line(id, calibration, more.pop(EQ3, None)) | more
+    return zlib.compress(json.dumps(line).encode(), level=1)
+
+
+def unpacked(content: bytes) -> dict[str, Any]:
+    """The inverse of `packed`, as it is read from a file."""
+    return json.loads(zlib.decompress(content))  # type: ignore[no-any-return]
+
+
+class Collected:
+    """Calibrations of frames one after the other; from `MOST_OPEN` on they are packed, so that memory hardly grows."""
+
+    def __init__(self) -> None:
+        self.ids: list[str] = []
+        self.broken: dict[str, str] = {}
+        self._calibrations: list[Calibration | bytes] = []
+        self._details: dict[str, Mapping[str, Any]] = {}
+
+    def add(self, id: str, calibration: Calibration, **details: Any) -> None:
+        """Add the next frame; `details` are more keys of its line."""
+        self.ids.append(id)
+        is_open = len(self._calibrations) < MOST_OPEN
+        self._calibrations.append(calibration if is_open else packed(id, calibration, details))
+        if is_open and details:
+            self._details[id] = details
+
+    def add_broken(self, id: str, problem: str) -> None:
+        """Add a frame that could not be read."""
+        self.ids.append(id)
+        self.broken[id] = problem
+
+    def frames(self) -> KeptFrames:
+        """All of them."""
+        return KeptFrames(self.ids, self._calibrations, self.broken, self._details)
 
 
 class StoredFrames:

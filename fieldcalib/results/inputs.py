@@ -30,7 +30,7 @@ from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results
-from fieldcalib.results.frames import EQ3, KeptFrames
+from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.annotated import paper_losses
 from fieldcalib.run_folder.clip_input import ClipInput
@@ -68,21 +68,11 @@ class Method:
         """Keyword arguments of the functions that calibrate."""
         return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
 
-    def loaded(self) -> Network:
-        """The network that is given, or the one that comes with the package.
-
-        Raises
-        ------
-        ValueError
-            If that one does not know the field.
-        """
+    def loaded(self) -> Network | None:
+        """The network that is given, or the one of the package; None where that does not know the field."""
         network = SegmentationNetwork.load() if self.network is None else self.network
-        if self.network is None and classes_without_segment(network.classes, self.field):
-            raise ValueError(
-                "the network that comes with fieldcalib knows soccer fields only: give network=, one that was trained "
-                "for this field; labelled pixels need none"
-            )
-        return network
+        is_unknown = self.network is None and classes_without_segment(network.classes, self.field)
+        return None if is_unknown else network
 
     def check(self, *, labelled: bool = False, clip: bool = False) -> None:
         """Raise a ValueError if an option does not apply to the input."""
@@ -184,10 +174,11 @@ class Labelled:
         """Calibrate all of it."""
         method.check(labelled=True)
         frames = {id: self._frame(id, one, method) for id, one in self.labels.items()}
-        calibrations: dict[str, Calibration] = {}
-        losses: dict[str, float] = {}
+        collected = Collected()
         with progress_bar(unit="frame", total=len(frames), progress=method.progress) as bar:
             for unit in units_of(frames, unit_size(len(frames))):
+                calibrations: dict[str, Calibration] = {}
+                losses: dict[str, float] = {}
                 for size, ids in grouped(unit, lambda id: frames[id][1]).items():
                     pixels = {id: frames[id][0] for id in ids}
                     found = calibrate_batch(method.field, list(pixels.values()), size, **method.keywords)
@@ -196,10 +187,10 @@ class Labelled:
                     ]
                     losses |= paper_losses(method.field, pixels, seen)
                     calibrations |= zip(ids, seen, strict=True)
+                for id in unit:
+                    collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
                 bar.update(len(unit))
-        details = {id: {EQ3: loss} for id, loss in losses.items()}
-        kept = KeptFrames(list(frames), [calibrations[id] for id in frames], details=details)
-        return Results(kept, command="calibrate")
+        return Results(collected.frames(), command="calibrate")
 
     @staticmethod
     def _frame(id: str, labels: Labels, method: Method) -> tuple[Pixels, tuple[int, int]]:
@@ -225,21 +216,21 @@ class OneByOne:
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
         method.check()
-        network = method.loaded()
-        ids: list[str] = []
-        calibrations: list[Calibration] = []
-        broken: dict[str, str] = {}
+        network, collected = method.loaded(), Collected()
         frames, total = self._frames()
         with progress_bar(unit="frame", total=total, progress=method.progress) as bar:
             for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
                 images = [frame.image for frame in part if frame.image is not None]
-                calibrations += calibrate_from_images(method.field, images, network, **method.keywords)
-                ids += [frame.id for frame in part]
-                broken |= {frame.id: frame.problem for frame in part if frame.image is None}
+                found = iter(calibrate_from_images(method.field, images, network, **method.keywords))
+                for frame in part:
+                    if frame.image is None:
+                        collected.add_broken(frame.id, frame.problem)
+                    else:
+                        collected.add(frame.id, next(found))
                 bar.update(len(part))
-        if not ids:
+        if not collected.ids:
             raise ValueError(f"{EXPECTED}, got nothing")
-        return Results(KeptFrames(ids, calibrations, broken), self.pictures)
+        return Results(collected.frames(), self.pictures)
 
     def _frames(self) -> tuple[Iterator[Frame], int | None]:
         """The frames, and how many there are."""
@@ -282,8 +273,12 @@ class LiveStream:
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
         method.check()
-        network, ids, basis = method.loaded(), [], {}
-        calibrations: list[Calibration] = []
+        network, collected = method.loaded(), Collected()
+        if network is None:
+            raise ValueError(
+                "the network that comes with fieldcalib knows soccer fields only: of a stream give network=, one that "
+                "was trained for this field; pictures and clips of courts need none"
+            )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
             Tracker(method.field, network, wait=not self.stream.is_live, **method.keywords) as tracker,
@@ -291,11 +286,10 @@ class LiveStream:
         ):
             for frame in checked_frames(self.stream, reader, accepted):
                 assert frame.image is not None
-                calibrations.append(tracker.update(frame.image))
-                ids.append(frame.id)
-                basis[frame.id] = {"basis": str(tracker.basis)}
+                calibration = tracker.update(frame.image)
+                collected.add(frame.id, calibration, basis=str(tracker.basis))
                 bar.update()
-        return Results(KeptFrames(ids, calibrations, details=basis))
+        return Results(collected.frames())
 
 
 def _warn(message: str) -> None:

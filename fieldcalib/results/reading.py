@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fieldcalib._deprecated import deprecated
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.results.collection import Results
@@ -80,4 +81,7 @@ def _pictures(record: RunRecord, *, is_clip: bool) -> Pictures:
     return Pictures(tuple(map(Path, record.source)), cut=cut, is_clip=is_clip)
 
 
-read_results = read
+@deprecated("read_results is called read now: fieldcalib.read(folder)")
+def read_results(folder: str | os.PathLike[str]) -> Results:
+    """Deprecated: use `read`."""
+    return read(folder)

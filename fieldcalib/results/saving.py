@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.sports.soccer import soccer
@@ -22,12 +22,11 @@ from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
-from fieldcalib.results.frames import EQ3
 from fieldcalib.run_folder.annotated import CAMERA_FILES, WITHHELD
 from fieldcalib.run_folder.clip_input import ClipInput, whole_frame
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.outcome import Outcome, camera_file, is_squashed
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, SHARED_FILES, SUMMARY, ResultsWriter, finish, open_run_folder
 
@@ -71,10 +70,13 @@ class _Whole:
         return whole_frame(image)
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
-        details = {**self.results.details(id), **more.pop("details", {})}
+        line = self.results.line(id)
         is_labelled = self.results.command == LABELLED
-        keeps = calibration.status not in WITHHELD if is_labelled else bool(calibration)
-        return Outcome.of(id, calibration, keeps=keeps, eq3=details.pop(EQ3, None), details=details, **more)
+        keeps = line["status"] not in WITHHELD if is_labelled else line["verdict"] != Verdict.REJECT
+        files = dict(more.get("files", {}))
+        if keeps and calibration.camera is not None:
+            files |= camera_file(id, calibration.camera)
+        return Outcome(line, is_squashed(line), files)
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         return draw_calibration(image, calibration, calibration.field or soccer())

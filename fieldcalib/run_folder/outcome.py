@@ -82,9 +82,14 @@ class Outcome:
         """
         written = dict(files)
         if keeps and calibration.camera is not None:
-            written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
+            written |= camera_file(id, calibration.camera)
         squashed = SQUASHED in concerns_of(calibration) or WAS_SQUASHED in calibration.message
         return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
+
+
+def camera_file(id: str, camera: Camera) -> dict[str, bytes]:
+    """Content of the file of a camera, by its name."""
+    return {CAMERAS.file_name(id): (CAMERAS.write(camera) + "\n").encode()}
 
 
 def is_squashed(line: Mapping[str, Any]) -> bool:

@@ -4,6 +4,7 @@ All tests here have the marker `browser`, which the default run leaves out. They
 or no Playwright; nothing is downloaded.
 """
 
+import os
 import shutil
 import subprocess
 import sys
@@ -14,12 +15,10 @@ import numpy as np
 import pytest
 from driving import ROOT, Server, Window, render
 
+LARGEST = 200_000  # bytes of a picture in the docs
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # without what a browser asks its maker for
-ARGUMENTS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
+ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
 def pytest_collection_modifyitems(items):
@@ -89,6 +88,25 @@ def picture(tmp_path_factory):
     path = tmp_path_factory.mktemp("pictures") / "frame.jpg"
     cv2.imwrite(str(path), render())
     return path
+
+
+@pytest.fixture
+def shoot(tmp_path):
+    """Take a picture of a window: `shoot(window, name)`."""
+
+    def take(one, name):
+        for_docs = one.page.viewport_size["width"] == 1280
+        folder = Path(os.environ.get("FIELDCALIB_SCREENSHOTS", tmp_path)) if for_docs else tmp_path
+        one.page.mouse.move(3, 3)
+        one.page.wait_for_timeout(400)  # tips go, crops come
+        path = folder / f"{name}.jpg"
+        one.page.screenshot(path=path, type="jpeg", quality=80)
+        if for_docs:
+            assert path.stat().st_size < LARGEST
+        image = cv2.imread(str(path))
+        assert image.std() > 10.0  # not empty
+
+    return take
 
 
 @pytest.fixture

@@ -16,9 +16,7 @@ from fieldcalib.geometry.camera import Camera
 ROOT = Path(__file__).parents[2]
 FIELD = soccer()
 SIZE = (1920, 1080)
-TRUTH = Camera.from_angles(
-    *np.radians([-17.0, 77.0, 0.3]), 2600.0, (1.5, 66.0, -16.0), SIZE, k=(-0.04, 0.0)
-)
+TRUTH = Camera.from_angles(*np.radians([-17.0, 77.0, 0.3]), 2600.0, (1.5, 66.0, -16.0), SIZE, k=(-0.04, 0.0))
 LABELS = ("Side line top", "Side line left", "Big rect. left main", "Big rect. left top", "Circle left", "Middle line")
 SECONDS = 30.0  # that a test waits: a busy machine is no property of the page
 NAMES = {"mark": "1", "foot": "2", "ruler": "3", "offside": "4"}

@@ -44,7 +44,7 @@ def worst_shift(camera, truth):
     return float(np.max(np.linalg.norm(found.project(X) - xy, axis=-1)[seen]))
 
 
-def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip):
+def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip, shoot):
     one = window(serve(clip))
     one.press(*["ArrowRight"] * 5)
     one.wait_for_frame(5)
@@ -58,6 +58,7 @@ def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip):
     assert "frames would change" in one.text(".clip-words")
     one.page.get_by_role("button", name="Largest change").click()
     one.page.locator(".legend-proposed").wait_for()
+    shoot(one, "page-clip")
     one.page.get_by_role("button", name="Keep").click()
     one.page.get_by_text("mended by hand holds the clip").wait_for()
 

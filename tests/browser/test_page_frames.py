@@ -136,7 +136,9 @@ def test_a_video_that_is_cut_off_shows_the_frames_that_are_there(serve, window, 
     writer = cv2.VideoWriter(str(whole), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (640, 360))
     for number in range(30):
         camera = Camera.from_angles(*np.radians([-17.0 + 0.1 * number, 77, 0]), 870.0, (0, 66, -16), (640, 360))
-        writer.write(cv2.resize(render(), (640, 360)) if number % 2 else np.full((360, 640, 3), int(camera.C[1]), np.uint8))
+        writer.write(
+            cv2.resize(render(), (640, 360)) if number % 2 else np.full((360, 640, 3), int(camera.C[1]), np.uint8)
+        )
     writer.release()
     part = tmp_path / "part.avi"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size * 6 // 10])

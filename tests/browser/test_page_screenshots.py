@@ -1,38 +1,16 @@
-"""Pictures of the page for the docs, in the folder that FIELDCALIB_SCREENSHOTS names, and at 4K.
+"""Pictures of the page for the docs, in the folder that FIELDCALIB_SCREENSHOTS names; one at 4K is only taken.
+
+That of a clip is taken in test_page_clips.py, which solves one.
 
     FIELDCALIB_SCREENSHOTS=docs/images pytest -m browser tests/browser/test_page_screenshots.py
 """
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
-import pytest
 from driving import FIELD, along
 
 from fieldcalib.draw.scene import render_field
 from fieldcalib.geometry.camera import Camera
-
-LARGEST = 200_000  # bytes of a picture in the docs
-
-
-@pytest.fixture
-def shoot(tmp_path):
-    """Take a picture of a window: `shoot(window, name)`."""
-
-    def take(one, name):
-        folder = Path(os.environ.get("FIELDCALIB_SCREENSHOTS", tmp_path))
-        one.page.mouse.move(3, 3)
-        one.page.wait_for_timeout(400)  # tips go, crops come
-        path = folder / f"{name}.jpg"
-        one.page.screenshot(path=path, type="jpeg", quality=80)
-        if one.page.viewport_size["width"] == 1280:
-            assert path.stat().st_size < LARGEST
-        image = cv2.imread(str(path))
-        assert image.std() > 10.0  # not empty
-
-    return take
 
 
 def test_a_picture_that_is_labelled(serve, window, picture, shoot):
@@ -63,13 +41,14 @@ def test_the_keys(serve, window, picture, shoot):
 
 def test_a_folder_of_pictures_and_a_4k_screen(serve, window, tmp_path, shoot):
     stand = (1.5, 66.0, -16.0)
+    (folder := tmp_path / "pictures of a match").mkdir()
     for number, (pan, f) in enumerate([(-20, 1300), (-12, 1250), (0, 1100), (11, 1200), (19, 1350)]):
         camera = Camera.from_angles(*np.radians([pan, 77, 0.2]), f, stand, (960, 540))
-        cv2.imwrite(str(tmp_path / f"match-{number}.png"), render_field(camera, FIELD, rng=np.random.default_rng(number)))
-    cv2.imwrite(str(tmp_path / "match-5.png"), np.full((540, 960, 3), (60, 140, 60), np.uint8))
-    server = serve(tmp_path, out=tmp_path / "results")
+        cv2.imwrite(str(folder / f"match-{number}.png"), render_field(camera, FIELD, rng=np.random.default_rng(number)))
+    cv2.imwrite(str(folder / "match-5.png"), np.full((540, 960, 3), (60, 140, 60), np.uint8))
+    server = serve(folder)
     one = window(server)
-    one.wait("() => document.querySelectorAll('.frame-row .verdict-none').length <= 1")
+    one.wait("() => document.querySelectorAll('.frame-row .verdict-none').length === 0")
     one.press("ArrowRight")
     one.wait_for_frame(1)
     shoot(one, "page-folder")

@@ -77,6 +77,7 @@ class App {
       this.field = field;
       this.labels = field.segments.map(({ label }) => label);
       this.map.draw(field);
+      this.showHeat();
       this.keys.setField(field);
       this.showFrames(frames);
       if (this.isClip) this.clip.poll().catch((error) => this.complain(error));
@@ -394,8 +395,9 @@ class App {
   async showHeat() {
     const number = this.current;
     const range = this.heat ? this.map.showErrors(await get(`api/frame/${number}/errors`).catch(() => null)) : this.map.showErrors(null);
-    const words = range ? heatScale(range) : this.heat ? element("p", { class: "dim small", text: "Without a camera there is no error map." }) : null;
-    at("heat-scale").replaceChildren(...(words ? [words] : []));
+    const { name, length, width } = this.field;
+    const words = this.heat ? "Without a camera there is no error map." : [name, `${length} × ${width} m`].filter(Boolean).join(", ");
+    at("heat-scale").replaceChildren(range ? heatScale(range) : element("p", { class: "dim small", text: words }));
   }
 
   goToNext() {

@@ -67,7 +67,8 @@ export class VerdictCard {
 }
 
 function likelihood({ metres, value }) {
-  return `${shownNumber(100 * value, value > 0.995 ? 1 : 0)} % sure within ${shownNumber(metres, Number.isInteger(metres) ? 0 : 1)} m`;
+  const percent = value > 0.999 ? "more than 99.9" : shownNumber(100 * value, value > 0.99 ? 1 : 0);
+  return `${percent} % sure within ${shownNumber(metres, Number.isInteger(metres) ? 0 : 1)} m`;
 }
 
 function basisWords(frame) {

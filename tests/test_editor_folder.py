@@ -1,0 +1,323 @@
+"""The editor and its folder: nothing is lost, whatever ends the process; saved results are those of a run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from waiting import wait_until
+
+import fieldcalib
+from fieldcalib import Camera, Editor, soccer
+from fieldcalib.cli.main import main
+from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.editor import StaleEdit
+from fieldcalib.editor.journal import JOURNAL, read_journal
+from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.io.files import BrokenFileError
+
+SIZE = (960, 540)
+CENTRE = (0.0, 68.0, -17.0)
+TRUTH = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, CENTRE, SIZE)
+PANNED = Camera.from_angles(-0.27, 1.352, 0.0, 1620.0, CENTRE, SIZE)
+LINES = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top")
+BLANK = np.zeros((54, 96, 3), np.uint8)
+
+
+def ends(label, camera=TRUTH):
+    xy = camera.project(soccer()[label].sample(1.0))
+    return xy[((xy > 5.0) & (xy < (955.0, 535.0))).all(axis=1)][[0, -1]]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Two frames of one camera, which pans."""
+    folder = tmp_path_factory.mktemp("pictures")
+    for name, camera in (("a", TRUTH), ("b", PANNED)):
+        cv2.imwrite(str(folder / f"{name}.png"), render_field(camera, soccer(), rng=np.random.default_rng(0)))
+    return folder
+
+
+@pytest.fixture
+def blank(tmp_path):
+    path = tmp_path / "blank.png"
+    cv2.imwrite(str(path), BLANK)
+    return path
+
+
+OPENED = []
+
+
+@pytest.fixture(autouse=True)
+def _close_editors():
+    yield
+    while OPENED:
+        OPENED.pop().close()
+
+
+def edited(*arguments, **options):
+    """An editor, which is closed after the test."""
+    OPENED.append(Editor(*arguments, **options))
+    return OPENED[-1]
+
+
+def marked(editor, count, number=0):
+    for k in range(count):
+        editor[number] = editor[number].mark("Net top", (float(k), 1.0), snap=False)
+    return editor
+
+
+def opened(path, out):
+    return edited(path, "tennis", out=out)
+
+
+def labelled(editor, number=0, camera=TRUTH):
+    editor[number] = editor.begun(number).clear()
+    for label in LINES:
+        editor[number] = editor[number].mark(label, ends(label, camera))
+    return editor
+
+
+# --- nothing is lost ---
+
+
+def test_history_survives(blank, tmp_path):
+    editor = marked(opened(blank, tmp_path / "out"), 6)
+    for _ in range(2):
+        editor[0] = editor[0].undo()
+    editor[0] = editor[0].redo()
+    editor[0] = editor[0].know(focal_length=90.0)
+    before, revision = editor[0].history, editor.revision(0)
+    editor.close()
+    again = opened(blank, tmp_path / "out")
+    assert again[0].history == before
+    assert again.revision(0) == revision
+    assert again.unsaved == 1
+    while again[0].history.can_undo:
+        again[0] = again[0].undo()
+    assert again[0].is_automatic
+    again.close()
+
+
+def test_two_undos_at_once_are_a_change_of_their_own(blank, tmp_path):
+    """What a journal has no word for is kept as the state that it leads to."""
+    editor = marked(opened(blank, tmp_path / "out"), 4)
+    editor[0] = editor[0].undo().undo()
+    marks = editor[0].marks
+    editor.close()
+    assert opened(blank, tmp_path / "out")[0].marks == marks
+
+
+def test_an_incomplete_last_line_is_no_harm(blank, tmp_path):
+    marked(opened(blank, tmp_path / "out"), 3).close()
+    path = tmp_path / "out" / JOURNAL
+    content = path.read_bytes()
+    last = content.rstrip(b"\n").rfind(b"\n") + 1
+    for end in range(last, len(content)):
+        path.write_bytes(content[:end])
+        assert len(read_journal(path).frames["blank"].history.present.marks) == 2
+    again = opened(blank, tmp_path / "out")
+    assert len(again[0].marks) == 2
+    again[0] = again[0].mark("Net top", (7.0, 7.0), snap=False)
+    again.close()
+    assert len(opened(blank, tmp_path / "out")[0].marks) == 3
+
+
+def test_a_damaged_journal_is_named(blank, tmp_path):
+    marked(opened(blank, tmp_path / "out"), 2).close()
+    path = tmp_path / "out" / JOURNAL
+    path.write_bytes(b"no json\n" + path.read_bytes())
+    with pytest.raises(BrokenFileError, match=r"edits\.jsonl, line 1"):
+        opened(blank, tmp_path / "out")
+
+
+MARKING = """
+import sys
+from fieldcalib import Editor
+editor = Editor(sys.argv[1], "tennis", out=sys.argv[2])
+editor[0]
+print("ready", flush=True)
+for k in range(100_000):
+    editor[0] = editor[0].mark("Net top", (float(k % 90), 1.0), snap=False)
+    print(len(editor[0].marks), flush=True)
+"""
+
+
+def check_kills(blank, out, count, rng):
+    """Kill a process that sets marks; what it said to be set is there afterwards."""
+    environment = {**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])}
+    said = out.with_suffix(".txt")
+    for _ in range(count):
+        with said.open("wb") as file:
+            run = subprocess.Popen([sys.executable, "-c", MARKING, str(blank), str(out)], stdout=file, env=environment)
+            wait_until(lambda: said.read_bytes().count(b"\n") > 3 + rng.integers(0, 20))
+            run.send_signal(signal.SIGKILL)
+            run.wait()
+        lines = [line for line in said.read_bytes().split(b"\n")[1:-1] if line.isdigit()]
+        editor = opened(blank, out)
+        assert int(lines[-1]) <= len(editor[0].marks) <= int(lines[-1]) + 1
+        editor.close()
+
+
+def test_a_kill(blank, tmp_path):
+    check_kills(blank, tmp_path / "out", 1, np.random.default_rng(0))
+
+
+@pytest.mark.slow
+def test_twenty_kills(blank, tmp_path):
+    check_kills(blank, tmp_path / "out", 20, np.random.default_rng(1))
+
+
+# --- several of them ---
+
+
+def test_a_stale_change(blank, tmp_path):
+    editor = opened(blank, tmp_path / "out")
+    first = editor[0]
+    editor.put(0, first.mark("Net top", (1.0, 1.0), snap=False), editor.revision(0))
+    with pytest.raises(StaleEdit, match="changed meanwhile"):
+        editor.put(0, first.mark("Net top", (2.0, 2.0), snap=False), 0)
+    assert len(editor[0].marks) == 1
+
+
+def test_a_second_editor_of_one_folder(blank, tmp_path):
+    first, second = (opened(blank, tmp_path / "out") for _ in range(2))
+    marked(first, 1)
+    with pytest.raises(OSError, match="writes to"):
+        marked(second, 1)
+    first.close()
+    with pytest.raises(OSError, match="open the folder again"):
+        marked(second, 1)
+    marked(opened(blank, tmp_path / "out"), 1)
+
+
+# --- saved ---
+
+
+def test_saved_results_are_those_of_a_run(pictures, tmp_path):
+    out = tmp_path / "out"
+    editor = labelled(edited(pictures, out=out))
+    editor[1]
+    assert editor.save() == 2
+    camera = editor.fitted(0).calibration.camera
+    editor.close()
+    results = fieldcalib.read(out)
+    assert list(results) == ["a", "b"]
+    assert results["a"].camera.focal_length == camera.focal_length
+    lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
+    assert [line.get("basis") for line in lines] == ["labelled by hand", None]
+    summary = json.loads((out / "summary.json").read_text())
+    assert (summary["frames"], summary["verdict"]["good"]) == (2, 2)
+    assert {path.name for path in out.glob("overlay_*")} == {"overlay_a.jpg", "overlay_b.jpg"}
+    assert main(["export", str(out), "--format", "opencv", "--out", str(tmp_path / "exported")]) == 0
+    again = edited(out)  # the folder says where its pictures are
+    assert again[0].marks.pixels.keys() == set(LINES)
+    assert again.unsaved == 0
+    assert again.table.rows[0].by_hand
+
+
+def test_a_run_is_mended(pictures, tmp_path):
+    """The results of a run, one frame of which is labelled."""
+    out = tmp_path / "out"
+    fieldcalib.calibrate(pictures, progress=False).save(out)
+    editor = edited(pictures, out=out)
+    before = (out / "camera_b.json").read_bytes()
+    assert editor.table.rows[1].verdict == "good"
+    assert not len(editor[1].marks)
+    editor[1] = editor.begun(1).mark(LINES[0], ends(LINES[0], PANNED)[0])
+    assert len(editor[1].marks) > 9  # with those of the network
+    assert editor.save() == 1
+    assert fieldcalib.read(out)["b"].camera is not None
+    lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
+    assert [line.get("basis") for line in lines] == [None, "labelled by hand"]
+    kept = out / "history" / "0001"
+    assert (kept / "camera_b.json").read_bytes() == before
+    assert len((kept / "cameras.jsonl").read_text().splitlines()) == 2
+    editor[1] = editor[1].undo()
+    editor.save()
+    assert (out / "camera_b.json").read_bytes() == before
+    assert not (out / "labels" / "b.json").exists()
+
+
+def test_results_that_another_program_has_changed(pictures, tmp_path):
+    out = tmp_path / "out"
+    editor = labelled(edited(pictures / "a.png", out=out))
+    editor.save()
+    (out / "cameras.jsonl").write_bytes((out / "cameras.jsonl").read_bytes() + b"\n")
+    editor[0] = editor[0].remove([0])
+    with pytest.raises(ChangedFileError, match=r"cameras\.jsonl was changed"):
+        editor.save()
+    assert editor.unsaved == 1
+
+
+@pytest.mark.parametrize("format", ["soccernet", "labelme", "coco", "labelstudio", "cvat"])
+def test_labels_in_a_format(blank, tmp_path, format):
+    if format == "cvat":
+        import defusedxml  # noqa: F401 - reading it back needs it
+    editor = marked(opened(blank, tmp_path / "out"), 3)
+    name = editor.save_labels(format)
+    found = fieldcalib.read_annotations(tmp_path / "out" / name, (96, 54))
+    xy = found["blank"].pixels["Net top"]
+    assert sorted(np.round(xy, 3).tolist()) == [[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
+
+
+def test_what_cannot_be_saved(blank):
+    editor = marked(edited([BLANK], "tennis"), 1)
+    with pytest.raises(ValueError, match="expected a folder"):
+        editor.save()
+    with pytest.raises(ValueError, match="expected a clip"):
+        editor.set_cuts([0])
+    with pytest.raises(ValueError, match="expected a clip"):
+        editor.solve()
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [("nothing.mp4", "does not exist"), ("empty", "holds no image"), ("no", "does not exist")],
+)
+def test_what_cannot_be_opened(tmp_path, source, message):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileNotFoundError, match=message):
+        edited(tmp_path / source)
+
+
+# --- marks of another frame ---
+
+
+def test_marks_are_copied(pictures):
+    editor = labelled(edited([cv2.imread(str(pictures / f"{name}.png")) for name in "ab"]))
+    copied = editor.with_marks_of(1, 0)
+    assert len(copied.marks) >= 6
+    for label, xy in copied.marks.pixels.items():
+        near = PANNED.project(soccer()[label].sample(0.02))
+        assert max(np.min(np.linalg.norm(near - one, axis=1)) for one in xy) < 2.0
+    other = labelled(edited([editor[0].image, np.zeros_like(editor[0].image)]))
+    with pytest.raises(ValueError, match="no background in common"):
+        other.with_marks_of(1, 0)
+
+
+def test_a_notebook_shows_the_picture(pictures):
+    editor = labelled(edited(pictures / "a.png"))
+    html = editor._repr_html_()
+    assert "data:image/jpeg;base64," in html
+    assert "good: rms" in html
+
+
+# --- marks that are wrong ---
+
+
+def test_marks_far_from_their_marking_are_named(pictures):
+    editor = labelled(edited(pictures / "a.png"))
+    for label in ("Small rect. left top", "Circle left"):
+        editor[0] = editor[0].mark(label, ends(label))
+    assert editor.fitted(0).calibration.verdict == "good"
+    editor[0] = editor[0].mark("Small rect. left main", [(700.0, 100.0), (720.0, 130.0)], snap=False)
+    found = editor.fitted(0).calibration
+    assert found.camera is not None
+    assert "'Small rect. left main' is marked" in found.reason
+    assert found.verdict != "good"
