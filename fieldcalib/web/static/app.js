@@ -55,7 +55,6 @@ class App {
     this.known = new KnownValues(at("known"), { know: (values) => this.edit({ do: "know", values }) });
     this.measured = new Measurements(at("measured"), this.picture, { onchange: (places) => this.map.showPlaces(places), onerror: (error) => this.complain(error) });
     this.pointing = new Pointing(this.picture, this.pointingActions());
-    this.picture.drawings.unshift((context) => this.drawProposed(context));
     this.picture.onview = (view) => this.showZoom(view);
     this.commands = commandsOf(this);
     this.help = new Help(this.commands, EXTRA_HELP);
@@ -167,7 +166,7 @@ class App {
     const kept = this.unsent.get(number);
     this.edits = kept?.pending.length ? kept : this.editsOf(state);
     this.select([], false);
-    this.proposed = null;
+    this.picture.proposed = [];
     this.measured.setFrame(number);
     if (failure) this.showEmpty("No picture here.", failure);
     else at("stage-empty").hidden = true;
@@ -182,6 +181,7 @@ class App {
     this.current = this.wanted = number;
     this.edits = this.unsent.get(number)?.pending.length ? this.unsent.get(number) : this.editsOf(state);
     this.picture.selected = new Set();
+    this.picture.proposed = [];
     if (loaded) this.picture.show(loaded, state);
     at("stage-empty").hidden = !failure;
     if (failure) this.showEmpty("No picture here.", failure);
@@ -505,13 +505,11 @@ class App {
 
   async fetchProposed() {
     const number = this.current;
-    this.proposed = this.clip.changes?.frames.includes(number) ? await proposed(number).catch(() => null) : null;
-    if (number === this.current) this.picture.drawLines();
+    const found = this.clip.changes?.frames.includes(number) ? await proposed(number).catch(() => null) : null;
+    if (number !== this.current) return;
+    this.picture.proposed = found?.curves ?? [];
+    this.picture.drawLines();
     this.showLegend();
-  }
-
-  drawProposed(context) {
-    for (const { points } of this.proposed?.curves ?? []) this.picture.drawCurve(context, points, { colour: "--accent", dash: [6, 4], width: 1.5 });
   }
 
   changeCuts(cuts) {
@@ -576,7 +574,7 @@ class App {
   showLegend() {
     const states = new Set(this.picture.layers.markings ? this.edits?.shown.curves.map(({ state }) => state) : []);
     const rows = Object.entries(CURVES).filter(([state]) => states.has(state)).map(([state, { words }]) => element("span", { class: `legend-row legend-${state}` }, element("i", { "aria-hidden": "true" }), words));
-    if (this.proposed) rows.push(element("span", { class: "legend-row legend-proposed" }, element("i", { "aria-hidden": "true" }), "solved again"));
+    if (this.picture.proposed.length) rows.push(element("span", { class: "legend-row legend-proposed" }, element("i", { "aria-hidden": "true" }), "solved again"));
     at("legend").replaceChildren(...rows);
   }
 
