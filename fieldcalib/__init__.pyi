@@ -1,5 +1,6 @@
 from . import assess as assess
 from . import draw as draw
+from . import editor as editor
 from . import fields as fields
 from . import geometry as geometry
 from . import images as images
@@ -11,6 +12,7 @@ from . import problem as problem
 from . import processes as processes
 from . import results as results
 from . import solve as solve
+from . import web as web
 from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration

@@ -5,13 +5,16 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
+from commands import run
 from pictures import picture
 
+import fieldcalib
 from data_tools.court_truth import court_frames
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images, calibrate_video
 from fieldcalib.fields import badminton, basketball, tennis, volleyball
+from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.court_search import find_courts
@@ -205,6 +208,12 @@ def test_pictures_of_any_size_are_searched_alike(width):
     assert Truth(TENNIS.scaled(size), tennis()).distance(found[0].calibration.required_camera) < 2.0
 
 
+@pytest.mark.parametrize("size", [(1, 1), (1, 900), (900, 1), (40, 3000), (3, 5)])
+def test_pictures_of_odd_shapes_have_no_court(size):
+    noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    assert not any(one.calibration.accepted for one in find_courts(noise, tennis()))
+
+
 def test_a_dark_court_is_found():
     field = tennis()
     dark = Field(field.length, field.width, field.segments, stands=field.stands, lines=LineLook(0.05, lighter=False))
@@ -248,6 +257,20 @@ def test_a_clip_of_a_court_needs_no_network():
     assert np.ptp([one.required_camera.C for one in found], axis=0).max() < 1e-4
 
 
+def test_run_finds_courts_without_a_model(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), picture(TENNIS, tennis()))
+    assert run("run", tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") == 0
+    assert "courts are found by search" in capsys.readouterr().err
+    found = fieldcalib.read(tmp_path / "out")["a"]
+    assert found.accepted
+    assert Truth(TENNIS, tennis()).distance(found.required_camera) < 1.0
+
+
+def test_calibrate_finds_courts_without_a_network():
+    found = fieldcalib.calibrate(picture(TENNIS, tennis()), field="tennis", progress=False)
+    assert Truth(TENNIS, tennis()).distance(found["000000"].required_camera) < 1.0
+
+
 def test_without_a_network_nothing_of_the_camera_may_be_given():
     with pytest.raises(ValueError, match="nothing may be given"):
         calibrate_from_images(tennis(), [picture(TENNIS, tennis())], None, TENNIS.K, flags=KNOWN_INTRINSICS_FLAGS)
@@ -274,9 +297,17 @@ def images_of(shared_data, frames):
 
 @pytest.mark.parametrize("frame", FIRST, ids=[frame.clip for frame in FIRST])
 def test_a_broadcast_frame_is_right_and_accepted(frame, shared_data):
-    from fieldcalib.fields.catalogue import field_named
-
     ((frame, image),) = images_of(shared_data, [frame])
     best = find_courts(image, field_named(frame.field))[0]
     assert frame.is_right(best.calibration.required_camera)
     assert best.calibration.accepted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clip", [frame.clip for frame in FIRST])
+def test_all_frames_of_a_clip_are_right_and_accepted(clip, shared_data):
+    frames = [frame for frame in FRAMES if frame.clip == clip]
+    for frame, image in images_of(shared_data, frames):
+        best = find_courts(image, field_named(frame.field))[0]
+        assert frame.is_right(best.calibration.required_camera), frame.number
+        assert best.calibration.accepted, frame.number

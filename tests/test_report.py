@@ -75,6 +75,7 @@ def test_the_report_of_a_run_has_its_frames_pictures_and_options(know, tmp_path)
     assert frames["pan"][:2] == pytest.approx(np.degrees([one.angles[0] for one in TRUTHS[:2]]), abs=0.2)
     assert page.report["reasons"][-1]["remedy"] == UNREADABLE
     assert page.report["rate"] is None
+    assert not page.report["plots"]
     assert page.report["about"]["version"] == fieldcalib.__version__
     assert page.report["about"]["verdict"].keys() == {"good", "check", "reject"}
     assert set(page.pictures) == set(page.report["states"]) == {"a", "b"}
@@ -96,6 +97,7 @@ def test_a_finished_run_gets_its_report_later_and_of_a_clip_with_plots(know, tmp
     assert not (out / "report.html").exists()
     assert run("run", folder, "--clip", "--out", out, "--resume", "--report") == 0
     report = Page(out / "report.html").report
+    assert report["plots"]
     assert report["rate"] > 0.0
     assert report["cuts"] == [0]
     assert len(report["states"]) == 3

@@ -11,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from starlette.testclient import TestClient
+from waiting import wait_until
 
 import fieldcalib
 from fieldcalib import Camera, soccer
 from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.sources import VideoFrames
 from fieldcalib.io.files import BrokenFileError
@@ -67,6 +69,7 @@ def picture(tmp_path_factory):
 def shown(picture):
     """A page that tests only look at."""
     client = Client(picture, picture.parent / "shown")
+    client.state()  # its first fit is done
     yield client
     client.close()
 
@@ -340,6 +343,8 @@ EDITS = st.fixed_dictionaries(
 PLACES = st.sampled_from(
     ["api/frame/{}", "api/frame/{}/likely", "image/{}", "image/{}/crop", "static/{}", "api/{}", "{}", "api/frame/0/{}"]
 )
+THERE = ("", "0", "project", "frames")
+SYSTEM = ("/proc/",)  # what libraries read about the machine
 opened: list[str] | None = None
 
 
@@ -355,7 +360,7 @@ sys.addaudithook(_note)
 def odd_requests(client, data):
     """A request that asks for nothing that there is; returns the answer."""
     if data.draw(st.booleans()):
-        place = data.draw(PLACES).format(data.draw(TEXTS.filter(lambda text: text not in ("0", "project", "frames"))))
+        place = data.draw(PLACES).format(data.draw(TEXTS.filter(lambda text: text not in THERE)))
         path = "".join(c if c.isprintable() else "%01" for c in place).replace("?", "%3f").replace("#", "%23")
         query = {name: str(data.draw(VALUES)) for name in data.draw(st.sets(st.sampled_from("xywh")))}
         return client.http.get(f"/{TOKEN}/{path}", params=query)
@@ -379,8 +384,8 @@ def check_odd_requests(shown, data):
     assert answer.json()["error"]
     assert shown.editor.revision(0) == state
     assert sorted(Path(shown.editor.stored.folder.parent).rglob("*")) == files
-    inside = str(Path(fieldcalib.__file__).parent)
-    assert not [path for path in seen if not path.startswith((inside, sys.prefix, sys.base_prefix, "/proc/"))]
+    read = (str(Path(fieldcalib.__file__).parent), sys.prefix, sys.base_prefix, *SYSTEM)
+    assert not [path for path in seen if not path.startswith(read)]
 
 
 @given(st.data())
@@ -476,3 +481,71 @@ def test_every_file_of_the_page_is_sent(shown):
     assert "index.html" in page_files()
     for name, content in page_files().items():
         assert shown.get(f"static/{name}").content == content
+
+
+# --- clips ---
+
+
+def video(path, images):
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (width, height))
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return path
+
+
+def solved(client):
+    assert client.post("api/clip/solve", {}).status_code == 200
+    job = wait_until(lambda: (job := client.get("api/clip/job").json())["state"] != "running" and job)
+    assert job["state"] == "ready", job
+    return job
+
+
+def test_a_clip_is_solved_in_the_background(tmp_path):
+    """Of frames that show nothing: what is asked and answered."""
+    one = Client(
+        video(tmp_path / "clip.avi", [np.full((90, 160, 3), k, np.uint8) for k in range(30)]), tmp_path / "out"
+    )
+    assert one.get("api/clip/job").json()["state"] == "none"
+    assert one.post("api/clip/keep", {}).status_code == 400
+    changes = solved(one)["changes"]
+    assert changes["frames"] == list(range(30))
+    assert changes["pixels"] == [None] * 30
+    assert set(changes["verdict"]) == {"reject"}
+    assert one.get("api/clip/proposed/7").json()["camera"] is None
+    assert one.post("api/clip/discard", {}).json()["state"] == "none"
+    assert one.get("api/clip/proposed/7").status_code == 400
+    assert one.post("api/clip/cuts", {"cuts": [10, 20]}).json()["cuts"] == [0, 10, 20]
+    assert one.post("api/clip/cuts", {"cuts": [30]}).status_code == 400
+    solved(one)
+    assert one.post("api/clip/keep", {}).json()["saved"] == 30
+    one.close()
+    assert len((tmp_path / "out" / "cameras.jsonl").read_text().splitlines()) == 30
+    shots = json.loads((tmp_path / "out" / "tripods.json").read_text())["shots"]
+    assert [shot["first_frame"] for shot in shots] == [0, 10, 20]
+    again = Client(tmp_path / "out", None)
+    assert again.get("api/project").json()["cuts"] == [0, 10, 20]
+    again.close()
+
+
+@pytest.mark.slow
+def test_a_mended_frame_holds_in_its_clip(tmp_path):
+    """A pan; the labels of one frame by hand, and the frames around it follow."""
+    size, count = (640, 360), 30
+    cameras = [Camera.from_angles(-0.3 + 0.003 * k, 1.35, 0.0, 1066.0, (0.0, 68.0, -17.0), size) for k in range(count)]
+    images = [render_field(camera, soccer(), rng=np.random.default_rng(0)) for camera in cameras]
+    one = Client(video(tmp_path / "clip.avi", images), tmp_path / "out")
+    one.edit("clear", number=14)
+    for label in LINES:
+        xy = cameras[14].project(soccer()[label].sample(1.0))
+        xy = xy[((xy > 5.0) & (xy < np.subtract(size, 5.0))).all(axis=1)][[0, -1]]
+        assert one.edit("mark", number=14, label=label, xy=xy.tolist()).status_code == 200
+    solved(one)
+    assert one.post("api/clip/keep", {}).json()["saved"] == count
+    frames = one.get("api/frames").json()
+    assert frames["basis"][14] == "labelled by hand"
+    assert frames["by_hand"] == [k == 14 for k in range(count)]
+    one.close()
+    found = fieldcalib.read(tmp_path / "out")
+    assert max(largest_move(camera, found[f"{k:06d}"].camera) for k, camera in enumerate(cameras)) < 3.0

@@ -86,11 +86,13 @@ def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: Nd
     table = _with_halves(object_segments, evaluation.problem.observations, theta[:, PAN])
     is_straight = np.array([segment.is_straight for segment in segments])
     total, count = np.zeros(T), np.zeros(T)
+    by_pixel = Projection(theta[table.frame], layout)
+    xy = by_pixel.ideal_offset(by_pixel.observed_offset(table.xy[:, None]))[..., 0]
     for is_line, distances in ((True, _line_distances), (False, _cloud_distances)):
-        some = table.take(is_straight[table.label] == is_line)
-        if not len(some.frame):
+        is_own = is_straight[table.label] == is_line
+        if not np.any(is_own):
             continue
-        seen = _Labels.of(some, segments, theta, layout)
+        seen = _Labels.of(table.take(is_own), xy[:, is_own], segments, theta, layout)
         distance, frame = distances(seen), seen.frame[seen.pair]
         if kind == "eq3":  # the pixels of a segment share a weight of 1
             total += np.bincount(frame, distance / seen.size[seen.pair], minlength=T)
@@ -120,12 +122,10 @@ class _Labels(NamedTuple):
     """Pixels for one unit of NDC, (2,)."""
 
     @classmethod
-    def of(cls, table: PixelTable, segments: Sequence[Segment], theta: Array, layout: Layout) -> _Labels:
-        """Compute from a table of pixels; `segments` are those of its labels."""
+    def of(cls, table: PixelTable, xy: Array, segments: Sequence[Segment], theta: Array, layout: Layout) -> _Labels:
+        """Compute from a table of pixels and their ideal offsets `xy`; `segments` are those of its labels."""
         key, pair, size = np.unique(table.frame * len(segments) + table.label, return_inverse=True, return_counts=True)
         frame, label = np.divmod(key, len(segments))
-        own = Projection(theta[table.frame], layout)
-        xy = own.ideal_offset(own.observed_offset(table.xy[:, None]))[..., 0]
         cameras, half_size = Projection(theta[frame], layout), np.divide(layout.image_size, 2.0)
         return cls([segments[index] for index in label], frame, size, pair.ravel(), xy, cameras, half_size)
 

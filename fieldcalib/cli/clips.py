@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
-from fieldcalib.console.network import load_network
+from fieldcalib.console.network import load_network, or_search
 from fieldcalib.console.program import say
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
@@ -56,7 +56,7 @@ def run_clip(request: RunRequest) -> int:
         raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
     check_of_clip(options.known.flags)
-    network = load_network(options.network)
+    network = or_search(lambda: load_network(options.network))
     source = clip_frames(request.paths, request.cut, options.read, options.network.video_threads)
     clip = ClipInput(source, options.placement)
     keywords = options.keywords((0, 0) if options.known.intrinsics is None else clip.frame_size())

@@ -23,7 +23,7 @@ from fieldcalib.cli.several import run_several
 from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, load_network
+from fieldcalib.console.network import NetworkOptions, load_network, or_search
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
@@ -107,7 +107,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     """Calibrate images, or the frames of a video, one by one."""
     began = time.perf_counter()
     run, options = request.run, request.calibration
-    method = ImageCalibrator(options, load_network(options.network))
+    method = ImageCalibrator(options, or_search(lambda: load_network(options.network)))
     with opened(
         request.paths,
         options.most_pixels,
@@ -163,7 +163,7 @@ class ImageCalibrator:
     """Calibrates images one by one."""
 
     options: CalibrationOptions
-    network: Network
+    network: Network | None
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import field_of
 from fieldcalib.console.interrupts import interrupts_end_the_process
 from fieldcalib.console.options import given, option
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.grid import BACKGROUND, classes_without_segment
@@ -40,6 +42,19 @@ class NetworkOptions:
         return max(self.threads // 2, 1)
 
 
+class OtherFieldError(ValueError):
+    """The network of the package does not know the field, and no other one is given."""
+
+
+def or_search(load: Callable[[], SegmentationNetwork]) -> SegmentationNetwork | None:
+    """The network that is loaded; None where that of the package does not know the field: courts are searched for."""
+    try:
+        return load()
+    except OtherFieldError:
+        say("the network that comes with fieldcalib knows soccer fields only: courts are found by search")
+        return None
+
+
 def load_network(options: NetworkOptions) -> SegmentationNetwork:
     """Load the network, and OpenCV, which reads the images: both with that many threads.
 
@@ -47,8 +62,10 @@ def load_network(options: NetworkOptions) -> SegmentationNetwork:
 
     Raises
     ------
+    OtherFieldError
+        If the network that comes with the package is for another field than --field.
     ValueError
-        If the network is for another field than --field.
+        If --model is.
     """
     with interrupts_end_the_process():
         import cv2
@@ -60,7 +77,7 @@ def load_network(options: NetworkOptions) -> SegmentationNetwork:
         source = network.source and replace(network.source, threads=1)
         return replace(network, source=source)
     if options.model is None:
-        raise ValueError(
+        raise OtherFieldError(
             f"the network that comes with fieldcalib knows soccer fields only: --field {options.field_name} needs one "
             f"that was trained for it, --model NETWORK.onnx; labelled pixels need none, see fieldcalib calibrate"
         )

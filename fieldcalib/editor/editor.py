@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from threading import RLock
+from threading import RLock, Thread
 from typing import Self
 
 from fieldcalib.assess.result import Calibration
@@ -31,6 +31,8 @@ from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
+
+AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
 
 
 def ignored(done: int, count: int, stage: str) -> None:
@@ -103,14 +105,24 @@ class Editor:
 
     def _restore(self, replayed: Replayed) -> None:
         """Take what results and journal say."""
-        for id, row in () if self.stored is None else self.stored.rows():
-            if id in self._numbers:
-                self._rows[self._numbers[id]] = row
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
                 self._states[number] = _FrameState(edits, True, self._base(id, edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
+        if self.stored is None or len(self.stored.ids) <= AT_ONCE:
+            self._fill_rows()
+        else:  # an hour of video opens at once, its table grows
+            Thread(target=self._fill_rows, name="rows", daemon=True).start()
+
+    def _fill_rows(self) -> None:
+        """Take what the results say into the table."""
+        for count, (id, row) in enumerate(() if self.stored is None else self.stored.rows(), 1):
+            number = self._numbers.get(id)
+            if number is not None and not self._rows[number].verdict:
+                self._rows[number] = row._replace(by_hand=self._rows[number].by_hand)
+            self.version += count % AT_ONCE == 0
+        self.version += 1
 
     def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""

@@ -122,6 +122,12 @@ def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
 
 
 def _with_lines(lines: ClipLines, held: Mapping[int, KeyframeLabels]) -> ClipLines:
-    """Lines with those of anchors in the place of what was found at the same markings."""
-    replaced = {t: with_replaced(lines.labels.get(t, NO_PIXELS), one.labels) for t, one in held.items()}
-    return replace(lines, labels={**lines.labels, **replaced})
+    """Lines with those of anchors in the place of what was found at the same markings.
+
+    Where the labels of an anchor do not tell its camera, what was found is more exact than they are.
+    """
+    both = {}
+    for t, one in held.items():
+        found = lines.labels.get(t, NO_PIXELS)
+        both[t] = with_replaced(found, one.labels) if one.accepted else with_replaced(one.labels, found)
+    return replace(lines, labels={**lines.labels, **both})

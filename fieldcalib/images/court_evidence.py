@@ -17,11 +17,12 @@ EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the best camera of 553 pairs of picture and field, 115 of them
-# right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields. With
-# those of one clip or picture left out at a time, 101 of the right ones and none of the others are above 0.9.
-COEFFICIENTS = np.array([-26.53, 3.3, 4.63, 7.72, -13.81, 6.09])
-LEAST_PROBABILITY = 0.85  # of an accepted camera: the largest one of a wrong camera is 0.75
+# Fitted by `python -m data_tools.score_courts fit` to the best camera of 622 pairs of picture and field, 130 of them
+# right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields.
+COEFFICIENTS = np.array([-31.02, 4.62, 3.27, 7.06, -15.2, 6.25])
+LEAST_PROBABILITY = 0.9  # of an accepted camera: 119 right ones have it, and wrong ones 0.82 at most
+NO_RIVAL = 0.5  # of the score: a worse runner-up, or none, says more of the few lines in view than of the camera
+LEAST_SCORE = 250.0  # of an accepted camera: three lines fit many cameras
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE = 0.85, 0.9, 0.7, 1.2  # from which on evidence is named as a doubt
 
 
@@ -45,9 +46,8 @@ class CourtEvidence:
     @property
     def features(self) -> Array:
         """What the probability is computed from, (6,): 1, the logarithm of the score, and the four shares."""
-        return np.array(
-            [1.0, np.log(max(self.score, 1.0)), self.mean, self.explained, min(self.runner_up, 1.0), self.paint]
-        )
+        score, runner_up = np.log(max(self.score, 1.0)), np.clip(self.runner_up, NO_RIVAL, 1.0)
+        return np.array([1.0, score, self.mean, self.explained, runner_up, self.paint])
 
     @property
     def probability(self) -> float:
@@ -57,12 +57,13 @@ class CourtEvidence:
     @property
     def is_enough(self) -> bool:
         """Whether the camera is probable enough to be used."""
-        return self.probability >= LEAST_PROBABILITY
+        return self.probability >= LEAST_PROBABILITY and self.score >= LEAST_SCORE
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Evidence against the camera, in words."""
         found = {
+            "few of the field's lines are in view": self.score < LEAST_SCORE,
             f"only {100.0 * self.explained:.0f} % of the long lines on the field are markings of it": (
                 self.explained < FEW_EXPLAINED
             ),

@@ -18,6 +18,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.io.image import Image, size_of
 
 WORKING_WIDTH = 1280  # columns: pictures of 426 columns are searched as well as larger ones if they are enlarged to it
+LEAST_SIDE = 16  # px, of very narrow pictures
 SIDES = (3, 6, 11)  # px from the middle of a stripe to the ground on both sides
 BLUR = 0.8  # px, of the picture: noise and interlacing
 ACROSS = ((1, 0), (0, 1), (1, 1), (1, -1))  # directions in which the sides are looked for
@@ -51,14 +52,14 @@ class Stripes:
 
 
 def at_working_size(image: Image) -> Image:
-    """The picture scaled to 1280 columns."""
+    """The picture scaled to 1280 columns, one that is higher than wide to 1280 rows."""
     import cv2
 
-    width, height = size_of(image)
-    if width == WORKING_WIDTH:
+    longer = max(size_of(image))
+    if longer == WORKING_WIDTH:
         return image
-    size = WORKING_WIDTH, max(round(height * WORKING_WIDTH / width), 1)
-    smaller = width > WORKING_WIDTH
+    width, height = (max(round(side * WORKING_WIDTH / longer), LEAST_SIDE) for side in size_of(image))
+    size, smaller = (width, height), longer > WORKING_WIDTH
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 

@@ -74,8 +74,7 @@ class Observations:
         Labels are numbered in the order of `object_segments`, whether frames are packed together or one by one.
         """
         labels, segments = tuple(object_segments), tuple(object_segments.values())
-        rank, rows = np.empty((0, len(labels)), np.intp), tuple(kind.none(0) for kind in ROWS)
-        return cls(labels, image_size, segments, rank, rows, motion).with_pixels(table.numbered(labels))
+        return cls(labels, image_size, segments, *packed(table.numbered(labels), segments), motion)
 
     def __len__(self) -> int:
         return len(self.rank)
@@ -181,11 +180,8 @@ class Observations:
 
     def with_pixels(self, table: PixelTable) -> Observations:
         """Observations of other pixels on the same calibration object."""
-        rank = np.full((table.count, len(self.labels)), -1)
-        key, first = np.unique(table.frame * len(self.labels) + table.label, return_index=True)
-        rank.flat[key] = first
-        label_by_label = np.lexsort((rank[table.frame, table.label], table.frame))
-        return replace(self, rank=rank, rows=packed(table.take(label_by_label), self.segments))
+        rank, rows = packed(table, self.segments)
+        return replace(self, rank=rank, rows=rows)
 
     def without_labels(self, left_out: BoolArray) -> Observations:
         """Observations in which the labels `left_out` (T, L) have weight 0."""
@@ -280,26 +276,33 @@ def pack(
     return Observations.of(object_segments, PixelTable.of(object_segments, frames, weights), image_size, motion)
 
 
-def packed(table: PixelTable, segments: Sequence[Packable]) -> tuple[Rows, ...]:
-    """The rows of each kind, with the pixels of a frame one after the other."""
+def packed(table: PixelTable, segments: Sequence[Packable]) -> tuple[IntArray, tuple[Rows, ...]]:
+    """Pack a table: `Observations.rank`, and the rows of each kind, the pixels of a frame one after the other."""
+    rank = np.full((table.count, len(segments)), -1)
+    key, first = np.unique(table.frame * len(segments) + table.label, return_index=True)
+    rank.flat[key] = first
+    pixels = table.take(np.lexsort((rank[table.frame, table.label], table.frame)))  # label by label
     kind_of_label = np.array([ROWS.index(segment.rows) for segment in segments], dtype=np.intp)
-    kind_of_pixel = kind_of_label[table.label]
-    found = []
+    kind_of_pixel = kind_of_label[pixels.label]
+    rows = []
     for k, kind in enumerate(ROWS):
-        own = table.take(kind_of_pixel == k)
-        vectors = {index: segments[index].vectors for index in np.unique(own.label).tolist()}
-        if not vectors:
-            found.append(kind.none(table.count))
-            continue
-        depth = max(map(len, vectors.values()))
-        geometry = np.zeros((max(vectors) + 1, depth, 3))
-        for index, X in vectors.items():
-            geometry[index, : len(X)], geometry[index, len(X) :] = X, X[-1]
-        column = np.arange(len(own.frame)) - np.searchsorted(own.frame, own.frame)
-        rows = kind.none(table.count, int(np.max(column)) + 1, depth)
-        rows.xy[own.frame, column] = own.xy
-        rows.weight[own.frame, column] = own.weight
-        rows.label[own.frame, column] = own.label
-        rows.geometry[own.frame, column] = geometry[own.label]
-        found.append(rows)
-    return tuple(found)
+        is_own = kind_of_pixel == k
+        own = pixels.take(is_own) if np.any(is_own) else None
+        rows.append(kind.none(table.count) if own is None else _rows_of_kind(kind, own, segments))
+    return rank, tuple(rows)
+
+
+def _rows_of_kind(kind: type[Kind], table: PixelTable, segments: Sequence[Packable]) -> Kind:
+    """The rows of one kind, of pixels on segments of that kind."""
+    vectors = {index: segments[index].vectors for index in dict.fromkeys(table.label.tolist())}
+    depth = max(map(len, vectors.values()))
+    geometry = np.zeros((max(vectors) + 1, depth, 3))
+    for index, X in vectors.items():
+        geometry[index, : len(X)], geometry[index, len(X) :] = X, X[-1]
+    column = np.arange(len(table.frame)) - np.searchsorted(table.frame, table.frame)
+    rows = kind.none(table.count, int(np.max(column)) + 1, depth)
+    rows.xy[table.frame, column] = table.xy
+    rows.weight[table.frame, column] = table.weight
+    rows.label[table.frame, column] = table.label
+    rows.geometry[table.frame, column] = geometry[table.label]
+    return rows

@@ -94,8 +94,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         tuple(labels),
         image_size,
         (),
-        np.arange(len(labels))[None],
-        packed(PixelTable.of(labels, [frame], [weights]), stored),
+        *packed(PixelTable.of(labels, [frame], [weights]), stored),
         None if None in motions else from_json(motions),
     )
     if not ends["label"]:

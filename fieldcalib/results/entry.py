@@ -75,7 +75,8 @@ def calibrate(
     image_size : (int, int), optional
         Width and height of the pictures that pixels were labelled in, where these do not say it.
     network : Network, optional
-        Finds the markings in pictures; by default the one that comes with the package, for soccer.
+        Finds the markings in pictures; by default the one that comes with the package, for soccer. Courts of other
+        fields are found by search (`fieldcalib.images.court_search.find_courts`).
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         What is known of the camera, as in `calibrate_from_segments`.
     camera : {"tripod", "moving"}

@@ -68,21 +68,11 @@ class Method:
         """Keyword arguments of the functions that calibrate."""
         return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
 
-    def loaded(self) -> Network:
-        """The network that is given, or the one that comes with the package.
-
-        Raises
-        ------
-        ValueError
-            If that one does not know the field.
-        """
+    def loaded(self) -> Network | None:
+        """The network that is given, or the one of the package; None where that does not know the field."""
         network = SegmentationNetwork.load() if self.network is None else self.network
-        if self.network is None and classes_without_segment(network.classes, self.field):
-            raise ValueError(
-                "the network that comes with fieldcalib knows soccer fields only: give network=, one that was trained "
-                "for this field; labelled pixels need none"
-            )
-        return network
+        is_unknown = self.network is None and classes_without_segment(network.classes, self.field)
+        return None if is_unknown else network
 
     def check(self, *, labelled: bool = False, clip: bool = False) -> None:
         """Raise a ValueError if an option does not apply to the input."""
@@ -284,6 +274,11 @@ class LiveStream:
         """Calibrate all of it."""
         method.check()
         network, collected = method.loaded(), Collected()
+        if network is None:
+            raise ValueError(
+                "the network that comes with fieldcalib knows soccer fields only: of a stream give network=, one that "
+                "was trained for this field; pictures and clips of courts need none"
+            )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
             Tracker(method.field, network, wait=not self.stream.is_live, **method.keywords) as tracker,

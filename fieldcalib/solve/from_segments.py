@@ -310,6 +310,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     without_ends = replace(
         labels, matrix=evaluation.information_of(slice(0, count)) * sigma[:, :, None] * sigma[:, None]
     )
+    as_given = frames.observations if any(relabelled.suspects) else fitted
     needed, lens_is_prior = without_ends.about(options.left_to_labels), _lens_is_prior(labels, options)
     return [
         Evidence(
@@ -317,7 +318,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
             loss_ndc=float(losses[t]),
             errors=fitted.by_name(t, errors[t]),
             labels=fitted.labels_in(t),
-            given=frames.observations.labels_in(t),
+            given=as_given.labels_in(t),
             suspects=[suspect.label for suspect in relabelled.suspects[t]],
             far=far,
             unknowns=options.unknowns,

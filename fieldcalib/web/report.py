@@ -81,13 +81,13 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
 
 
 def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
-    """Frame rate and first frames of shots in a table with some of the frames; without a clip no rate."""
+    """Whether there are plots over time, the frame rate, and the first frames of shots in a table of some frames."""
     video, rate, frames = results.video, results.frames_per_second, len(results.frames.ids)
     if video is None or rate is None:
-        return {"rate": None, "cuts": []}
+        return {"plots": results.pictures.is_video, "rate": None, "cuts": []}
     readable = np.flatnonzero([id in results for id in results.frames.ids])
     starts = readable[np.array([shot.start for shot in video.shots], dtype=int)]
-    return {"rate": rate * len(kept) / max(frames, 1), "cuts": np.searchsorted(kept, starts).tolist()}
+    return {"plots": True, "rate": rate * len(kept) / max(frames, 1), "cuts": np.searchsorted(kept, starts).tolist()}
 
 
 def _about(results: Results) -> dict[str, Any]:

@@ -18,7 +18,16 @@ from driving import ROOT, Server, Window, render
 LARGEST = 200_000  # bytes of a picture in the docs
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # without what a browser asks its maker for
-ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
+ARGUMENTS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
 
 
 def pytest_collection_modifyitems(items):

@@ -4,7 +4,6 @@ import functools
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ SIZE = (1920, 1080)
 TRUTH = Camera.from_angles(*np.radians([-17.0, 77.0, 0.3]), 2600.0, (1.5, 66.0, -16.0), SIZE, k=(-0.04, 0.0))
 LABELS = ("Side line top", "Side line left", "Big rect. left main", "Big rect. left top", "Circle left", "Middle line")
 SECONDS = 30.0  # that a test waits: a busy machine is no property of the page
-NAMES = {"mark": "1", "foot": "2", "ruler": "3", "offside": "4"}
 
 
 @functools.cache
@@ -88,18 +86,18 @@ class Window:
         """Until a frame, whatever it is, and its picture are on the screen."""
         self.wait(
             "number => { const canvas = document.querySelector('.picture-lines'); "
-            "const shown = canvas?.dataset.revision !== undefined && (number === null || canvas.dataset.frame === String(number)); "
-            "return shown && !document.querySelector('#page.loading') }",
+            "const { frame, revision } = canvas?.dataset ?? {}; "
+            "return revision !== undefined && (number === null || frame === String(number)) "
+            "&& !document.querySelector('#page.loading') }",
             number,
         )
 
-    def wait_for_revision(self, revision, least=True):
-        """Until the answer to all edits is on the screen, and there were so many of them."""
+    def wait_for_revision(self, revision):
+        """Until the answers to all edits are on the screen, and there were so many of them."""
         self.wait(
-            "([revision, least]) => { const { dataset } = document.querySelector('.picture-lines'); "
-            "const count = Number(dataset.revision); "
-            "return dataset.pending === '0' && (least ? count >= revision : count === revision) }",
-            [revision, least],
+            "revision => { const { dataset } = document.querySelector('.picture-lines'); "
+            "return dataset.pending === '0' && Number(dataset.revision) >= revision }",
+            revision,
         )
 
     @property
@@ -173,16 +171,3 @@ class Window:
             xy = along(label, camera, max(count, 2 + 2 * FIELD[label].is_arc))
             self.mark(label, xy if rng is None else xy + rng.normal(scale=noise, size=xy.shape))
         self.press("Escape")
-
-    def screenshot(self, path=None):
-        self.page.mouse.move(2, 2)
-        self.page.wait_for_timeout(300)  # tips and crops
-        return self.page.screenshot(path=path)
-
-
-def until(condition, seconds=SECONDS):
-    """Wait for a condition that is not in the page."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited too long"
-        time.sleep(0.05)

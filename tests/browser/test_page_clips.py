@@ -57,12 +57,14 @@ def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip, shoot):
     one.page.get_by_text("Solved again:").wait_for(timeout=8e3 * SECONDS)
     assert "frames would change" in one.text(".clip-words")
     one.page.get_by_role("button", name="Largest change").click()
+    one.wait("() => document.querySelector('.picture-lines').dataset.frame !== '5'")
     one.page.locator(".legend-proposed").wait_for()
-    shoot(one, "page-clip")
+    shoot(one, "page-solved")
     one.page.get_by_role("button", name="Keep").click()
     one.page.get_by_text("mended by hand holds the clip").wait_for()
 
     one.wait("() => document.querySelectorAll('.frame-row .verdict-good').length >= 12")
+    shoot(one, "page-clip")
     shifts = [worst_shift(one.state(number)["camera"], CAMERAS[number]) for number in range(0, COUNT, 4)]
     assert max(shifts) < 3.0
 

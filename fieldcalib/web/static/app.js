@@ -1,9 +1,10 @@
 // The page: fetches the project, shows a frame, and passes on what the person does.
 
-import { Offline, Refused, address, get, isGone, post } from "./api.js";
+import { Offline, Refused, get, isGone, post } from "./api.js";
+import { buildBars } from "./bars.js";
 import { ClipBar, proposed } from "./clip.js";
 import { commandsOf, EXTRA_HELP } from "./commands.js";
-import { button, changeIcon, counted, element } from "./dom.js";
+import { changeIcon, counted, element } from "./dom.js";
 import { FrameEdits } from "./edits.js";
 import { FieldMap, heatScale } from "./fieldmap.js";
 import { FrameList } from "./frames.js";
@@ -55,13 +56,14 @@ class App {
     this.known = new KnownValues(at("known"), { know: (values) => this.edit({ do: "know", values }) });
     this.measured = new Measurements(at("measured"), this.picture, { onchange: (places) => this.map.showPlaces(places), onerror: (error) => this.complain(error) });
     this.pointing = new Pointing(this.picture, this.pointingActions());
-    this.picture.drawings.unshift((context) => this.drawProposed(context));
     this.picture.onview = (view) => this.showZoom(view);
     this.commands = commandsOf(this);
     this.help = new Help(this.commands, EXTRA_HELP);
     this.keys = new Keys(this.commands, { choose: (label) => this.choose(label), typed: (letters) => this.showTyped(letters) });
     this.tabs = new Tabs(at("tabs"), { marks: "Marks", known: "Camera", measured: "Measured" });
-    this.buildBars();
+    buildBars(this);
+    this.setTool("mark");
+    this.showZoom(this.picture.view);
     startTips();
     window.addEventListener("beforeunload", (event) => this.waiting && event.preventDefault());
   }
@@ -167,7 +169,7 @@ class App {
     const kept = this.unsent.get(number);
     this.edits = kept?.pending.length ? kept : this.editsOf(state);
     this.select([], false);
-    this.proposed = null;
+    this.picture.proposed = [];
     this.measured.setFrame(number);
     if (failure) this.showEmpty("No picture here.", failure);
     else at("stage-empty").hidden = true;
@@ -182,6 +184,7 @@ class App {
     this.current = this.wanted = number;
     this.edits = this.unsent.get(number)?.pending.length ? this.unsent.get(number) : this.editsOf(state);
     this.picture.selected = new Set();
+    this.picture.proposed = [];
     if (loaded) this.picture.show(loaded, state);
     at("stage-empty").hidden = !failure;
     if (failure) this.showEmpty("No picture here.", failure);
@@ -505,13 +508,11 @@ class App {
 
   async fetchProposed() {
     const number = this.current;
-    this.proposed = this.clip.changes?.frames.includes(number) ? await proposed(number).catch(() => null) : null;
-    if (number === this.current) this.picture.drawLines();
+    const found = this.clip.changes?.frames.includes(number) ? await proposed(number).catch(() => null) : null;
+    if (number !== this.current) return;
+    this.picture.proposed = found?.curves ?? [];
+    this.picture.drawLines();
     this.showLegend();
-  }
-
-  drawProposed(context) {
-    for (const { points } of this.proposed?.curves ?? []) this.picture.drawCurve(context, points, { colour: "--accent", dash: [6, 4], width: 1.5 });
   }
 
   changeCuts(cuts) {
@@ -576,7 +577,7 @@ class App {
   showLegend() {
     const states = new Set(this.picture.layers.markings ? this.edits?.shown.curves.map(({ state }) => state) : []);
     const rows = Object.entries(CURVES).filter(([state]) => states.has(state)).map(([state, { words }]) => element("span", { class: `legend-row legend-${state}` }, element("i", { "aria-hidden": "true" }), words));
-    if (this.proposed) rows.push(element("span", { class: "legend-row legend-proposed" }, element("i", { "aria-hidden": "true" }), "solved again"));
+    if (this.picture.proposed.length) rows.push(element("span", { class: "legend-row legend-proposed" }, element("i", { "aria-hidden": "true" }), "solved again"));
     at("legend").replaceChildren(...rows);
   }
 
@@ -587,72 +588,6 @@ class App {
   showEmpty(title, words) {
     at("stage-empty").hidden = false;
     at("stage-empty").replaceChildren(element("strong", { text: title }), element("p", { class: "dim", text: words }));
-  }
-
-  // Bars
-
-  buildBars() {
-    const labels = element("select", { "aria-label": "Write labels as a file", "data-tip": "Write the labels as a file", class: "menu" },
-      element("option", { value: "", text: "Labels…" }),
-      ...[["soccernet", "SoccerNet JSON"], ["cvat", "CVAT XML"], ["labelme", "labelme JSON"], ["coco", "COCO JSON"]].map(([value, text]) => element("option", { value, text })),
-    );
-    labels.addEventListener("change", () => {
-      this.saveLabels(labels.value);
-      labels.value = "";
-    });
-    this.saveButton = button("Saved", { icon: "save", keys: "Ctrl+S", press: () => this.save() });
-    this.editButtons = {
-      undo: button("Undo", { icon: "undo", keys: "Ctrl+Z", shown: false, press: () => this.edit({ do: "undo" }) }),
-      redo: button("Redo", { icon: "redo", keys: "Ctrl+Shift+Z", shown: false, press: () => this.edit({ do: "redo" }) }),
-      automatic: button("Find labels automatically", { icon: "automatic", keys: "Shift+A", shown: false, press: () => this.edit({ do: "automatic" }) }),
-      copy: button("Copy labels of the previous frame", { icon: "copy", keys: "Shift+C", shown: false, press: () => this.copyLabels() }),
-      next: button("The mark that helps most", { icon: "next", keys: "Shift+N", shown: false, press: () => this.goToNext() }),
-      clear: button("Remove all marks", { icon: "remove", shown: false, press: () => this.edit({ do: "clear" }) }),
-    };
-    at("top-edit").append(...Object.values(this.editButtons));
-    at("top-save").append(this.saveButton, labels);
-    at("top-help").append(button("Keys", { icon: "help", keys: "?", shown: false, press: () => this.help.toggle() }));
-    this.buildTools();
-    this.playButton = button("Play", { icon: "play", keys: "Space", shown: false, press: () => this.play() });
-    this.clipButtons = { cut: button("A shot begins here", { icon: "cut", keys: "Shift+K", shown: false, press: () => this.toggleCut() }) };
-    at("transport").append(this.playButton, this.clipButtons.cut);
-  }
-
-  buildTools() {
-    const tool = (name, words, keys) => button(words, { icon: name, keys, shown: false, press: () => this.setTool(name) });
-    this.toolButtons = { mark: tool("mark", "Mark and select", "1"), foot: tool("foot", "Foot: metres on the ground", "2"), ruler: tool("ruler", "Ruler", "3"), offside: tool("offside", "Offside line", "4") };
-    const toggle = (name, words, keys, press, on) => {
-      const one = button(words, { icon: name, keys, shown: false, press });
-      one.setAttribute("aria-pressed", String(on));
-      return one;
-    };
-    this.toggles = {
-      snap: toggle("snap", "Snap to paint (Alt: the other way)", "Shift+S", () => this.setSnap(!this.snap), true),
-      markings: toggle("markings", "Projected markings", "Shift+M", () => this.toggleLayer("markings"), true),
-      horizon: toggle("horizon", "Horizon", "Shift+H", () => this.toggleLayer("horizon"), false),
-      heat: toggle("heat", "Error map: shift of the ground if clicks are 2 px off", "Shift+E", () => this.toggleHeat(), false),
-    };
-    this.zoomWords = element("output", { class: "zoom-words", "aria-label": "Zoom" });
-    const picture = element("a", { class: "button", "data-tip": "Save the picture with its markings", "aria-label": "Save the picture with its markings", download: "", href: "#" });
-    picture.append(button("", { icon: "download", shown: false }).firstChild);
-    picture.addEventListener("click", () => {
-      picture.href = address(`api/frame/${this.current}/overlay.png`);
-      picture.download = `overlay-${this.current}.png`;
-    });
-    at("tools").append(
-      element("div", { class: "group", role: "group", "aria-label": "Tool" }, Object.values(this.toolButtons)),
-      element("div", { class: "group", role: "group", "aria-label": "Shown" }, Object.values(this.toggles)),
-      element("div", { class: "group push", role: "group", "aria-label": "Zoom" },
-        picture,
-        button("Farther", { icon: "farther", keys: "-", shown: false, press: () => this.zoom((view) => view.zoomBy(0.8)) }),
-        this.zoomWords,
-        button("Closer", { icon: "closer", keys: "+", shown: false, press: () => this.zoom((view) => view.zoomBy(1.25)) }),
-        button("Whole picture", { icon: "fit", keys: "0", shown: false, press: () => this.zoom((view) => view.fit()) }),
-        button("100 %: pixels", { icon: "pixels", keys: "9", shown: false, press: () => this.zoom((view) => view.zoomTo(1)) }),
-      ),
-    );
-    this.setTool("mark");
-    this.showZoom(this.picture.view);
   }
 }
 

@@ -79,19 +79,27 @@ export class FieldMap {
     const part = svgElement("g", { class: "map-segment", "data-label": segment.label, "aria-label": name }, shape);
     if (this.choose) {
       part.setAttribute("role", "button");
-      part.setAttribute("tabindex", isPoint ? "-1" : "0");
+      part.setAttribute("tabindex", this.parts.size ? "-1" : "0"); // one stop of Tab; arrow keys go on from there
       part.setAttribute("aria-pressed", "false");
       part.addEventListener("focus", () => this.hover(segment.label));
       part.addEventListener("blur", () => this.hover(null));
-      part.addEventListener("keydown", (event) => {
-        if (event.key !== "Enter" && event.key !== " ") return;
-        event.preventDefault();
-        event.stopPropagation();
-        this.choose(segment.label);
-      });
+      part.addEventListener("keydown", (event) => this.press(event, segment.label));
     }
     this.lines.append(part);
     this.parts.set(segment.label, { segment, points, part, isPoint });
+  }
+
+  press(event, label) {
+    const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+    if (!step && event.key !== "Enter" && event.key !== " ") return undefined;
+    event.preventDefault();
+    event.stopPropagation();
+    if (!step) return this.choose(label);
+    const labels = [...this.parts.keys()];
+    const next = labels[(labels.indexOf(label) + step + labels.length) % labels.length];
+    this.parts.get(label).part.setAttribute("tabindex", "-1");
+    this.parts.get(next).part.setAttribute("tabindex", "0");
+    return this.parts.get(next).part.focus();
   }
 
   /** Write the keys beside their markings, where they cover no other key. */

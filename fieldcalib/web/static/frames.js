@@ -42,7 +42,9 @@ export class FrameList {
     this.worstFirst = worst;
     this.sorting.value = worst ? "worst" : "order";
     this.sort();
-    this.reveal();
+    if (!worst) return this.reveal();
+    this.list.scrollTop = 0;
+    return this.draw();
   }
 
   sort() {

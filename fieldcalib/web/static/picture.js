@@ -34,6 +34,7 @@ export class Picture {
     this.root = root;
     this.view = new View();
     this.layers = { markings: true, horizon: false, marks: true };
+    this.proposed = []; // curves of another camera, drawn over those of the frame
     this.drawings = []; // functions of (context, picture) that draw on top
     this.pixels = element("canvas", { class: "picture-pixels", "aria-hidden": "true" });
     this.lines = element("canvas", { class: "picture-lines", tabindex: "0", role: "application", "aria-label": "Picture with the projected field" });
@@ -157,6 +158,7 @@ export class Picture {
       context.clip();
       if (this.layers.horizon && this.frame.horizon) this.drawCurve(context, this.frame.horizon, { colour: "--accent", dash: [12, 6] });
       if (this.layers.markings) this.drawMarkings(context);
+      for (const { points } of this.proposed) this.drawCurve(context, points, { colour: "--accent", dash: [6, 4], width: 1.5 });
       context.restore();
       for (const draw of this.drawings) draw(context, this);
       if (this.layers.marks) this.drawMarks(context);

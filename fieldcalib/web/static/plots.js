@@ -3,10 +3,11 @@
 import { element, shownNumber } from "./dom.js";
 import { VERDICTS, paintVerdict } from "./verdict.js";
 
+// what is plotted; `least` is the smallest range of values that fills a row, so that noise looks like noise
 const ROWS = [
-  { column: "pan", words: "pan", unit: "°", digits: 1 },
-  { column: "tilt", words: "tilt", unit: "°", digits: 1 },
-  { column: "focal_length", words: "zoom", unit: " px", digits: 0 },
+  { column: "pan", words: "pan", unit: "°", digits: 1, least: () => 1 },
+  { column: "tilt", words: "tilt", unit: "°", digits: 1, least: () => 1 },
+  { column: "focal_length", words: "zoom", unit: " px", digits: 0, least: (f) => 0.05 * f },
 ];
 const WORST = ["good", "", "check", "reject"]; // of several frames in one column of pixels the last one is shown
 const HEIGHTS = { good: 0.34, "": 0.5, check: 0.67, reject: 1 }; // of the bar: told without colours too
@@ -86,7 +87,7 @@ export class Timeline {
       if (WORST.indexOf(known) > WORST.indexOf(this.worst[k])) this.worst[k] = known;
       if (this.frames.by_hand?.[number]) this.hand.add(k);
     });
-    this.ranges = ROWS.map(({ column }) => rangesOf(this.frames[column] ?? [], bins, bin));
+    this.ranges = ROWS.map(({ column, least }) => rangesOf(this.frames[column] ?? [], bins, bin, least));
     this.moved = new Array(bins).fill(0);
     this.changes?.frames.forEach((number, k) => {
       this.moved[bin(number)] = Math.max(this.moved[bin(number)], this.changes.pixels[k] ?? 0);
@@ -260,7 +261,7 @@ export class Timeline {
   }
 }
 
-function rangesOf(column, bins, bin) {
+function rangesOf(column, bins, bin, least) {
   const low = new Array(bins).fill(NaN);
   const high = new Array(bins).fill(NaN);
   let bounds = [Infinity, -Infinity];
@@ -271,7 +272,10 @@ function rangesOf(column, bins, bin) {
     high[k] = Number.isNaN(high[k]) ? value : Math.max(high[k], value);
     bounds = [Math.min(bounds[0], value), Math.max(bounds[1], value)];
   });
-  return { low, high, bounds: bounds[0] <= bounds[1] ? bounds : [0, 1] };
+  if (bounds[0] > bounds[1]) return { low, high, bounds: [0, 1] };
+  const middle = (bounds[0] + bounds[1]) / 2;
+  const half = Math.max(bounds[1] - bounds[0], least(middle)) / 2;
+  return { low, high, bounds: [middle - half, middle + half] };
 }
 
 /** Hours, minutes and seconds of a frame. */

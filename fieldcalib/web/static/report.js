@@ -27,7 +27,7 @@ class Report {
     this.picture = new Picture(this.parts.stage);
     this.letMove(this.picture);
     this.table = new FrameTable(this.parts.table, { open: (number) => this.open(number) });
-    if (report.rate) {
+    if (report.plots) {
       this.timeline = new Timeline(this.parts.timeline, { open: (number) => this.open(number) });
       this.timeline.show(this.frames, { rate: report.rate, cuts: report.cuts });
     }
@@ -54,7 +54,7 @@ class Report {
       about: this.about(),
     };
     const open = element("button", { type: "button", class: "button", text: "About this run", on: { click: () => parts.about.showModal() } });
-    document.body.className = `report${this.report.rate ? " report-clip" : ""}`;
+    document.body.className = `report${this.report.plots ? " report-clip" : ""}`;
     parts.stage.append(parts.none, parts.legend);
     document.body.append(
       element(
@@ -72,7 +72,7 @@ class Report {
         parts.stage,
         element("div", { class: "report-below" }, element("div", { class: "report-facts" }, parts.name, parts.card, parts.numbers), parts.map),
       ),
-      this.report.rate ? parts.timeline : "",
+      this.report.plots ? parts.timeline : "",
       parts.about,
     );
     return parts;
