@@ -8,12 +8,11 @@ from cv2 import pointPolygonTest
 
 from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import Calibration, Status, Verdict
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.web.records import (
     calibration_record,
-    concern_of,
     curves_of,
     field_record,
     horizon_of,
@@ -132,18 +131,3 @@ def test_a_frame_without_a_camera_has_its_reason():
     assert (record["curves"], record["view"]) == ([], [])
     assert record["reason"] == "no labelled pixels"
     assert "labelled by hand" in record["remedy"]
-
-
-def test_concern_follows_the_verdict_and_then_the_paint():
-    found = calibrated()
-    assert found.verdict is Verdict.GOOD
-    near = found.seen_in_image([MarkingInView("Side line right", 400.0, 30, 0.9, 0.0)])
-    beside, far = (
-        found.seen_in_image([*near.markings, MarkingInView("Side line top", 400.0, 9, 0.5, offset)])
-        for offset in (6.0, 20.0)
-    )
-    rejected = found.seen_in_image([MarkingInView("Side line top", 400.0, 30, 0.0, 9.0)])
-    assert [one.verdict for one in (near, beside, far)] == ["good", "check", "check"]
-    concerns = [concern_of(one) for one in (near, beside, far, rejected, None)]
-    assert concerns == sorted(concerns)
-    assert len(set(concerns)) == 5

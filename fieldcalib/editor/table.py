@@ -46,7 +46,8 @@ class Row(NamedTuple):
     def of_line(cls, line: Mapping[str, Any]) -> Row:
         """The row of a line of ``cameras.jsonl``."""
         verdict = str(line.get("verdict", ""))
-        probability = float(line.get("probability_right_1m") or np.nan)
+        known = line.get("probability_right_1m")
+        probability = float("nan") if known is None else float(known)
         degrees, K = line.get("angles_degrees") or {}, line.get("K")
         pan, tilt, roll = (degrees.get(name) for name in ANGLE_NAMES)
         return cls(

@@ -14,8 +14,8 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.markings import MarkingInView, paint_share
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -27,8 +27,6 @@ FARTHEST = 2.0  # diagonals of the field from the camera: ground beyond is not s
 BORDER = 24  # places along each side of the image whose ground is traced
 BEYOND = 1e6  # m: points of the ground that far off lie on the horizon
 AZIMUTHS = 721  # directions in which the horizon is traced
-FARTHEST_PAINT = 30.0 / 540.0  # of the height of an image: paint is looked for that far from its marking
-GRADES = {Verdict.GOOD: 0, Verdict.CHECK: 1, Verdict.REJECT: 2}
 
 
 def field_record(field: Field) -> dict[str, Any]:
@@ -212,28 +210,6 @@ def horizon_of(camera: Camera) -> list[list[float]] | None:
     line = xy[near[0] : near[-1] + 1]
     is_straight = not np.any(camera.dist)
     return _rounded(line[[0, -1]] if is_straight else line, 1)
-
-
-def concern_of(calibration: Calibration | None) -> float:
-    """How much a frame should be looked at, 0 to 1: rejected ones from 2/3 on, those to check from 1/3 on.
-
-    Within a verdict the largest distance of paint from its marking counts first, then the share of paint that is
-    missing.
-
-    Examples
-    --------
-    >>> from fieldcalib import Status
-    >>> concern_of(None), concern_of(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels"))
-    (1.0, 1.0)
-    """
-    if calibration is None or calibration.camera is None:
-        return 1.0
-    markings = calibration.markings
-    size = calibration.camera.image_size
-    off = min(max((one.offset for one in markings), default=0.0) / (FARTHEST_PAINT * size[1]), 1.0)
-    missing = 1.0 - paint_share(markings) if markings else 0.5
-    within = 1.0 - (1.0 - off) * (1.0 - 0.1 * missing)
-    return round((GRADES[calibration.verdict] + within) / 3.0, 4)
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:

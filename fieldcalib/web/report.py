@@ -81,7 +81,7 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
 
 
 def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
-    """Whether there are plots over time, with the frame rate and the first frames of shots in a table of some frames."""
+    """Whether there are plots over time, the frame rate, and the first frames of shots in a table of some frames."""
     video, rate, frames = results.video, results.frames_per_second, len(results.frames.ids)
     if video is None or rate is None:
         return {"plots": results.pictures.is_video, "rate": None, "cuts": []}

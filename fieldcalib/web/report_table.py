@@ -10,6 +10,7 @@ from dataclasses import replace as changed
 from typing import Any
 
 from fieldcalib.assess.result import ANGLE_NAMES, Verdict
+from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN
@@ -23,7 +24,6 @@ LOOK = (
 )
 UNREADABLE = "the file cannot be read: get it again, or leave it out"
 VIEW_POINTS = 12  # of the polygon of the ground in view
-GRADES = {Verdict.GOOD: 0, Verdict.CHECK: 1, Verdict.REJECT: 2}
 MOST_LETTERS = 240  # of a reason
 NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
@@ -140,19 +140,17 @@ def coded(values: Sequence[Any]) -> Sequence[Any] | dict[str, Any]:
 
 def _row(line: Mapping[str, Any], field: Field | None) -> dict[str, Any]:
     """The values of a frame; without a field no view."""
-    verdict, degrees, K = line.get("verdict", ""), line.get("angles_degrees") or {}, line.get("K")
-    probability = line.get("probability_right_1m")
-    grade = GRADES[Verdict(verdict)] + (0.5 if probability is None else 1.0 - probability) if K and verdict else 3.0
+    row, has_camera = Row.of_line(line), line.get("K") is not None
     return {
         "id": line["id"],
-        "verdict": verdict,
-        "reason": (line.get("reason") or line["message"])[:MOST_LETTERS],
-        "concern": round(grade / 3.0, 3),
-        **{name: _rounded(degrees.get(name), 2) for name in ANGLE_NAMES},
-        "focal_length": None if K is None else _rounded(K[0][0], 1),
-        "probability": _rounded(probability, 3),
-        "basis": line.get("basis", ""),
-        "view": None if K is None or field is None else _view(line, field),
+        "verdict": row.verdict,
+        "reason": row.reason[:MOST_LETTERS],
+        "concern": row.concern if has_camera else 1.0,
+        **{name: _rounded(getattr(row, name), 2) for name in ANGLE_NAMES},
+        "focal_length": _rounded(row.focal_length, 1),
+        "probability": _rounded(line.get("probability_right_1m"), 3),
+        "basis": row.basis,
+        "view": _view(line, field) if has_camera and field is not None else None,
     }
 
 

@@ -1,9 +1,10 @@
 // The page: fetches the project, shows a frame, and passes on what the person does.
 
-import { Offline, Refused, address, get, isGone, post } from "./api.js";
+import { Offline, Refused, get, isGone, post } from "./api.js";
+import { buildBars } from "./bars.js";
 import { ClipBar, proposed } from "./clip.js";
 import { commandsOf, EXTRA_HELP } from "./commands.js";
-import { button, changeIcon, counted, element } from "./dom.js";
+import { changeIcon, counted, element } from "./dom.js";
 import { FrameEdits } from "./edits.js";
 import { FieldMap, heatScale } from "./fieldmap.js";
 import { FrameList } from "./frames.js";
@@ -60,7 +61,9 @@ class App {
     this.help = new Help(this.commands, EXTRA_HELP);
     this.keys = new Keys(this.commands, { choose: (label) => this.choose(label), typed: (letters) => this.showTyped(letters) });
     this.tabs = new Tabs(at("tabs"), { marks: "Marks", known: "Camera", measured: "Measured" });
-    this.buildBars();
+    buildBars(this);
+    this.setTool("mark");
+    this.showZoom(this.picture.view);
     startTips();
     window.addEventListener("beforeunload", (event) => this.waiting && event.preventDefault());
   }
@@ -585,72 +588,6 @@ class App {
   showEmpty(title, words) {
     at("stage-empty").hidden = false;
     at("stage-empty").replaceChildren(element("strong", { text: title }), element("p", { class: "dim", text: words }));
-  }
-
-  // Bars
-
-  buildBars() {
-    const labels = element("select", { "aria-label": "Write labels as a file", "data-tip": "Write the labels as a file", class: "menu" },
-      element("option", { value: "", text: "Labels…" }),
-      ...[["soccernet", "SoccerNet JSON"], ["cvat", "CVAT XML"], ["labelme", "labelme JSON"], ["coco", "COCO JSON"]].map(([value, text]) => element("option", { value, text })),
-    );
-    labels.addEventListener("change", () => {
-      this.saveLabels(labels.value);
-      labels.value = "";
-    });
-    this.saveButton = button("Saved", { icon: "save", keys: "Ctrl+S", press: () => this.save() });
-    this.editButtons = {
-      undo: button("Undo", { icon: "undo", keys: "Ctrl+Z", shown: false, press: () => this.edit({ do: "undo" }) }),
-      redo: button("Redo", { icon: "redo", keys: "Ctrl+Shift+Z", shown: false, press: () => this.edit({ do: "redo" }) }),
-      automatic: button("Find labels automatically", { icon: "automatic", keys: "Shift+A", shown: false, press: () => this.edit({ do: "automatic" }) }),
-      copy: button("Copy labels of the previous frame", { icon: "copy", keys: "Shift+C", shown: false, press: () => this.copyLabels() }),
-      next: button("The mark that helps most", { icon: "next", keys: "Shift+N", shown: false, press: () => this.goToNext() }),
-      clear: button("Remove all marks", { icon: "remove", shown: false, press: () => this.edit({ do: "clear" }) }),
-    };
-    at("top-edit").append(...Object.values(this.editButtons));
-    at("top-save").append(this.saveButton, labels);
-    at("top-help").append(button("Keys", { icon: "help", keys: "?", shown: false, press: () => this.help.toggle() }));
-    this.buildTools();
-    this.playButton = button("Play", { icon: "play", keys: "Space", shown: false, press: () => this.play() });
-    this.clipButtons = { cut: button("A shot begins here", { icon: "cut", keys: "Shift+K", shown: false, press: () => this.toggleCut() }) };
-    at("transport").append(this.playButton, this.clipButtons.cut);
-  }
-
-  buildTools() {
-    const tool = (name, words, keys) => button(words, { icon: name, keys, shown: false, press: () => this.setTool(name) });
-    this.toolButtons = { mark: tool("mark", "Mark and select", "1"), foot: tool("foot", "Foot: metres on the ground", "2"), ruler: tool("ruler", "Ruler", "3"), offside: tool("offside", "Offside line", "4") };
-    const toggle = (name, words, keys, press, on) => {
-      const one = button(words, { icon: name, keys, shown: false, press });
-      one.setAttribute("aria-pressed", String(on));
-      return one;
-    };
-    this.toggles = {
-      snap: toggle("snap", "Snap to paint (Alt: the other way)", "Shift+S", () => this.setSnap(!this.snap), true),
-      markings: toggle("markings", "Projected markings", "Shift+M", () => this.toggleLayer("markings"), true),
-      horizon: toggle("horizon", "Horizon", "Shift+H", () => this.toggleLayer("horizon"), false),
-      heat: toggle("heat", "Error map: shift of the ground if clicks are 2 px off", "Shift+E", () => this.toggleHeat(), false),
-    };
-    this.zoomWords = element("output", { class: "zoom-words", "aria-label": "Zoom" });
-    const picture = element("a", { class: "button", "data-tip": "Save the picture with its markings", "aria-label": "Save the picture with its markings", download: "", href: "#" });
-    picture.append(button("", { icon: "download", shown: false }).firstChild);
-    picture.addEventListener("click", () => {
-      picture.href = address(`api/frame/${this.current}/overlay.png`);
-      picture.download = `overlay-${this.current}.png`;
-    });
-    at("tools").append(
-      element("div", { class: "group", role: "group", "aria-label": "Tool" }, Object.values(this.toolButtons)),
-      element("div", { class: "group", role: "group", "aria-label": "Shown" }, Object.values(this.toggles)),
-      element("div", { class: "group push", role: "group", "aria-label": "Zoom" },
-        picture,
-        button("Farther", { icon: "farther", keys: "-", shown: false, press: () => this.zoom((view) => view.zoomBy(0.8)) }),
-        this.zoomWords,
-        button("Closer", { icon: "closer", keys: "+", shown: false, press: () => this.zoom((view) => view.zoomBy(1.25)) }),
-        button("Whole picture", { icon: "fit", keys: "0", shown: false, press: () => this.zoom((view) => view.fit()) }),
-        button("100 %: pixels", { icon: "pixels", keys: "9", shown: false, press: () => this.zoom((view) => view.zoomTo(1)) }),
-      ),
-    );
-    this.setTool("mark");
-    this.showZoom(this.picture.view);
   }
 }
 
