@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from commands import lines_of
 
 from baselines.jiang.__main__ import main
 from baselines.jiang.estimate import Estimator
@@ -91,7 +92,7 @@ def test_a_run_writes_homographies_that_others_read(cost, frames, weights, tmp_p
     more = ("--size", "1280x720", "--weights", weights, "--cost", cost, "--steps", 3)
     assert run(images, "--out", out, *more) == 1
     assert "broken.jpg" in capsys.readouterr().err
-    lines = {line["id"]: line for line in map(json.loads, (out / "cameras.jsonl").read_text().splitlines())}
+    lines = {line["id"]: line for line in lines_of(out)}
     assert set(lines) == {"0000000", "0000001", "0000002", "broken"}
     first = lines["0000000"]
     assert first["cost"] <= first["cost_of_guess"]

@@ -15,9 +15,12 @@ from views import camera
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict, complaints_of
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of, paint_evidence
@@ -208,3 +211,12 @@ def test_frames_with_most_of_their_paint_elsewhere_are_rejected():
     seen = found.seen_in_images({1: beside})
     assert [str(one.status) for one in seen] == ["accepted", "probably wrong"]
     assert seen[1].message.startswith("most of the paint lies beside the markings: 'front' lies 9 px beside its paint")
+
+
+def test_lines_as_wide_as_the_band_have_fewer_ridges():
+    line = Line((-20.0, 0.0, 0.0), (20.0, 0.0, 0.0))
+    field = Field(40.0, 20.0, {"border": line}, lines=LineLook(width=3.0))
+    near = Camera.from_angles(0.0, 1.2, 0.0, 900.0, (0.0, 9.0, -4.0), (960, 540))
+    plain = np.full((540, 960, 3), 90, np.uint8)
+    (found,) = paint_evidence(plain, near, Markings.of(field)).markings
+    assert found.share == 0.0

@@ -258,7 +258,8 @@ class Strips:
         middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]
         top = (middle >= before) & (middle > after) & (middle > self.least[:, None])
         top &= np.abs(self.offset[:, 1:-1]) <= search_range * self.unit
-        best = np.argpartition(-np.where(top, middle, -np.inf), count, axis=1)[:, :count]
+        last = min(count, middle.shape[1] - 1)  # few samples: the lines are as wide as the strips
+        best = np.argpartition(-np.where(top, middle, -np.inf), last, axis=1)[:, :count]
         row = np.arange(len(best))[:, None]
         vertex = _vertex(before[row, best], middle[row, best], after[row, best])
         offset = np.where(top[row, best], self.offset[row, best + 1] + vertex * self.spacing[:, None], np.nan)
