@@ -17,6 +17,7 @@ from fieldcalib import Camera, Editor, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.editor import StaleEdit
+from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, read_journal
 from fieldcalib.editor.versions import ChangedFileError
 from fieldcalib.io.files import BrokenFileError
@@ -244,6 +245,20 @@ def test_a_run_is_mended(pictures, tmp_path):
     assert not (out / "labels" / "b.json").exists()
 
 
+def test_a_run_is_mended_later(pictures, tmp_path):
+    """Frames of a run that were changed, and are saved when the folder is opened again; and with given labels."""
+    out = tmp_path / "out"
+    fieldcalib.calibrate(pictures, progress=False).save(out)
+    given = write_soccernet(
+        tmp_path / "a.json", Side_line_left=ends(LINES[0]) / SIZE, Side_line_top=ends(LINES[1]) / SIZE
+    )
+    editor = edited(pictures, out=out)
+    editor[1] = editor.begun(1).mark(LINES[0], ends(LINES[0], PANNED)[0])
+    editor.close()
+    assert edited(pictures, out=out, labels=given).save() == 2
+    assert (out / "history" / "0001" / "camera_a.json").exists()
+
+
 def test_results_that_another_program_has_changed(pictures, tmp_path):
     out = tmp_path / "out"
     editor = labelled(edited(pictures / "a.png", out=out))
@@ -264,6 +279,101 @@ def test_labels_in_a_format(blank, tmp_path, format):
     found = fieldcalib.read_annotations(tmp_path / "out" / name, (96, 54))
     xy = found["blank"].pixels["Net top"]
     assert sorted(np.round(xy, 3).tolist()) == [[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
+
+
+# --- labels that are given ---
+
+
+@pytest.mark.parametrize("format", ["soccernet", "labelme", "coco", "labelstudio", "cvat"])
+def test_given_labels(pictures, tmp_path, format):
+    """Labels of a file are marks of a person; saved in their format into the folder, never over the file."""
+    if format == "cvat":
+        import defusedxml  # noqa: F401 - reading them needs it
+    first = labelled(edited(pictures, out=tmp_path / "first"))
+    given = tmp_path / "first" / first.save_labels(format)
+    first.close()
+    files = {path: path.read_bytes() for path in ([given] if given.is_file() else given.iterdir())}
+
+    out = tmp_path / "out"
+    editor = edited(pictures, out=out, labels=given)
+    assert not out.exists()
+    assert editor.label_format == format
+    assert (editor.unsaved, editor.table.rows[0].by_hand, editor.table.rows[1].by_hand) == (1, True, False)
+    assert editor[0].marks.pixels.keys() == set(LINES)
+    assert editor.fitted(0).calibration.verdict == "good"
+    editor[0] = editor[0].move({0: editor[0].marks.all[0][1:3]}, snap=False).mark("Circle left", ends("Circle left"))
+    assert editor.save() == 1
+    assert editor.unsaved == 0
+    read = fieldcalib.read_annotations(out / given.name, SIZE)
+    assert read["a"].pixels.keys() == {*LINES, "Circle left"}
+    assert fieldcalib.read(out)["a"].camera is not None
+    assert {path: path.read_bytes() for path in files} == files
+    editor.close()
+
+    again = edited(pictures, out=out)  # the folder knows the labels and their format
+    assert (again.unsaved, again.label_format) == (0, format)
+    assert again[0].marks.pixels.keys() == {*LINES, "Circle left"}
+    again.close()
+    assert len(edited(pictures, out=out, labels=given)[0].marks) == 10  # what was changed there is not lost
+
+
+def test_given_labels_that_were_saved_unchanged(pictures, tmp_path):
+    first = labelled(edited(pictures, out=tmp_path / "first"))
+    given = tmp_path / "first" / first.save_labels("coco")
+    editor = edited(pictures, out=tmp_path / "out", labels=given)
+    assert editor.save() == 1
+    editor.close()
+    again = edited(pictures, out=tmp_path / "out")
+    assert again.unsaved == 0
+    assert again[0].marks.pixels.keys() == set(LINES)
+    again[0] = again[0].clear()
+    again.save()
+    assert not (tmp_path / "out" / "labels-coco.json").exists()  # nothing is labelled any more
+    assert list((tmp_path / "out" / "history").glob("*/labels-coco.json"))
+
+
+def test_a_file_of_another_program_is_not_overwritten_by_labels(pictures, tmp_path):
+    first = labelled(edited(pictures, out=tmp_path / "first"))
+    given = tmp_path / "first" / first.save_labels("coco")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "labels-coco.json").write_text("mine")
+    editor = edited(pictures, out=out, labels=given)
+    with pytest.raises(ChangedFileError, match=r"labels-coco\.json"):
+        editor.save()
+    assert (out / "labels-coco.json").read_text() == "mine"
+
+
+def write_soccernet(path, **pixels):
+    of_label = {label.replace("_", " "): [{"x": x, "y": y} for x, y in xy] for label, xy in pixels.items()}
+    path.write_text(json.dumps(of_label))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "message"),
+    [
+        ("c", "Middle_line", r"named as those of the source \('a', 'b'\), got 'c'"),
+        ("a", "Half", "labels of the field, got 'Half': give the field"),
+    ],
+)
+def test_given_labels_of_nothing(pictures, tmp_path, name, label, message):
+    given = write_soccernet(tmp_path / f"{name}.json", **{label: [(0.5, 0.5), (0.5, 0.7)]})
+    with pytest.raises(ValueError, match=message):
+        edited(pictures, labels=given)
+
+
+def test_given_labels_that_are_left_out(pictures, tmp_path):
+    (tmp_path / "labels").mkdir()
+    line = [(0.5, 0.5), (0.5, 0.7)]
+    write_soccernet(tmp_path / "labels" / "a.json", Middle_line=line, Half=line)
+    write_soccernet(tmp_path / "labels" / "c.json", Middle_line=line)
+    with pytest.warns(LabelWarning) as warned:
+        editor = edited(pictures, labels=tmp_path / "labels")
+    said = " ".join(str(one.message) for one in warned)
+    assert "1 frames are not in the source" in said
+    assert "no 'Half'" in said
+    assert editor[0].marks.pixels.keys() == {"Middle line"}
 
 
 def test_what_cannot_be_saved(blank):

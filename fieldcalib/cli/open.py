@@ -24,6 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of the results (SOURCE if it is one, or NAME-fieldcalib beside it)",
     )
+    parser.add_argument(
+        "--labels",
+        type=Path,
+        metavar="FILE|DIR",
+        help="labels to begin with: annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, by frame id",
+    )
     add_named_field(parser)
     parser.set_defaults(field=None)
     parser.add_argument("--port", type=int, default=0, metavar="N", help="of the address (a free one)")
@@ -40,6 +46,6 @@ def run(options: argparse.Namespace) -> int:
     from fieldcalib.editor.editor import Editor
     from fieldcalib.web.server import serve
 
-    editor = Editor(options.source, options.field, out=options.out)
+    editor = Editor(options.source, options.field, out=options.out, labels=options.labels)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock, Thread
@@ -15,8 +15,9 @@ from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, so
 from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.fitting import automatic, network_marks, network_of
 from fieldcalib.editor.frame import Edit, FrameEditor
+from fieldcalib.editor.given_labels import GivenLabels, given_labels
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
-from fieldcalib.editor.label_files import label_file, label_files, soccernet_file
+from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
 from fieldcalib.editor.stored import BY_HAND, NewRun, Saved, Stored, source_of
@@ -66,13 +67,18 @@ class Editor:
     out : path, optional
         The folder of results; by default the source if it is one, or ``<name>-fieldcalib`` beside it. It is made with
         the first change. Arrays have none unless it is given.
+    labels : path, optional
+        Annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, a file, or a folder or a zip of files: what a
+        person has said of the frames that are named so. Frames that were changed in the folder before keep what they
+        have there. The files are never written to: labels are saved in their format into the folder.
 
     Raises
     ------
     FileNotFoundError, BrokenFileError
-        If the source does not exist, or is neither pictures nor a video.
+        If the source does not exist, or is neither pictures nor a video; and as
+        `fieldcalib.editor.given_labels.given_labels`.
     ValueError
-        If the field is unknown, or results do not say where their pictures are.
+        If the field is unknown, results do not say where their pictures are, or no label is of a frame.
     """
 
     def __init__(
@@ -81,6 +87,7 @@ class Editor:
         field: Field | str | None = None,
         *,
         out: str | os.PathLike[str] | None = None,
+        labels: str | os.PathLike[str] | None = None,
     ) -> None:
         paths, folder = _places(source, out)
         replayed = Replayed() if folder is None else read_journal(folder / JOURNAL)
@@ -101,15 +108,26 @@ class Editor:
         self.has_own_cuts = replayed.cuts is not None
         """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
-        self._restore(replayed)
+        given = GivenLabels() if labels is None else given_labels(Path(labels), self.frames, self.field)
+        self.label_format = given.format or replayed.format
+        """The format of the labels that were given, now or when the folder was opened before; None without any."""
+        self._has_noted_format = self.label_format == replayed.format
+        self._restore(replayed, given)
 
-    def _restore(self, replayed: Replayed) -> None:
-        """Take what results and journal say."""
+    def _restore(self, replayed: Replayed, given: GivenLabels) -> None:
+        """Take what results, journal and given labels say."""
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
                 self._states[number] = _FrameState(edits, True, self._base(id, edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
+        for number, marks in given.marks.items():
+            if number not in self._states:
+                edits = FrameHistory(History(Edit(marks)), is_saved=False)
+                self._states[number] = _FrameState(edits, base=self._base(self.ids[number], edits))
+                self._rows[number] = self._rows[number]._replace(by_hand=True)
+        for number in self._states:
+            self._expect_files(number)
         if self.stored is None or len(self.stored.ids) <= AT_ONCE:
             self._fill_rows()
         else:  # an hour of video opens at once, its table grows
@@ -191,12 +209,16 @@ class Editor:
             with self.lock:
                 state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
-            if self.stored is not None:
-                id = self.ids[number]
-                self.stored.versions.expect([label_file(id), CAMERAS.file_name(id), OVERLAYS.file_name(id)])
+            self._expect_files(number)
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
+
+    def _expect_files(self, number: int) -> None:
+        """Remember the states of the files of a frame, to notice when another program changes them."""
+        if self.stored is not None:
+            id = self.ids[number]
+            self.stored.versions.expect([label_file(id), CAMERAS.file_name(id), OVERLAYS.file_name(id)])
 
     def fitted(self, number: int) -> FrameEditor:
         """A frame with the camera that follows from its marks, which is kept until the frame changes."""
@@ -377,7 +399,8 @@ class Editor:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
         Frames that were changed are written, and those that have no result there yet but a camera that was found.
-        Labels by hand go to ``labels/<id>.json``. What is replaced is kept in ``history``.
+        Labels by hand go to ``labels/<id>.json``, and into files of the format of those that were given. What is
+        replaced is kept in ``history``.
 
         Raises
         ------
@@ -396,11 +419,31 @@ class Editor:
             journal.open()
             revisions = {n: self.revision(n) for n in numbers}
             frames = [self._saved(n) for n in numbers]
-            written = stored.save(frames, self.ids, self._new)
-            for n, revision in revisions.items():
-                self._states[n].edits.is_saved = self.revision(n) == revision
-            journal.saved(written)
+            written = stored.save(frames, self.ids, self._new, more=self._label_files(numbers))
+            self._note_saved(revisions, written)
         return len(frames)
+
+    def _label_files(self, numbers: Sequence[int]) -> dict[str, bytes | None]:
+        """Files in the format of the labels that were given, when some frames are saved."""
+        if self.label_format is None or self.label_format == SOCCERNET:  # each frame has a file of SoccerNet's
+            return {}
+        return saved_files(self.label_format, self._annotations(), [self.ids[n] for n in numbers])
+
+    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> None:
+        """Note that frames were saved as they were at some revisions."""
+        journal = self._journal
+        assert journal is not None
+        saved = [n for n, revision in revisions.items() if n in self._states and self.revision(n) == revision]
+        for n in saved:
+            state = self._states[n]
+            if not state.has_begun and _is_anchor(state):  # given labels
+                journal.begin(self.ids[n], state.edits.history.present, state.base)
+                state.has_begun = True
+            state.edits.is_saved = True
+        if self.label_format is not None and not self._has_noted_format:
+            journal.format(self.label_format)
+            self._has_noted_format = True
+        journal.saved(written, [self.ids[n] for n in saved if self._states[n].has_begun])
 
     def _is_to_save(self, number: int, state: _FrameState) -> bool:
         is_new = self.stored is not None and self.ids[number] not in self.stored
@@ -412,7 +455,7 @@ class Editor:
         calibration = one.calibration
         files: dict[str, bytes | None] = {label_file(id): None}
         if not one.is_automatic and len(one.marks):
-            files[label_file(id)] = soccernet_file(Annotation(id, one.ordered_pixels, size_of(one.image)))
+            files[label_file(id)] = soccernet_file(Annotation(id, one.marks.ordered(one.field), size_of(one.image)))
         if not self.is_clip:
             drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
             files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
@@ -435,18 +478,20 @@ class Editor:
         stored, journal = self.stored, self._journal
         if stored is None or journal is None:
             raise ValueError("expected a folder to save to: give Editor(..., out=...)")
-        labelled = [n for n, state in sorted(self._states.items()) if _is_anchor(state)]
-        frames = {n: self[n] for n in labelled}
-        annotations = [
-            Annotation(self.ids[n], one.ordered_pixels, size_of(one.image), self.frames.name(n))
-            for n, one in frames.items()
-            if len(one.marks)
-        ]
         with self.lock:
-            name, files = label_files(format, annotations)
+            name, files = label_files(format, self._annotations())
             journal.open()
             journal.written(stored.write(files))
         return name
+
+    def _annotations(self) -> list[Annotation]:
+        """The labels by hand of all frames."""
+        edits = {n: state.edits.history.present for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        return [
+            Annotation(self.ids[n], one.marks.ordered(self.field), self.frames.size(n), self.frames.name(n))
+            for n, one in edits.items()
+            if len(one.marks)
+        ]
 
     def _repr_html_(self) -> str:
         """The first frame, for notebooks."""

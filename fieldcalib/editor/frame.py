@@ -26,7 +26,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.images import at_most_wide, encode_image
-from fieldcalib.problem.labelled_pixels import Pixels, nearest_label
+from fieldcalib.problem.labelled_pixels import nearest_label
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 
 NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
@@ -155,11 +155,6 @@ class FrameEditor:
     def marks(self) -> Marks:
         """The marks."""
         return self.history.present.marks
-
-    @property
-    def ordered_pixels(self) -> Pixels:
-        """Pixels (N, 2) of the marks by label, in their order along the marking."""
-        return {label: xy[self.field[label].order(xy)] for label, xy in self.marks.pixels.items()}
 
     @property
     def known(self) -> Known:

@@ -2,14 +2,15 @@
 
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
-saved (``{"saved": {name of a file: its size and time}}``) or that other files were written (``"written"``). Nothing is
-ever removed from it.
+saved (``{"saved": {name of a file: its size and time}}``, with ``"frames": [ids]`` if not all), that other files were
+written (``"written"``), or the format of the labels that were given (``{"format": name}``). Nothing is ever removed
+from it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from dataclasses import field as attribute
@@ -47,6 +48,8 @@ class Replayed:
     cuts: list[int] | None = None
     written: dict[str, tuple[int, int]] = attribute(default_factory=dict)
     """States of the files that were written."""
+    format: str | None = None
+    """The format of labels that were given."""
     size: int = 0
     """Bytes of the journal."""
 
@@ -55,11 +58,13 @@ class Replayed:
         if "cuts" in line:
             self.cuts = [int(cut) for cut in line["cuts"]]
         elif "saved" in line:
-            for frame in self.frames.values():
-                frame.is_saved = True
+            for id in line.get("frames", self.frames):
+                self.frames[id].is_saved = True
             self.written |= _states(line["saved"])
         elif "written" in line:
             self.written |= _states(line["written"])
+        elif "format" in line:
+            self.format = str(line["format"])
         elif "begin" in line:
             history = History(edit_from_record(line["begin"]))
             self.frames[str(line["frame"])] = FrameHistory(history, base=line.get("base"))
@@ -135,9 +140,13 @@ class Journal:
         """The first frames of the shots of a clip."""
         self._append({"cuts": list(cuts)})
 
-    def saved(self, written: Mapping[str, tuple[int, int]]) -> None:
-        """A note that all changes so far are in files of the folder."""
-        self._append({"saved": dict(written)})
+    def saved(self, written: Mapping[str, tuple[int, int]], ids: Sequence[str]) -> None:
+        """A note that all changes of some frames so far are in files of the folder."""
+        self._append({"saved": dict(written), "frames": list(ids)})
+
+    def format(self, name: str) -> None:
+        """The format of labels that were given."""
+        self._append({"format": name})
 
     def written(self, written: Mapping[str, tuple[int, int]]) -> None:
         """A note of files that were written, beside those of `saved`."""

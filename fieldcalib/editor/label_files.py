@@ -48,3 +48,28 @@ def label_files(format: str, annotations: Sequence[Annotation]) -> tuple[str, di
     if format == LABELME:
         return name, {f"{name}/{tool.file_name(one.id)}": tool.write([one]).encode() for one in annotations}
     return tool.file_name(name), {tool.file_name(name): tool.write(annotations).encode()}
+
+
+def saved_files(format: str, annotations: Sequence[Annotation], ids: Sequence[str]) -> dict[str, bytes | None]:
+    """The contents of the files in a format when some frames are saved; None removes one.
+
+    Parameters
+    ----------
+    format : str
+        One of `OTHER_ANNOTATIONS`.
+    annotations : sequence of Annotation
+        Those of all labelled frames.
+    ids : sequence of str
+        The frames that are saved.
+
+    Examples
+    --------
+    >>> list(saved_files("coco", [], ["7"]).items()), list(saved_files("labelme", [], ["7"]))
+    ([('labels-coco.json', None)], ['labels-labelme/7.json'])
+    """
+    tool, name = OTHER_ANNOTATIONS[format], f"{LABELS}-{format}"
+    if format == LABELME:
+        of_saved = [one for one in annotations if one.id in ids]
+        removed: dict[str, bytes | None] = {f"{name}/{tool.file_name(id)}": None for id in ids}
+        return {**removed, **(label_files(format, of_saved)[1] if of_saved else {})}
+    return {tool.file_name(name): None, **(label_files(format, annotations)[1] if annotations else {})}

@@ -8,6 +8,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
 
 State = TypeVar("State")
@@ -57,6 +58,10 @@ class Marks:
         for label, x, y, _ in self.all:
             found.setdefault(label, []).append((x, y))
         return {label: np.array(xy) for label, xy in found.items()}
+
+    def ordered(self, field: Field) -> Pixels:
+        """Pixels (N, 2) by label, in their order along the marking."""
+        return {label: xy[field[label].order(xy)] for label, xy in self.pixels.items()}
 
     @property
     def only_by_hand(self) -> Marks:

@@ -10,7 +10,7 @@ from threading import Lock
 
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import FramesByNumber
 
 MOST_BYTES = 256_000_000  # of the file of a picture
@@ -28,6 +28,7 @@ class Frames(ABC):
     def __init__(self, ids: Sequence[str]) -> None:
         self.ids = ids
         self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._sizes: dict[int, tuple[int, int]] = {}
         self._lock = Lock()
 
     def __len__(self) -> int:
@@ -58,6 +59,12 @@ class Frames(ABC):
     @abstractmethod
     def _read(self, number: int) -> Image:
         """Read the image of a frame."""
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Width and height of a frame, pixels; errors as those of `image`."""
+        if number not in self._sizes:
+            self._sizes[number] = size_of(self.image(number))
+        return self._sizes[number]
 
     def each(self, begin: int, end: int) -> Iterator[Image]:
         """The images of frames from `begin` to `end`, one after the other, without keeping them."""
@@ -135,6 +142,10 @@ class VideoFrames(Frames):
         if image is None:
             raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")
         return image
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Width and height of all frames."""
+        return size_of(self._video.first)
 
     def close(self) -> None:
         """End reading."""

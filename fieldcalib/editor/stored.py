@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
@@ -137,7 +138,12 @@ class Stored:
             yield line["id"], Row.of_line(line)
 
     def save(
-        self, frames: Sequence[Saved], order: Sequence[str], new: NewRun, clip: VideoCalibration | None = None
+        self,
+        frames: Sequence[Saved],
+        order: Sequence[str],
+        new: NewRun,
+        clip: VideoCalibration | None = None,
+        more: Mapping[str, bytes | None] = MappingProxyType({}),
     ) -> dict[str, State]:
         """Write frames, and all files that depend on them; the folder exists, and no other process writes to it.
 
@@ -150,6 +156,8 @@ class Stored:
             For the record of a run, where there is none yet.
         clip : VideoCalibration, optional
             The calibration of all frames of a clip together.
+        more : mapping of str to bytes or None
+            Other files of all frames, as those of `Saved`.
 
         Returns
         -------
@@ -163,7 +171,7 @@ class Stored:
         OSError
             If one cannot be written.
         """
-        files: dict[str, bytes | None] = {}
+        files: dict[str, bytes | None] = dict(more)
         changed: dict[str, Outcome] = {}
         for one in frames:
             outcome = changed[one.id] = _outcome(one)
