@@ -132,8 +132,8 @@ def test_frames_between_share_the_misfit_of_those_around_them(cameras, frames, m
     misfit[30] = 40.0
     found = replace(known, frames=replace(known.frames, theta=theta, misfit=misfit))
     found = found.interpolated(np.zeros(COUNT, dtype=int), 25)
-    assert all("brings its lines 40 px off" in found[t].reason for t in range(25, 36))
-    assert "brings its lines" not in found[20].reason
+    assert all("put its lines 40 px off" in found[t].reason for t in range(25, 36))
+    assert "put its lines" not in found[20].reason
 
 
 # centres

@@ -6,7 +6,7 @@ import pytest
 
 from data_tools.synthetic.__main__ import main
 from data_tools.synthetic.clips import camera_path
-from data_tools.synthetic.film import BESIDE, Scene, _boards, _seen, clip_frames, exposed, film, read_cameras
+from data_tools.synthetic.film import BESIDE, Scene, _boards, _warp_maps, clip_frames, exposed, film, read_cameras
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.videos import VideoReader
 
@@ -44,7 +44,7 @@ def moved_right(a, b):
 
 def as_seen_by(camera, other, picture):
     """A picture of the other camera, warped to this one; and where there is something of it."""
-    x, y = _seen(camera, other)
+    x, y = _warp_maps(camera, other)
     inside = (x >= 1.0) & (x <= SIZE[0] - 2.0) & (y >= 1.0) & (y <= SIZE[1] - 2.0)
     return cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT), inside
 
@@ -63,7 +63,7 @@ def test_the_scene_stands_still_in_the_world(cameras, fastest, empty):
 
 def test_pixels_seen_by_two_cameras_show_the_same_direction(cameras):
     a, b = cameras[10], cameras[16]
-    x, y = _seen(a, b)
+    x, y = _warp_maps(a, b)
     X = a.C + 1e6 * (a.image_to_field([101.0, 150.0]) - a.C)
     np.testing.assert_allclose((x[150, 101], y[150, 101]), b.project(X), atol=0.01)
 

@@ -103,8 +103,8 @@ def calibrate(
     --------
     >>> import numpy as np
     >>> results = calibrate(np.zeros((540, 960, 3), np.uint8), progress=False)
-    >>> results["000000"].message.split(":")[0]
-    'no marking was found in the image'
+    >>> str(results.verdicts["000000"])  # a black picture
+    'reject'
     """
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     method = Method(_field(field), given, flags, prior, camera, network, image_size, progress)

@@ -13,7 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from driving import ROOT, Server, Window, render
+
+from browser.driving import ROOT, Server, Window, render
 
 LARGEST = 200_000  # bytes of a picture in the docs
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from driving import FIELD, SECONDS
 
+from browser.driving import FIELD, SECONDS
 from fieldcalib.draw.scene import render_field
 from fieldcalib.geometry.camera import Camera
 

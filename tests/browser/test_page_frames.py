@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from driving import TRUTH, along, render
 
+from browser.driving import TRUTH, along, render
 from fieldcalib.geometry.camera import Camera
 
 

@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 import pytest
-from driving import LABELS, TRUTH, along, render
+
+from browser.driving import LABELS, TRUTH, along, render
 
 
 def largest_shift(camera, truth=TRUTH):

@@ -7,8 +7,8 @@ That of a clip is taken in test_page_clips.py, which solves one.
 
 import cv2
 import numpy as np
-from driving import FIELD, along
 
+from browser.driving import FIELD, along
 from fieldcalib.draw.scene import render_field
 from fieldcalib.geometry.camera import Camera
 

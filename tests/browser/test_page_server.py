@@ -5,7 +5,8 @@ import signal
 import time
 
 import numpy as np
-from driving import LABELS, along
+
+from browser.driving import LABELS, along
 
 CLICKS = 30
 TEN = (*LABELS, "Side line bottom", "Small rect. left top", "Small rect. left main", "Circle central")
