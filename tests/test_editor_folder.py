@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,11 +15,14 @@ from waiting import wait_until
 
 import fieldcalib
 from fieldcalib import Camera, Editor, soccer
+from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.clip import BESIDE, Proposal, Window
 from fieldcalib.editor.editor import StaleEdit
 from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, read_journal
+from fieldcalib.editor.stored import MOVED
 from fieldcalib.editor.versions import ChangedFileError
 from fieldcalib.io.files import BrokenFileError
 
@@ -394,6 +398,114 @@ def test_what_cannot_be_opened(tmp_path, source, message):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match=message):
         edited(tmp_path / source)
+
+
+# --- clips: their files agree ---
+
+
+def nothing(count, starts=(0,), notes=()):
+    """The calibration of a clip without any camera."""
+    shots = tuple(Shot(*ends, -1) for ends in zip(starts, (*starts[1:], count), strict=True))
+    return VideoCalibration((), shots, np.full(count, -1), np.zeros(count, dtype=int), notes)
+
+
+def proposal(video, window, anchors=(), revisions=None):
+    calibrations = {window.begin + k: one for k, one in enumerate(video)}
+    moves = dict.fromkeys(calibrations, np.nan)
+    return Proposal(window, video, calibrations, frozenset(anchors), moves, revisions or {})
+
+
+@pytest.fixture
+def clip(tmp_path):
+    writer = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (96, 54))
+    for _ in range(8):
+        writer.write(BLANK)
+    writer.release()
+    return tmp_path / "clip.avi"
+
+
+def starts_of(out):
+    return [shot["first_frame"] for shot in json.loads((out / "tripods.json").read_text())["shots"]]
+
+
+def notes_of(out):
+    return json.loads((out / "summary.json").read_text()).get("notes", [])
+
+
+def test_a_kept_clip_is_saved(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = marked(opened(clip, out), 2, number=5)
+    anchors = {5: editor.revision(5)}
+    editor.keep(proposal(nothing(8, (0, 3)), Window(0, 8), anchors, anchors))
+    assert editor.unsaved == 0
+    assert (out / "labels" / "000005.json").exists()
+    assert editor.cuts == starts_of(out) == [0, 3]
+    assert BESIDE not in notes_of(out)
+    editor.close()
+    assert opened(clip, out).unsaved == 0
+
+
+def test_a_change_after_a_clip_was_solved_is_not_kept_with_it(clip, tmp_path):
+    editor = marked(opened(clip, tmp_path / "out"), 2, number=5)
+    anchors = {5: editor.revision(5)}
+    marked(marked(editor, 1, number=5), 1, number=6)
+    editor.keep(proposal(nothing(8), Window(0, 8), anchors, anchors))
+    assert editor.unsaved == 2
+
+
+def test_a_clip_whose_frames_were_mended_says_so(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8, (0, 3), ("a note",)), Window(0, 8)))
+    for name in ("overlay.mp4", "motion.png", "worst_frames.jpg", "report.html"):
+        (out / name).write_text("as it was")
+    editor.close()
+    editor = marked(opened(clip, out), 4, number=5)
+    editor.save()
+    assert fieldcalib.read(out).video.notes == ("a note", BESIDE)
+    assert json.loads((out / "tripods.json").read_text())["notes"] == ["a note", BESIDE]
+    assert starts_of(out) == [0, 3]
+    moved = ["overlay.mp4", "motion.png", "worst_frames.jpg", "report.html"]
+    assert notes_of(out) == ["a note", BESIDE, *(MOVED[name] for name in moved)]
+    for name in moved:
+        assert not (out / name).exists()
+        assert [path.read_text() for path in (out / "history").glob(f"*/{name}")] == ["as it was"]
+    editor[5] = editor[5].remove([0])
+    editor.save()
+    assert notes_of(out) == ["a note", BESIDE, *(MOVED[name] for name in moved)]
+    editor.close()
+    (out / "motion.png").write_text("as it was")
+    opened(clip, out).keep(proposal(nothing(8), Window(0, 8)))
+    assert notes_of(out) == [MOVED[name] for name in moved if name != "motion.png"]
+    assert cv2.imread(str(out / "motion.png")) is not None  # drawn again
+
+
+def test_a_window_of_a_clip(clip, tmp_path):
+    """What is outside of it stays as it was."""
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8, (0, 2, 7)), Window(0, 8)))
+    editor.keep(proposal(nothing(3, (0, 1)), Window(3, 6)))
+    assert editor.cuts == [0, 2, 3, 4, 7]
+    assert starts_of(out) == [0, 2, 3, 4, 6, 7]
+    assert len(fieldcalib.read(out).video) == 8
+    assert len((out / "cameras.jsonl").read_text().splitlines()) == 8
+
+
+def test_a_window_keeps_the_tripods_outside():
+    cameras = [Camera.from_angles(-0.3 + 0.01 * k, 1.35, 0.0, 1600.0, CENTRE, SIZE) for k in range(6)]
+    labels = [{label: ends(label, camera) for label in LINES} for camera in cameras]
+    tripod = fieldcalib.calibrate_sequence(soccer(), labels, SIZE)
+    before = VideoCalibration((tripod,), (Shot(0, 6, 0),), np.zeros(6, dtype=int), np.arange(6))
+    whole = proposal(nothing(2), Window(2, 4)).whole(before, 6)
+    assert [one.camera is None for one in whole] == [False, False, True, True, False, False]
+    for k in (0, 1, 4, 5):
+        assert whole[k].camera == before[k].camera
+    by_hand = proposal(before, Window(0, 6), [3])
+    assert BESIDE not in by_hand.whole(None, 6).notes
+    held = replace(by_hand, calibrations={**by_hand.calibrations, 3: before[4]})
+    assert BESIDE in held.whole(None, 6).notes
+    assert held.whole(None, 7) is None
 
 
 # --- marks of another frame ---

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as attribute
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,13 @@ from fieldcalib.solve.options import pixel_unit
 
 GRID = (9, 6)  # places across and down the picture whose moves are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")
+
+SAME = 1e-6  # px: cameras that move points less are the same
+BESIDE = (
+    "cameras.jsonl has frames that were labelled by hand or solved again since, clip.jsonl and tripods.json have not: "
+    "solve the clip again to bring them together"
+)
+"""Note of a clip."""
 
 Progress = Callable[[int, int, str], None]
 """Gets the number of frames that are done, of all, and the stage; may raise an error to end the work."""
@@ -65,6 +73,33 @@ class Proposal:
     anchors: frozenset[int]
     moves: Mapping[int, float]
     """Largest move of the picture's points, pixels; NaN where there was no camera, or is none."""
+    revisions: Mapping[int, int] = attribute(default_factory=dict)
+    """Of the anchors, by the number of the frame."""
+
+    @property
+    def is_one(self) -> bool:
+        """Whether the cameras of all anchors are those of the clip."""
+        for number in self.anchors:
+            here, in_clip = self.calibrations[number].camera, self.video[number - self.window.begin].camera
+            if not (here is in_clip or largest_move(here, in_clip) < SAME):
+                return False
+        return True
+
+    def whole(self, before: VideoCalibration | None, count: int) -> VideoCalibration | None:
+        """The calibration of a whole clip of `count` frames: outside the window that of before; None if there is none.
+
+        It notes where anchors have cameras of their own.
+        """
+        begin, end = self.window
+        video: VideoCalibration | None = None
+        if len(self.video) == count:
+            video = self.video
+        elif before is not None and len(before) == count and len(self.video) == end - begin:
+            video = VideoCalibration.joined([before[:begin], self.video, before[end:]])
+        if video is None:
+            return None
+        notes = dict.fromkeys((*video.notes, *(() if self.is_one else (BESIDE,))))
+        return replace(video, notes=tuple(notes))
 
     def basis(self, number: int) -> str:
         """What the camera of a frame rests on."""

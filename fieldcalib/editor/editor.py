@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
@@ -29,7 +29,7 @@ from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 
@@ -350,14 +350,16 @@ class Editor:
         network = self.network
         if not self.is_clip or network is None:
             raise ValueError("expected a clip of a field that the network knows")
-        anchors = {n: self.fitted(n).calibration for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        anchors = {n: self.fitted(n).calibration for n in revisions}
         window = window_around(len(self), [*anchors])
         if self._first_pass is None or self._first_pass.window != window:
             record = None if self.stored is None else self.stored.record
             options = {} if record is None else record.options
             self._first_pass = first_pass(self.frames, window, self.field, network, options, progress)
         cuts = self.cuts if self.has_own_cuts else None
-        return solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
+        found = solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
+        return replace(found, revisions={n: revisions[n] for n in found.anchors})
 
     def _now(self, number: int) -> Calibration | None:
         """The calibration that a frame has now."""
@@ -368,6 +370,8 @@ class Editor:
 
     def keep(self, proposal: Proposal) -> int:
         """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
+
+        The labels of its anchors are written too. Outside the window that was solved everything stays as it was.
 
         Raises
         ------
@@ -381,9 +385,12 @@ class Editor:
             journal.open()
             frames = []
             for n, calibration in proposal.calibrations.items():
-                basis = BY_HAND if n in proposal.anchors else proposal.basis(n)
-                frames.append(Saved(self.ids[n], calibration, basis, {}))
-            stored.save(frames, self.ids, self._new, proposal.video if len(frames) == len(self) else None)
+                is_anchor = n in proposal.anchors
+                files = self._label_file(n) if is_anchor else {}
+                frames.append(Saved(self.ids[n], calibration, BY_HAND if is_anchor else proposal.basis(n), files))
+            clip = proposal.whole(None if len(frames) == len(self) else stored.clip(), len(self))
+            more = self._label_files(sorted(proposal.anchors))
+            self._note_saved(proposal.revisions, stored.save(frames, self.ids, self._new, clip, more))
             for n, calibration in proposal.calibrations.items():
                 state = self._states.get(n)
                 if state is not None and not _is_anchor(state):
@@ -391,7 +398,9 @@ class Editor:
                 if state is None or not _is_anchor(state):
                     self._set_row(n, Row.of(calibration, proposal.basis(n)))
             if not self.has_own_cuts:
-                self.cuts = [proposal.window.begin + shot.start for shot in proposal.video.shots]
+                begin, end = proposal.window
+                inside = (begin + shot.start for shot in proposal.video.shots)
+                self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
             self.version += 1
         return len(frames)
 
@@ -427,7 +436,7 @@ class Editor:
         """Files in the format of the labels that were given, when some frames are saved."""
         if self.label_format is None or self.label_format == SOCCERNET:  # each frame has a file of SoccerNet's
             return {}
-        return saved_files(self.label_format, self._annotations(), [self.ids[n] for n in numbers])
+        return saved_files(self.label_format, self._annotations(self._states), [self.ids[n] for n in numbers])
 
     def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> None:
         """Note that frames were saved as they were at some revisions."""
@@ -453,13 +462,17 @@ class Editor:
         """A frame with the contents of its files."""
         one, id = self.fitted(number), self.ids[number]
         calibration = one.calibration
-        files: dict[str, bytes | None] = {label_file(id): None}
-        if not one.is_automatic and len(one.marks):
-            files[label_file(id)] = soccernet_file(Annotation(id, one.marks.ordered(one.field), size_of(one.image)))
+        files = self._label_file(number)
         if not self.is_clip:
             drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
             files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
         return Saved(id, calibration, self._rows[number].basis, files)
+
+    def _label_file(self, number: int) -> dict[str, bytes | None]:
+        """SoccerNet's file with the labels of a frame, by its name; None removes it."""
+        name = label_file(self.ids[number])
+        annotations = self._annotations([number])
+        return {name: soccernet_file(annotations[0]) if annotations else None}
 
     def save_labels(self, format: str) -> str:
         """Write the labels by hand of all frames into the folder; returns the name of the file or the folder.
@@ -479,14 +492,15 @@ class Editor:
         if stored is None or journal is None:
             raise ValueError("expected a folder to save to: give Editor(..., out=...)")
         with self.lock:
-            name, files = label_files(format, self._annotations())
+            name, files = label_files(format, self._annotations(self._states))
             journal.open()
             journal.written(stored.write(files))
         return name
 
-    def _annotations(self) -> list[Annotation]:
-        """The labels by hand of all frames."""
-        edits = {n: state.edits.history.present for n, state in sorted(self._states.items()) if _is_anchor(state)}
+    def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:
+        """The labels by hand of frames, in their order."""
+        states = {n: self._states[n] for n in sorted(numbers)}
+        edits = {n: state.edits.history.present for n, state in states.items() if _is_anchor(state)}
         return [
             Annotation(self.ids[n], one.marks.ordered(self.field), self.frames.size(n), self.frames.name(n))
             for n, one in edits.items()

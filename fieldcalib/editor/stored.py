@@ -1,7 +1,8 @@
 """The folder of results of an editor: read as a run wrote it, and written so that other commands go on from there.
 
 Files are replaced whole. What is replaced is kept in ``history/0001``, ``0002`` and so on. A file that another program
-has changed since it was read or written here is not replaced.
+has changed since it was read or written here is not replaced. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with
+``cameras.jsonl``, or have a note that says where they do not.
 """
 
 from __future__ import annotations
@@ -16,24 +17,41 @@ from typing import Any
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.editor.clip import BESIDE
 from fieldcalib.editor.table import Row
 from fieldcalib.editor.versions import State, Versions
-from fieldcalib.io.files import parse_json_object, read_regular_file, whole_file, write_text
+from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, whole_file, write_text
 from fieldcalib.io.formats import CAMERAS
+from fieldcalib.io.images import encode_image
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.io.videos import DEFAULT_RATE
-from fieldcalib.run_folder.clip_results import write_clip
+from fieldcalib.run_folder.clip_results import read_clip, write_clip
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import CLIP, SUMMARY, TRIPODS, ResultsWriter, is_unfinished
+from fieldcalib.run_folder.results import (
+    CLIP,
+    MOTION,
+    OVERLAY,
+    REPORT,
+    SUMMARY,
+    TRIPODS,
+    WORST,
+    ResultsWriter,
+    is_unfinished,
+)
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has mended
 HISTORY = "history"
 COMMAND = "open"
-SHARED = (LINES, SOLVER, TABLE, SUMMARY, TRIPODS, CLIP)  # files of all frames; the last two are of a clip
+OF_CLIP = (TRIPODS, CLIP)
+SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
+DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # they show cameras: when these change they are moved to the history
+MOVED = {name: f"{name} showed cameras that have changed since: it was moved to {HISTORY}" for name in DRAWN}
+"""Notes by the name of the file."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +106,7 @@ class Stored:
 
     def _read(self) -> None:
         """Read the ids of the frames, and remember the states of the files."""
-        self.versions.read_now(SHARED)
+        self.versions.read_now((*SHARED, *DRAWN))
         if self.has_results(self.folder):
             self._file = ResultFile(lines_file(self.folder))
             self._numbers = {id: number for number, id in enumerate(self._file.ids)}
@@ -132,6 +150,13 @@ class Stored:
         shots = parse_json_object(read_regular_file(path), "a clip's tripods").get("shots", [])
         return [int(shot.get("first_frame", shot.get("start"))) for shot in shots]
 
+    def clip(self) -> VideoCalibration | None:
+        """The calibration of the frames of a clip together; None if there is none that can be read."""
+        try:
+            return read_clip(self.folder / CLIP)[0]
+        except (FileNotFoundError, BrokenFileError):
+            return None
+
     def rows(self) -> Iterator[tuple[str, Row]]:
         """What the table says about each frame."""
         for line in () if self._file is None else self._file.mains():
@@ -173,10 +198,13 @@ class Stored:
         """
         files: dict[str, bytes | None] = dict(more)
         changed: dict[str, Outcome] = {}
+        clip = self._with_beside() if clip is None and frames else clip
+        moved = [name for name in DRAWN if frames and (self.folder / name).is_file()]
         for one in frames:
             outcome = changed[one.id] = _outcome(one)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
-        self.versions.begin([*files, *(SHARED if clip is not None else SHARED[:-2])])
+        files |= self._drawn_again(moved, clip, new.rate)
+        self.versions.begin([*files, *(SHARED if clip is not None else set(SHARED) - set(OF_CLIP))])
         states = self.versions.write(files)
         is_whole = self._file is None or not is_unfinished(self.folder)
         if self.record is None:
@@ -186,9 +214,21 @@ class Stored:
             write_clip(self.folder, clip, new.rate)
         self._read()
         if is_whole and self._file is not None:
-            _write_summary(self.folder, self._file, new.options)
-        self.versions.read_now(SHARED)
+            _write_summary(self.folder, self._file, new.options, None if clip is None else clip.notes, moved)
+        self.versions.read_now((*SHARED, *DRAWN))
         return states
+
+    def _with_beside(self) -> VideoCalibration | None:
+        """The calibration of a clip with a note of frames that differ from it; None if nothing is to be written."""
+        clip = self.clip()
+        return None if clip is None or BESIDE in clip.notes else replace(clip, notes=(*clip.notes, BESIDE))
+
+    def _drawn_again(self, moved: Sequence[str], clip: VideoCalibration | None, rate: float) -> dict[str, bytes | None]:
+        """Files that show cameras, None where they are not drawn again: only the plot of a clip is, where it agrees."""
+        files: dict[str, bytes | None] = dict.fromkeys(moved)
+        if MOTION in files and clip is not None and BESIDE not in clip.notes:
+            files[MOTION] = encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix)
+        return files
 
     def _lines(self, changed: Mapping[str, Outcome], order: Sequence[str]) -> Iterator[Texts]:
         """The lines of all frames, as they are or changed: in their order, if all have one, else as given."""
@@ -237,11 +277,19 @@ def _write_lines(folder: Path, lines: Iterator[Texts]) -> None:
             solver_file.write(solver + b"\n")
 
 
-def _write_summary(folder: Path, file: ResultFile, options: Mapping[str, Any]) -> None:
-    """Write the summary: with the options, times and notes of the run, and the counts of now."""
+def _write_summary(
+    folder: Path, file: ResultFile, options: Mapping[str, Any], notes: Sequence[str] | None, moved: Sequence[str]
+) -> None:
+    """Write the summary: with the options and times of the run, and the counts of now.
+
+    The notes are those of the clip, None for those of before, and those of files that were moved to the history.
+    """
     before = json.loads((folder / SUMMARY).read_text()) if (folder / SUMMARY).is_file() else {}
+    old = before.get("notes", [])
+    gone = [MOVED[name] for name in DRAWN if not (folder / name).is_file() and (name in moved or MOVED[name] in old)]
+    rest = [note for note in (old if notes is None else notes) if note not in MOVED.values()]
     with LineLog(folder / f"{SUMMARY}.counted") as log:
-        results = ResultsWriter(folder, log, notes=before.get("notes", ()))
+        results = ResultsWriter(folder, log, notes=[*rest, *gone])
         for line in file.mains():
             results.restore(line)
         (folder / f"{SUMMARY}.counted").unlink()
