@@ -47,6 +47,28 @@ def test_labelling_from_nothing_reaches_the_true_camera_within_its_uncertainty(l
     assert labelled.page.locator("#verdict strong").inner_text() == {"good": "Good", "check": "Check"}[state["verdict"]]
 
 
+SHOW_VERDICT = """async () => {
+    const { VerdictCard } = await import(new URL("static/verdict.js", document.baseURI));
+    const card = new VerdictCard(document.getElementById("verdict"), { canMend: true });
+    const before = card.root.clientHeight;
+    card.show({ number: 0, verdict: "check", camera: {}, reason: "a reason, ".repeat(40),
+                remedy: "give --field-length and --field-width ".repeat(9), marks: [] });
+    const cut = [...card.root.children].filter((one) => one.scrollHeight > one.clientHeight + 1).length;
+    card.root.scrollTop = 1e4;
+    const last = card.root.lastElementChild.getBoundingClientRect().bottom;
+    return { cut, jump: card.root.clientHeight - before, beyond: last - card.root.getBoundingClientRect().bottom,
+             focusable: card.root.tabIndex, text: card.root.innerText };
+}"""
+
+
+def test_a_long_reason_is_shown_whole(labelled):
+    seen = labelled.page.evaluate(SHOW_VERDICT)
+    assert (seen["cut"], seen["jump"], seen["focusable"]) == (0, 0, 0)
+    assert seen["beyond"] <= 0.0
+    assert seen["text"].lower().count("a reason") == 40
+    assert "Here: type the size of the field in the tab Camera." in seen["text"]
+
+
 def test_clicks_snap_to_the_paint_unless_a_key_says_no(serve, window, picture):
     one = window(serve(picture))
     one.clear()

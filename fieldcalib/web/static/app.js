@@ -39,7 +39,7 @@ class App {
     this.picture = new Picture(at("stage"));
     this.loader = new FrameLoader(this.picture);
     this.player = new Player(this.loader, { show: (number, found) => this.presentPlayed(number, found), onchange: (playing) => this.playingChanged(playing), onerror: (error) => this.complain(error) });
-    this.verdict = new VerdictCard(at("verdict"));
+    this.verdict = new VerdictCard(at("verdict"), { canMend: true });
     this.map = new FieldMap(at("map"), { choose: (label) => this.choose(label === this.chosen ? null : label) });
     this.map.onhover = (label) => this.emphasize(label);
     this.list = new FrameList(at("frames"), { open: (number) => this.open(number) });

@@ -24,6 +24,7 @@ export class Keys {
     const name = nameOf(event);
     if ((name === "Space" || name === "Enter") && event.target.closest("button, a, select, summary, [role=button]")) return;
     if (event.target instanceof HTMLSelectElement && (name.length === 1 || name.startsWith("Arrow"))) return;
+    if (/^Arrow(Up|Down)$/.test(name) && event.target.closest("#verdict")) return; // they scroll it
     const command = this.commands.get(name);
     if (command) {
       event.preventDefault();

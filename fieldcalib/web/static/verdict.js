@@ -35,10 +35,18 @@ export function paintVerdict(context, name, x, y, size, colour) {
   context.restore();
 }
 
-/** The card that says whether a camera can be used, why, and what would help. */
+/** What to do on the page where a remedy names something, mostly by options of the command line. */
+const ON_PAGE = [
+  [/--field-(length|width|size)/, "Here: type the size of the field in the tab Camera."],
+  [/what is known of the camera/, "Here: the tab Camera has focal length, position and lens, each with a lock."],
+];
+
+/** The card that says whether a camera can be used, why, and what would help: of one height, scrolled where that is too little. */
 export class VerdictCard {
-  constructor(root) {
+  constructor(root, { canMend = false } = {}) {
     this.root = root;
+    this.canMend = canMend;
+    this.number = null;
     root.setAttribute("role", "status");
     root.setAttribute("aria-label", "Verdict on the camera");
   }
@@ -59,10 +67,15 @@ export class VerdictCard {
     const reason = frame.problem || frame.reason || frame.message;
     if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
     if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
+    const here = this.canMend && name !== "good" ? ON_PAGE.find(([words]) => words.test(frame.remedy ?? "")) : null;
+    if (here) rows.push(element("p", { class: "verdict-remedy verdict-here", text: here[1] }));
     const facts = basisWords(frame);
     if (facts) rows.push(element("p", { class: "dim small", text: facts }));
     this.root.replaceChildren(...rows);
     this.root.dataset.verdict = name;
+    if (frame.number !== this.number) this.root.scrollTop = 0;
+    this.number = frame.number;
+    this.root.tabIndex = this.root.scrollHeight > this.root.clientHeight ? 0 : -1; // arrow keys scroll it
   }
 }
 
