@@ -24,6 +24,7 @@ from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, read_journal
 from fieldcalib.editor.stored import MOVED
 from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 
 SIZE = (960, 540)
@@ -528,6 +529,57 @@ def test_a_notebook_shows_the_picture(pictures):
     html = editor._repr_html_()
     assert "data:image/jpeg;base64," in html
     assert "good: rms" in html
+
+
+# --- courts by search ---
+
+COURT = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), SIZE)
+
+
+def far_from(camera):
+    return np.max(np.linalg.norm(camera.project(CORNERS) - COURT.project(CORNERS), axis=1))
+
+
+CORNERS = np.array([(x, y, 0.0) for x in (-11.885, 11.885) for y in (-4.115, 4.115)])
+
+
+def test_a_court_is_searched_for(tmp_path):
+    editor = edited([render_field(COURT, tennis())], "tennis", out=tmp_path / "out")
+    assert editor.fitted(0).calibration.camera is None
+    assert editor.save() == 0  # not before the search
+    assert editor.search(0)
+    assert not editor.search(0)
+    assert far_from(editor[0].calibration.camera) < 2.0
+    assert editor.table.rows[0].verdict == "good"
+    assert editor.unsaved == 0
+    assert editor.save() == 1
+    assert far_from(fieldcalib.read(tmp_path / "out")["000000"].camera) < 2.0
+
+
+def test_a_search_does_not_change_what_a_person_has_begun(tmp_path):
+    image = render_field(COURT, tennis())
+    editor = edited([image], "tennis", out=tmp_path / "out")
+    editor[0] = editor[0].mark("Net top", (300.0, 200.0), snap=False)
+    editor.close()
+    again = edited([image], "tennis", out=tmp_path / "out")
+    again[0]
+    before = again[0].calibration.camera
+    assert again.search(0)
+    assert again[0].calibration.camera == before
+    assert len(again[0].marks) == 1
+    assert again.table.rows[0].by_hand
+    again[0] = again[0].undo()
+    assert far_from(again[0].calibration.camera) < 2.0
+
+
+def test_fields_that_cannot_be_searched_for():
+    editor = edited([BLANK], replace(tennis(), stands=()))
+    assert "no network knows this field" in editor[0].calibration.message
+    assert not editor.search(0)
+    editor = edited([BLANK], "tennis")
+    editor[0]
+    assert editor.search(0)
+    assert editor[0].calibration.camera is None
 
 
 # --- marks that are wrong ---

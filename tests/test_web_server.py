@@ -19,6 +19,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.sources import VideoFrames
+from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.web.app import Page, page_files
 
@@ -481,6 +482,22 @@ def test_every_file_of_the_page_is_sent(shown):
     assert "index.html" in page_files()
     for name, content in page_files().items():
         assert shown.get(f"static/{name}").content == content
+
+
+# --- fields that no network knows ---
+
+
+def test_courts_are_searched_for_beside_the_page(tmp_path):
+    """The page is answered at once, and sees when a camera was found."""
+    camera = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), SIZE)
+    one = Client([render_field(camera, tennis())] * 3, tmp_path / "out", "tennis")
+    version = one.get("api/project").json()["version"]
+    state = wait_until(lambda: (state := one.state(1))["camera"] and state)
+    assert (state["revision"], state["automatic"], state["verdict"], state["marks"]) == (0, True, "good", [])
+    assert state["camera"]["focal_length"] == pytest.approx(1400.0, rel=0.01)
+    wait_until(lambda: one.get("api/frames").json()["verdict"] == ["good"] * 3)
+    assert one.get("api/project").json()["version"] > version
+    one.close()
 
 
 # --- clips ---

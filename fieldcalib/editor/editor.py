@@ -9,11 +9,11 @@ from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
 
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks
-from fieldcalib.editor.fitting import automatic, network_marks, network_of
+from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor
 from fieldcalib.editor.given_labels import GivenLabels, given_labels
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
@@ -244,6 +244,34 @@ class Editor:
             self._rows[number] = row
             self.version += 1
 
+    def is_to_search(self, number: int) -> bool:
+        """Whether the court is still to be searched for in a frame that was looked at, see `search`."""
+        state = self._states.get(number)
+        return state is not None and state.base is not None and is_to_search(state.base)
+
+    def search(self, number: int) -> bool:
+        """Search a frame for the court, where no network knows the field; returns whether it was to be searched.
+
+        The camera that is found is that of the frame until a person changes something: half a second and more, for
+        which nothing else waits. Fields without stands are not searched for.
+        """
+        one = self[number]
+        if not self.is_to_search(number):
+            return False
+        try:
+            found = searched(self.field, one.image)
+        except ValueError as error:
+            found = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, f"the court cannot be searched for: {error}")
+        with self.lock:
+            state = self._states[number]
+            state.base = found
+            if not _is_anchor(state):
+                self._set_row(number, Row.of(found))
+                if self.stored is not None and self.ids[number] in self.stored:  # without a camera
+                    state.edits.is_saved = False
+            self.version += 1
+        return True
+
     def begun(self, number: int) -> FrameEditor:
         """A frame that is about to be changed: with the labels of the network, if it has no marks yet."""
         one = self[number]
@@ -407,8 +435,8 @@ class Editor:
     def save(self) -> int:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
-        Frames that were changed are written, and those that have no result there yet but a camera that was found.
-        Labels by hand go to ``labels/<id>.json``, and into files of the format of those that were given. What is
+        Frames that were changed are written, and those that have no result there yet but were looked at, unless
+        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those that were given. What is
         replaced is kept in ``history``.
 
         Raises
@@ -456,7 +484,8 @@ class Editor:
 
     def _is_to_save(self, number: int, state: _FrameState) -> bool:
         is_new = self.stored is not None and self.ids[number] not in self.stored
-        return is_new or not state.edits.is_saved
+        is_searching = not _is_anchor(state) and self.is_to_search(number)
+        return (is_new and not is_searching) or not state.edits.is_saved
 
     def _saved(self, number: int) -> Saved:
         """A frame with the contents of its files."""

@@ -33,6 +33,7 @@ WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those th
 MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
+SEARCHED_FOR = "nothing is labelled yet; the court is searched for in the picture"
 STRAY = 8.0  # px of such an image between a mark and its marking, from which on one of them is wrong
 FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
 
@@ -52,11 +53,26 @@ def network_of(field: Field) -> Network | None:
 
 
 def automatic(field: Field, image: Image, network: Network | None) -> tuple[Calibration, Marks]:
-    """The camera that is found without a person, and the labels of the network, a few for each segment."""
+    """The camera that is found without a person at once, and the labels of the network, a few for each segment.
+
+    Without a network there is none yet: `searched` takes longer.
+    """
     if network is None:
-        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_YET), Marks()
+        said = SEARCHED_FOR if field.stands else NOTHING_YET
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, said), Marks()
     (calibration,) = calibrate_from_images(field, [image], network)
     return calibration, network_marks(field, image, network)
+
+
+def is_to_search(calibration: Calibration) -> bool:
+    """Whether a calibration of `automatic` waits for that of `searched`."""
+    return calibration.camera is None and calibration.message == SEARCHED_FOR
+
+
+def searched(field: Field, image: Image) -> Calibration:
+    """The camera that is found by search for the court, without a network."""
+    (calibration,) = calibrate_from_images(field, [image])
+    return calibration
 
 
 def network_marks(field: Field, image: Image, network: Network) -> Marks:

@@ -15,6 +15,7 @@ from typing import Any
 
 from fieldcalib.editor.editor import Editor
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.web.searches import Searches
 from fieldcalib.web.state import broken_state, frame_state
 
 
@@ -24,6 +25,7 @@ class _Wanted:
 
     number: int
     done: Future[dict[str, Any]]
+    is_looked_at: bool = True
 
 
 class Worker:
@@ -31,6 +33,7 @@ class Worker:
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
+        self._searches = Searches(editor)
         self._wanted: dict[int, _Wanted] = {}  # by frame, those wanted last at the end
         self._rest: Iterator[int] = iter(range(0 if editor.is_clip else len(editor)))
         self._changed = Condition()
@@ -53,6 +56,7 @@ class Worker:
             for wanted in self._wanted.values():
                 wanted.done.cancel()
             self._changed.notify()
+        self._searches.close()
         self._thread.join(timeout=5.0)
 
     def _run(self) -> None:
@@ -65,6 +69,7 @@ class Worker:
             else:
                 if not wanted.done.cancelled():
                     wanted.done.set_result(state)
+                self._searches.want(wanted.number, first=wanted.is_looked_at)
 
     def _next(self) -> _Wanted | None:
         """The frame to fit next; None at the end."""
@@ -76,7 +81,7 @@ class Worker:
                     return self._wanted.popitem()[1]
                 number = next(self._rest, None)
                 if number is not None:
-                    return _Wanted(number, Future())
+                    return _Wanted(number, Future(), is_looked_at=False)
                 self._changed.wait()
 
     def _state_of(self, number: int) -> dict[str, Any]:

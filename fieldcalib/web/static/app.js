@@ -485,7 +485,8 @@ class App {
     if (!edits || edits.pending.length || this.player.playing) return;
     const state = await get(`api/frame/${this.current}`);
     if (edits !== this.edits || edits.pending.length || state.number !== this.current) return;
-    if (!all && state.revision === edits.state.revision) return;
+    const isFound = state.automatic && state.message !== edits.state.message; // a camera that was searched for
+    if (!all && state.revision === edits.state.revision && !isFound) return;
     this.loader.forget();
     this.edits = this.editsOf(state);
     this.picture.selected = new Set();
