@@ -436,8 +436,8 @@ class Editor:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
         Frames that were changed are written, and those that have no result there yet but were looked at, unless
-        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those that were given. What is
-        replaced is kept in ``history``.
+        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those that
+        were given. What is replaced is kept in ``history``.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The thread that searches pictures for courts where no network knows the field, so that the page never waits for it."""
+"""The thread that searches pictures for courts where no network knows the field: the page never waits for it."""
 
 from __future__ import annotations
 
