@@ -62,6 +62,7 @@ def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip, shoot):
     shoot(one, "page-solved")
     one.page.get_by_role("button", name="Keep").click()
     one.page.get_by_text("mended by hand holds the clip").wait_for()
+    one.page.get_by_role("button", name="Saved", exact=True).wait_for()  # keeping has saved the frame by hand too
 
     one.wait("() => document.querySelectorAll('.frame-row .verdict-good').length >= 12")
     shoot(one, "page-clip")

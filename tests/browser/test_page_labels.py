@@ -4,13 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from browser.driving import LABELS, TRUTH, along, render
+from browser.driving import LABELS, SIZE, TRUTH, along, render
+from fieldcalib.draw.scene import render_field
+from fieldcalib.fields import tennis
+from fieldcalib.geometry.camera import Camera
 
 
 def largest_shift(camera, truth=TRUTH):
     """Largest distance in px of the picture's markings between a camera as the page has it and another one."""
-    from fieldcalib.geometry.camera import Camera
-
     f, (cx, cy) = camera["focal_length"], camera["principal_point"]
     angles = np.radians([camera["pan"], camera["tilt"], camera["roll"]])
     found = Camera.from_angles(
@@ -291,3 +292,12 @@ def test_a_label_named_like_a_script_is_text(serve, window, tmp_path):
     assert one.page.locator(".mark-label").first.inner_text() == "<script>window.hit=1</script>"
     assert path.name in one.text("#title")
     assert one.page.evaluate("window.hit") is None
+
+
+def test_a_court_that_no_network_knows_appears_when_it_is_found(serve, window, tmp_path):
+    court = Camera.from_angles(1.5, 1.3, 0.0, 2800.0, (-32.0, 1.0, -9.0), SIZE)
+    cv2.imwrite(str(tmp_path / "court.png"), render_field(court, tennis()))
+    one = window(serve(tmp_path / "court.png", "--field", "tennis"))
+    one.wait("() => document.querySelector('#verdict strong')?.innerText === 'Good'")
+    assert abs(one.state()["camera"]["focal_length"] - 2800.0) < 30.0
+    assert one.state()["automatic"]
