@@ -270,3 +270,14 @@ def test_what_is_known_is_kept(image):
 def test_what_is_wrong_is_said(image, do, message):
     with pytest.raises(ValueError, match=message):
         do(FrameEditor.of(image))
+
+
+def test_marks_of_which_nothing_can_be_made_are_kept(image):
+    """Two marks in the corner look like normalised coordinates; the reason says so, and more marks mend it."""
+    editor = FrameEditor.of(image).mark("Side line left", [(0.0, 1.0), (1.0, 1.0)], snap=False)
+    assert editor.calibration.camera is None
+    assert "look normalised" in editor.calibration.message
+    editor = editor.remove([0, 1])
+    for label, xy in ends_of().items():
+        editor = editor.mark(label, xy)
+    assert editor.calibration.accepted

@@ -107,7 +107,10 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     if prior is None:  # nothing else would hold it
         flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     arguments = {**arguments, "flags": flags, "prior": prior}
-    by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
+    try:
+        by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
+    except ValueError as error:  # of marks that are no labels yet, e.g. only in the corner: more marks may mend it
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
     if not by_marks.accepted:
         return by_marks
     return _with_strays(field, marks, _refined(field, image, marks, by_marks, flags, prior))
