@@ -106,6 +106,7 @@ def test_what_is_saved_is_what_run_writes(rendered, knows, know, tmp_path):
     assert differ <= {"run.json", "summary.json"}  # which have the options
 
 
+@pytest.mark.slow
 def test_a_clip(rendered, knows, know, tmp_path):
     video = video_file(tmp_path / "a.mp4", rendered)
     with fieldcalib.io.videos.VideoReader(video) as reader:
@@ -128,6 +129,7 @@ def test_a_clip(rendered, knows, know, tmp_path):
     np.testing.assert_array_equal(again.image("000002"), decoded[2])
 
 
+@pytest.mark.slow
 def test_pictures_as_a_clip_with_a_broken_one(rendered, knows, tmp_path):
     folder = picture_folder(tmp_path / "in", rendered)
     for old, new in zip("dabc", (8, 9, 10, 12), strict=True):

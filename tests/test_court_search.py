@@ -247,6 +247,7 @@ def test_images_without_a_network_are_searched():
     assert "two lines across" in found[2].message
 
 
+@pytest.mark.slow
 def test_a_clip_of_a_court_needs_no_network():
     pans = np.radians([0.0, 0.2, 0.4])
     cameras = [Camera.from_angles(TENNIS.angles[0] + pan, *TENNIS.angles[1:], 2300.0, TENNIS.C, SIZE) for pan in pans]

@@ -86,6 +86,7 @@ def test_the_report_of_a_run_has_its_frames_pictures_and_options(know, tmp_path)
     assert {curve["label"] for curve in state["curves"]} >= set(LABELS[1:])
 
 
+@pytest.mark.slow
 def test_a_finished_run_gets_its_report_later_and_of_a_clip_with_plots(know, tmp_path):
     folder, out = tmp_path / "clip", tmp_path / "out"
     folder.mkdir()
