@@ -446,6 +446,33 @@ def test_a_kept_clip_is_saved(clip, tmp_path):
     assert opened(clip, out).unsaved == 0
 
 
+def with_camera_files(clip, out):
+    """A folder of results as `run` leaves it, whose frames nobody has looked at."""
+    opened(clip, out).keep(proposal(nothing(8), Window(0, 8)))
+    OPENED.pop().close()
+    (out / JOURNAL).unlink()  # a run has none
+    for number in range(8):
+        (out / f"camera_{number:06d}.json").write_text("as it was")
+    return out
+
+
+def test_a_clip_is_kept_in_the_folder_of_a_run(clip, tmp_path):
+    out = with_camera_files(clip, tmp_path / "out")
+    opened(clip, out).keep(proposal(nothing(8, (0, 3)), Window(0, 8)))
+    assert starts_of(out) == [0, 3]
+    assert len([*(out / "history").glob("*/camera_*.json")]) == 8
+
+
+def test_a_camera_that_another_program_has_changed(clip, tmp_path):
+    """Also that of a frame that nobody has looked at."""
+    out = with_camera_files(clip, tmp_path / "out")
+    editor = opened(clip, out)
+    (out / "camera_000006.json").write_text("changed")
+    with pytest.raises(ChangedFileError, match=r"camera_000006\.json was changed"):
+        editor.keep(proposal(nothing(8), Window(0, 8)))
+    assert (out / "camera_000006.json").read_text() == "changed"
+
+
 def test_a_change_after_a_clip_was_solved_is_not_kept_with_it(clip, tmp_path):
     editor = marked(opened(clip, tmp_path / "out"), 2, number=5)
     anchors = {5: editor.revision(5)}

@@ -134,7 +134,9 @@ class Editor:
             Thread(target=self._fill_rows, name="rows", daemon=True).start()
 
     def _fill_rows(self) -> None:
-        """Take what the results say into the table."""
+        """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
+        if self.stored is not None:
+            self.stored.versions.expect(map(CAMERAS.file_name, self.stored.ids))
         for count, (id, row) in enumerate(() if self.stored is None else self.stored.rows(), 1):
             number = self._numbers.get(id)
             if number is not None and not self._rows[number].verdict:

@@ -40,7 +40,8 @@ class Versions:
 
     def expect(self, names: Iterable[str]) -> None:
         """Remember the states of files that are read now, unless they were read or written before."""
-        self._expected = {**self._states(names), **self._expected}
+        for name, state in self._states(names).items():
+            self._expected.setdefault(name, state)
 
     def _states(self, names: Iterable[str]) -> dict[str, State]:
         return {name: FrameFile("", self.folder / name).state for name in names}
