@@ -272,7 +272,7 @@ class App {
     const row = { verdict: state.verdict, reason: state.reason || state.message, by_hand: state.by_hand, basis: state.basis };
     for (const column of ["pan", "tilt", "roll", "focal_length"]) row[column] = camera ? camera[column] : null;
     for (const [column, value] of Object.entries(row)) if (this.frames[column]) this.frames[column][number] = value;
-    this.list.draw();
+    this.list.rows.draw();
     this.list.drawCounts();
     this.timeline.prepare();
     this.clip.setAnchors(this.frames.by_hand.filter(Boolean).length);

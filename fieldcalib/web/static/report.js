@@ -33,7 +33,7 @@ class Report {
     }
     this.table.show(this.frames, new Set(Object.keys(report.states)));
     this.filter();
-    this.open(this.table.order[0] ?? 0);
+    this.open(this.table.rows.first);
     document.addEventListener("keydown", (event) => this.press(event));
   }
 
@@ -140,7 +140,7 @@ class Report {
       const choose = () => {
         this.group = this.group === number ? null : number;
         this.filter();
-        if (this.group !== null && this.frames.group[this.current] !== number) this.open(this.table.order[0] ?? this.current);
+        if (this.group !== null && this.frames.group[this.current] !== number) this.open(this.table.rows.first);
       };
       return element(
         "button",
@@ -159,7 +159,7 @@ class Report {
     if (!this.frames.id.length) return;
     this.current = number;
     const frame = this.frameOf(number);
-    this.table.setCurrent(number);
+    this.table.rows.setCurrent(number);
     this.timeline?.setCurrent(number);
     this.card.show(frame);
     this.map.show(frame);
@@ -226,7 +226,7 @@ class Report {
   press(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || this.parts.about.open) return;
     const steps = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10 };
-    if (event.key in steps) this.open(this.table.neighbour(steps[event.key]));
+    if (event.key in steps) this.open(this.table.rows.neighbour(steps[event.key]));
     else if (this.timeline && event.key === "ArrowRight") this.open(Math.min(this.current + 1, this.frames.id.length - 1));
     else if (this.timeline && event.key === "ArrowLeft") this.open(Math.max(this.current - 1, 0));
     else if (event.key === "m") {
