@@ -12,8 +12,8 @@ from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import FramesByNumber
+from fieldcalib.run_folder.images import MOST_BYTES
 
-MOST_BYTES = 256_000_000  # of the file of a picture
 CACHE_BYTES = 160_000_000  # of the images in memory: 25 of 1920 x 1080
 
 
