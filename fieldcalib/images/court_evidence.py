@@ -11,6 +11,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.stripe_likelihood import StripeMaps
 from fieldcalib.localize.long_lines import LongLines
+from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import Stripes
 
 EXPLAINED = 6.0  # px from a projected marking
@@ -35,9 +36,10 @@ class CourtEvidence:
     mean: float
     """The same for each independent point in view."""
     explained: float
-    """Share of the long stripes on the field that lie on projected markings, those above the ground included."""
+    """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, those
+    above the ground included."""
     long_stripes: int
-    """Pixels of long stripes on the field."""
+    """Pixels of these stripes."""
     runner_up: float
     """Score of the best camera that projects the field elsewhere, as a share of this one's; 1 if that is as good."""
     paint: float
@@ -81,20 +83,11 @@ class Picture:
     stripes: Stripes
     is_long: BoolArray
     """Which stripes lie on a long line, (N,)."""
+    colours: StripeColours
     maps: StripeMaps
 
-    @classmethod
-    def of(cls, stripes: Stripes, lines: LongLines) -> Picture:
-        """Prepare the stripes of a picture and its long lines."""
-        is_long = np.zeros(len(stripes.xy), dtype=bool)
-        for normal, offset in zip(lines.normal, lines.offset, strict=True):
-            turn = stripes.angle - np.arctan2(normal[0], -normal[1])
-            turn -= np.pi * np.round(turn / np.pi)
-            is_long |= (np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE)
-        return cls(stripes, is_long, StripeMaps.of(stripes))
-
     def explained(self, field: Field, camera: Camera) -> tuple[float, int]:
-        """Share of the long stripes on the field that lie on markings, and the number of these stripes."""
+        """Share of the long stripes on the field, of the paint's colour, that lie on markings; the number of them."""
         from scipy.spatial import cKDTree
 
         xy = self.stripes.xy[self.is_long]
@@ -107,4 +100,16 @@ class Picture:
         if not np.any(on_field) or not len(seen):
             return 0.0, 0
         distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
-        return float(np.mean(np.isfinite(distance))), int(np.count_nonzero(on_field))
+        explained = np.isfinite(distance)
+        is_paint = explained | self.colours.take(np.flatnonzero(self.is_long)[on_field]).are_like(explained)
+        return float(np.mean(explained[is_paint])), int(np.count_nonzero(is_paint))
+
+
+def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
+    """Which stripes lie on each long line, (N,) masks."""
+    found = []
+    for normal, offset in zip(lines.normal, lines.offset, strict=True):
+        turn = stripes.angle - np.arctan2(normal[0], -normal[1])
+        turn -= np.pi * np.round(turn / np.pi)
+        found.append((np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE))
+    return found
