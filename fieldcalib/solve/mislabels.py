@@ -14,8 +14,8 @@ keeps it is much more expensive; its frame is then calibrated again with the lab
 
 Only frames are examined whose camera misses a segment by more than the cost of another label. Further cameras, each
 without one of the segments, are tried only if the present one explains its frame worse than giving up a segment would.
-The cameras of all such frames are solved together. Frames with more than `MOST_LABELS` labels are not examined: each label
-is compared with every other one, and among so many the robust loss suffices against a few wrong ones.
+The cameras of all such frames are solved together. Frames with more than `MOST_LABELS` labels are not examined: each
+label is compared with every other one, and among so many the robust loss suffices against a few wrong ones.
 """
 
 from __future__ import annotations
