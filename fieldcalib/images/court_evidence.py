@@ -18,13 +18,15 @@ EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the best camera of 622 pairs of picture and field, 130 of them
+# Fitted by `python -m data_tools.score_courts fit` to the best camera of 144 pairs of picture and field, 67 of them
 # right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields.
-COEFFICIENTS = np.array([-31.02, 4.62, 3.27, 7.06, -15.2, 6.25])
-LEAST_PROBABILITY = 0.9  # of an accepted camera: 119 right ones have it, and wrong ones 0.82 at most
-NO_RIVAL = 0.5  # of the score: a worse runner-up, or none, says more of the few lines in view than of the camera
+COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5])
+LEAST_PROBABILITY = (
+    0.9  # of an accepted camera: 57 right ones have it, one 15 px off 0.87, other wrong ones 0.44 at most
+)
+NO_RIVAL = 100.0  # margin: a worse runner-up, or none, says more of the few lines in view than of the camera
 LEAST_SCORE = 250.0  # of an accepted camera: three lines fit many cameras
-FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE = 0.85, 0.9, 0.7, 1.2  # from which on evidence is named as a doubt
+FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE = 0.85, 30.0, 0.7, 1.2  # from which on evidence is named as a doubt
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,14 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """What the probability is computed from, (6,): 1, the logarithm of the score, and the four shares."""
-        score, runner_up = np.log(max(self.score, 1.0)), np.clip(self.runner_up, NO_RIVAL, 1.0)
-        return np.array([1.0, score, self.mean, self.explained, runner_up, self.paint])
+        """What the probability is computed from, (6,): 1, logarithms of score and margin, and the other shares."""
+        score, margin = np.log(max(self.score, 1.0)), np.log1p(min(self.margin, NO_RIVAL))
+        return np.array([1.0, score, self.mean, self.explained, margin, self.paint])
+
+    @property
+    def margin(self) -> float:
+        """By how much the score exceeds that of the runner-up, 0 or more."""
+        return self.score * max(1.0 - self.runner_up, 0.0) if self.score > 0.0 else 0.0
 
     @property
     def probability(self) -> float:
@@ -69,7 +76,7 @@ class CourtEvidence:
             f"only {100.0 * self.explained:.0f} % of the long lines on the field are markings of it": (
                 self.explained < FEW_EXPLAINED
             ),
-            "another camera explains the picture nearly as well": self.runner_up > RIVAL,
+            "another camera explains the picture nearly as well": self.margin < RIVAL,
             f"only {100.0 * self.paint:.0f} % of the markings in view show paint": self.paint < LITTLE_PAINT,
             "the picture has few lines where the markings are projected": self.mean < LITTLE,
         }

@@ -125,7 +125,7 @@ class FieldLines:
 
 
 def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
-    """Places of lines in ascending order, and their ends, from markings, which are on one line nearer than `SAME_LINE`."""
+    """Places of lines in ascending order, and their ends; markings nearer to each other than `SAME_LINE` are on one."""
     place, low, high = np.array(sorted(markings), dtype=float).reshape(-1, 3).T
     first = np.flatnonzero(np.append(True, np.diff(place) > SAME_LINE)[: len(place)])
     if not len(first):
@@ -133,9 +133,7 @@ def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
     return place[first], np.column_stack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)])
 
 
-def hypotheses(
-    lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None
-) -> Cameras:
+def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None) -> Cameras:
     """Cameras that see two lines across the field and two along it in two pairs of lines of a picture.
 
     On a field that looks the same when it is turned by 180 degrees, each camera stands for its twin too.

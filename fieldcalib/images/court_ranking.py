@@ -46,38 +46,44 @@ class Ranked:
         return self.bend.bent(xy)
 
 
-def rank_cameras(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend) -> Ranked:
+def rank_cameras(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
     """Search the cameras that explain the long lines of a picture, and rank them by all its stripes.
 
-    Lines and maps are those of the picture without distortion.
+    Lines and maps are those of the picture without distortion. Where no camera is likely, and pictures `are_cut_out` of
+    larger ones, the principal point is looked for elsewhere too.
     """
-    size = maps.size
-    found = [hypotheses(lines, field, size), few_line_hypotheses(lines, field, size)]
-    ranked = _ranked(maps, Cameras.joined(found), field, bend)
-    is_sure = np.max(ranked.score, initial=0.0) > SURE
-    if principal_point(field) > CUT_OUT and not is_sure and bend.a == 0.0:
-        others = [_ranked(maps, hypotheses(lines, field, size, row), field, bend).cameras for row in ROWS]
-        ranked = _ranked(maps, Cameras.joined([ranked.cameras, *others]), field, bend)
-    return ranked
+    found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size)]
+    cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found), field), field)
+    if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
+        others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field) for row in ROWS]
+        cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined([cameras, *others]), field), field)
+    return Ranked(cameras, score, bend)
+
+
+def is_often_cut_out(field: Field) -> bool:
+    """Whether pictures of the field are views cut out of larger ones, so that their principal points are anywhere."""
+    return principal_point(field) > CUT_OUT
 
 
 def principal_point(field: Field) -> float:
-    """Standard deviation of the principal point from the middle, in widths of the picture.
-
-    It is large where pictures are views cut out of larger ones.
-    """
+    """Standard deviation of the principal point from the middle, in widths of the picture."""
     return max(stand.principal_point for stand in field.stands or field.named_stands.values())
 
 
-def _ranked(maps: StripeMaps, cameras: Cameras, field: Field, bend: Bend) -> Ranked:
-    """The most likely cameras, the best one first; the best ones pulled onto stripes are among them."""
+def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
+    """The most likely cameras, the best one first."""
     for points, kept in ROUNDS:
-        cameras = _in_order(maps, cameras, MarkingPoints.of(field, points), kept)[0]
+        cameras, _ = _in_order(maps, cameras, MarkingPoints.of(field, points), kept)
+    return cameras
+
+
+def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
+    """The cameras and the best of them pulled onto stripes, in the order of their scores; and these."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), principal_point(field))
     near = near.take(stands(near, field))
     points, kept = ROUNDS[-1]
-    return Ranked(*_in_order(maps, Cameras.joined([cameras, near]), MarkingPoints.of(field, points), kept), bend)
+    return _in_order(maps, Cameras.joined([cameras, near]), MarkingPoints.of(field, points), kept)
 
 
 def _in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:

@@ -28,15 +28,15 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
 from fieldcalib.images.court_hypotheses import Cameras, stands
-from fieldcalib.images.court_ranking import Ranked, rank_cameras
+from fieldcalib.images.court_ranking import Ranked, is_often_cut_out, rank_cameras
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize.long_lines import long_lines
-from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.straightened import Bend, bend_of
+from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
@@ -53,8 +53,7 @@ SAME = 8.0  # px: refined cameras that are nearer to each other than this are on
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
-    "no camera was found by search: two lines across the field and two along it must show, on a lens that hardly bends "
-    "them",
+    "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
 )
 GRID = 7  # points of the field along and across at which cameras are compared
 
@@ -78,10 +77,11 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image : (height, width, 3) uint8 array
         Blue, green, red.
     field : Field
-        With markings along and across it: at least two lines of each must show.
+        With markings along and across it: at least two lines of one direction and one of the other must show. On a
+        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so.
     flags, prior
-        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels,
-        no lens, and the principal point in the middle.
+        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
+        and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
 
     Returns
     -------
@@ -124,10 +124,10 @@ def search_courts(task: Task, images: Sequence[Image]) -> list[Calibration]:
 def _found(task: Task, field: Field, image: Image) -> list[FoundCourt]:
     """`find_courts` of a checked picture."""
     small = at_working_size(image)
-    found = _in_polarity(task, image, small)
+    found = _in_polarity(task, image, small, are_cut_out=is_often_cut_out(field))
     if not _has_accepted(found) and field.surface in FLOORS:
         darker = replace(field, lines=replace(field.lines, lighter=not field.lines.lighter))
-        found += _in_polarity(replace(task, object_segments=darker), image, small)
+        found += _in_polarity(replace(task, object_segments=darker), image, small, are_cut_out=False)
     return sorted(found, key=lambda one: (not one.calibration.accepted, -one.evidence.probability))
 
 
@@ -135,18 +135,20 @@ def _has_accepted(found: Sequence[FoundCourt]) -> bool:
     return any(one.calibration.accepted for one in found)
 
 
-def _in_polarity(task: Task, image: Image, small: Image) -> list[FoundCourt]:
+def _in_polarity(task: Task, image: Image, small: Image, *, are_cut_out: bool) -> list[FoundCourt]:
     """Cameras of a field in an image, from the stripes of its working size that are as light as the field's lines."""
     field = task.field
     assert field is not None
     stripes = find_stripes(small, lighter=field.lines.lighter)
     colours, bend = StripeColours.of(small, stripes), bend_of(stripes)
     straight = bend.straight(stripes)
-    found = _searched(task, image, _Stripes(stripes, straight, colours, bend))
+    found = _searched(task, image, _Stripes(stripes, straight, colours, bend, are_cut_out))
     if not _has_accepted(found):
         lines = lying_on(straight, long_lines(straight, LINES))
         for paint in colours.paints(lines)[:PAINTS]:
-            own = _Stripes(stripes.take(paint), straight.take(paint), colours.take(np.flatnonzero(paint)), bend)
+            index = np.flatnonzero(paint)
+            parts = stripes.take(index), straight.take(index), colours.take(index)
+            own = _Stripes(*parts, bend, are_cut_out)
             found += _searched(task, image, own)
     return found
 
@@ -160,6 +162,8 @@ class _Stripes:
     """The same without distortion."""
     colours: StripeColours
     bend: Bend
+    are_cut_out: bool
+    """Whether the picture may be cut out of a larger one."""
 
 
 def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
@@ -171,7 +175,7 @@ def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
     maps = StripeMaps.of(stripes.seen)
     picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, maps)
     straight = maps if stripes.bend.a == 0.0 else StripeMaps.of(stripes.straight)
-    ranked = rank_cameras(lines, straight, field, stripes.bend)
+    ranked = rank_cameras(lines, straight, field, stripes.bend, are_cut_out=stripes.are_cut_out)
     started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
@@ -221,7 +225,7 @@ def _grid(field: Field) -> Array:
 
 
 def _distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = False) -> Array:
-    """Largest or median distances (B,) between points that cameras (B, N, 2) and another one (N, 2) project into the picture.
+    """Largest or median distances (B,) between points that cameras (B, N, 2) and another one (N, 2) see in the picture.
 
     They are infinite where no point is in the picture, or one of both cameras has it behind itself.
     """

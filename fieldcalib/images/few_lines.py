@@ -3,9 +3,9 @@
 Three lines leave open the focal length of a camera that has square pixels, no lens and a given principal point.
 For each of some focal lengths, the vanishing point of the two gives the direction in which they run; the third one then
 runs across that, in the plane through its own picture; both directions are the camera's rotation. It must be level,
-and the three lines must lie below its horizon. The distance between the two on the court gives its height, and each line
-one coordinate of its place (Hartley and Zisserman, Multiple View Geometry, chapter 8). So courts are found of which
-one line of a direction shows, or whose lines are bent by a lens.
+and the three lines must lie below its horizon. The distance between the two on the court gives its height, and each
+line one coordinate of its place (Hartley and Zisserman, Multiple View Geometry, chapter 8). So courts are found of
+which one line of a direction shows, or whose lines are bent by a lens.
 """
 
 from __future__ import annotations
@@ -30,30 +30,31 @@ from fieldcalib.localize.long_lines import LongLines
 
 FACTOR = 1.15  # between focal lengths
 LEVEL = np.radians(10.0)  # largest roll: broadcast cameras are level to 1 degree, those in halls to 8
-OVER, OVER_SHARE = 0.3, 0.05  # m, and share of its length, by which a line in the picture may be longer than its marking
+OVER, OVER_SHARE = (
+    0.3,
+    0.05,
+)  # m, and share of its length, by which a line in the picture may be longer than its marking
 
 
-def few_line_hypotheses(
-    lines: LongLines, field: Field, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)
-) -> Cameras:
+def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
     """Cameras that see two parallel lines of a field and one across them in three lines of a picture.
 
-    Parameters and the twins of cameras are as in `fieldcalib.images.court_hypotheses.hypotheses`.
+    The principal point is in the middle. On a field that looks the same when it is turned by 180 degrees, each camera
+    stands for its twin too.
     """
-    c = 0.5 * np.array(size) + size[0] * np.array(offset)
+    c, lengths = 0.5 * np.array(size), focal_lengths(field)
     on_field, is_symmetric = FieldLines.of(field), len(field.symmetric) == len(field)
-    focal_lengths = _focal_lengths(field)
     parts = [Cameras.none(size)]
     for are_across in (True, False):
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):
-            triples = _Triples.of(lines, size, c, focal_lengths, are_across=are_across, turn=turn)
+            triples = _Triples.of(lines, size, c, lengths, are_across=are_across, turn=turn)
             parts.append(triples.cameras(on_field, heights(field)))
     joined = Cameras.joined(parts)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
 
-def _focal_lengths(field: Field) -> Array:
+def focal_lengths(field: Field) -> Array:
     """Focal lengths of the field's cameras, in widths of the picture."""
     fov = np.radians([stand.fov for stand in field.stands or field.named_stands.values()])
     least, most = focal_length_from_fov(fov.max(), 1.0), focal_length_from_fov(fov.min(), 1.0)
@@ -90,7 +91,7 @@ class _Triples:
     def of(
         cls, lines: LongLines, size: tuple[int, int], c: Array, focal_lengths: Array, *, are_across: bool, turn: float
     ) -> _Triples:
-        """All pairs of lines with all other lines, for all focal lengths; `turn` is -1 for cameras from the other side."""
+        """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
         width = float(size[0])
         line = lines.homogeneous
         line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ c) / width])
@@ -107,9 +108,7 @@ class _Triples:
         rays = np.stack([_rays(ends[one], f) for one in (pair[:, 0], pair[:, 1], third)], axis=1)
         depth = np.einsum("nlek,nk->nle", rays, down)
         good &= np.all(depth > 0.0, axis=(1, 2))
-        first, second, other, along, across, down = (
-            one[good] for one in (first, second, other, along, across, down)
-        )
+        first, second, other, along, across, down = (one[good] for one in (first, second, other, along, across, down))
         with np.errstate(divide="ignore", invalid="ignore"):
             u = np.stack([-_dot(one, down) / _dot(one, across) for one in (first, second)], axis=1)
             v = -_dot(other, down) / _dot(other, along)
@@ -148,9 +147,7 @@ class _Triples:
 
 def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray, IntArray, IntArray]:
     """All combinations of pairs (N, 2), other lines (N,) and focal lengths (N,)."""
-    pair, third, f = (
-        one.ravel() for one in np.indices((len(pairs), count, focal_lengths)).reshape(3, -1)
-    )
+    pair, third, f = (one.ravel() for one in np.indices((len(pairs), count, focal_lengths)).reshape(3, -1))
     apart = np.all(pairs[pair] != third[:, None], axis=1)
     return pairs[pair[apart]], third[apart], f[apart]
 

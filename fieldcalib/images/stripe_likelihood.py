@@ -14,6 +14,7 @@ logarithms are tabulated, so that thousands of cameras are ranked at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -133,8 +134,9 @@ class MarkingPoints:
     spacing: Array
     """Length of marking for which each stands, metres, (N,)."""
 
-    @classmethod
-    def of(cls, field: Field, count: int) -> MarkingPoints:
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def of(field: Field, count: int) -> MarkingPoints:
         """About so many points in even steps on all markings on the ground together."""
         markings = Markings.of(field)
         ground = np.flatnonzero(markings.on_ground)
@@ -145,7 +147,7 @@ class MarkingPoints:
         last = np.append(first[1:], len(cell)) - 1
         taken = ground[(first + last) // 2]
         spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen)), dtype=float)
-        return cls(markings.X[taken], markings.along[taken], spacing)
+        return MarkingPoints(markings.X[taken], markings.along[taken], spacing)
 
 
 def _steps(markings: Markings) -> Array:

@@ -1,8 +1,8 @@
 """Stripes as a lens without distortion would show them: the bend under which most of them lie on long straight lines.
 
-In units of half the diagonal from the middle of the picture, a stripe at d is moved to ``d (1 + a |d|^2)``; a > 0 undoes
-the barrel distortion of wide lenses. Of some a, the one is taken for which the longest lines hold the most stripes
-(the plumb lines of Brown, Close-range camera calibration, 1971).
+In units of half the diagonal from the middle of the picture, a stripe at d is moved to ``d (1 + a |d|^2)``; a > 0
+undoes the barrel distortion of wide lenses. Of some a, the one is taken for which the longest lines hold the most
+stripes (the plumb lines of Brown, Close-range camera calibration, 1971).
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.localize.long_lines import long_lines
 from fieldcalib.localize.stripes import Stripes
 
-BENDS = (0.05, 0.1, 0.16, 0.24, 0.36, 0.5, 0.7)  # as long as a larger one is better
-BETTER = 1.03  # times the root of the sum of the squared lengths, from which on a bend is not chance
+BENDS = (0.05, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7)
+FEW_BENDS = 3  # if the straight picture is better than so many, it is taken
+BETTER = 1.05  # times the root of the sum of the squared lengths, from which on a bend is not chance
 LINES = 12  # the longest, that are compared
-MOST = 6000  # stripes that are compared
+MOST = 5000  # stripes that are compared
 NEWTON = 6  # steps of the inverse
 SAMPLES = np.linspace(0.05, 1.0, 20)  # of the radius, for the polynomial of a lens
 
@@ -78,8 +79,9 @@ class Bend:
             return camera
         u = SAMPLES * (1.0 + self.a * SAMPLES**2)
         a1, a2 = np.linalg.lstsq(np.column_stack([u**2, u**4]), SAMPLES / u - 1.0, rcond=None)[0]
-        K = camera.K * np.array([[1.0 + self.a, 1.0, 1.0], [1.0, 1.0 + self.a, 1.0], [1.0, 1.0, 1.0]])
-        K[:2, 2] = self.middle + (camera.K[:2, 2] - self.middle)
+        K = (1.0 + self.a) * camera.K
+        K[:2, 2] -= self.a * self.middle
+        K[2, 2] = 1.0
         unit = (K[0, 0] / self.rho) ** 2
         return Camera(K, camera.R, camera.C, camera.image_size, (a1 * unit, a2 * unit**2))
 
@@ -87,14 +89,16 @@ class Bend:
 def bend_of(stripes: Stripes) -> Bend:
     """The bend of a picture by its stripes, none if no other explains them clearly better."""
     few = stripes.take(np.arange(0, len(stripes.xy), max(len(stripes.xy) // MOST, 1)))
-    best, length = Bend(0.0, stripes.size), _length(few)
-    for a in BENDS:
-        bend = Bend(a, stripes.size)
-        longer = _length(bend.straight(few))
-        if longer < (BETTER if best.a == 0.0 else 1.0) * length:
+    none = best = Bend(0.0, stripes.size)
+    straight = longest = _length(few)
+    for count, a in enumerate(BENDS):
+        if count == FEW_BENDS and longest == straight:
             break
-        best, length = bend, longer
-    return best
+        bend = Bend(a, stripes.size)
+        length = _length(bend.straight(few))
+        if length > longest:
+            best, longest = bend, length
+    return best if longest > BETTER * straight else none
 
 
 def _length(stripes: Stripes) -> float:

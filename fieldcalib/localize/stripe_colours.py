@@ -1,8 +1,8 @@
 """The colours of stripes and of the ground beside them: whether stripes may be of one paint.
 
-Blur mixes the paint of a narrow stripe with its ground, so that it has the colour ``g + t (p - g)`` with ground g, paint
-p and t from 0 to 1: the direction from the ground towards the stripe is that towards the paint, however narrow it is,
-and on any ground. The lines of other sports in a hall, and the boards of a floor, point elsewhere.
+Blur mixes the paint of a narrow stripe with its ground, so that it has the colour ``g + t (p - g)`` with ground g,
+paint p and t from 0 to 1: the direction from the ground towards the stripe is that towards the paint, however narrow it
+is, and on any ground. The lines of other sports in a hall, and the boards of a floor, point elsewhere.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class StripeColours:
         """The colours of the stripes of a picture."""
         import cv2
 
-        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR))
+        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR), np.uint8)
         side = SIDE * np.column_stack([-np.sin(stripes.angle), np.cos(stripes.angle)])
         middle, *sides = (_sampled(smooth, stripes.xy + step) for step in (0.0 * side, side, -side))
         return cls(middle, np.stack(sides, axis=1))
