@@ -42,9 +42,9 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
     nx, ny = -np.sin(direction), np.cos(direction)
     off = np.linspace(-reach, reach, PLACES)
     ratio = maps.ratios(x[..., None] + off * nx[..., None], y[..., None] + off * ny[..., None], direction[..., None])
-    ratio = ratio - FARTHER * np.abs(off) / reach
-    best = np.argmax(ratio, axis=2)
-    pulls = np.isfinite(x) & (np.take_along_axis(ratio, best[..., None], axis=2)[..., 0] > LEAST)
+    likely = ratio - FARTHER * np.abs(off) / reach
+    best = np.argmax(likely, axis=2)
+    pulls = np.isfinite(x) & (np.take_along_axis(likely, best[..., None], axis=2)[..., 0] > LEAST)
     weight = np.where(pulls, 1.0 / OFF**2, 0.0)
     J = np.zeros((*x.shape, UNKNOWNS))
     for k in range(UNKNOWNS):
