@@ -16,7 +16,7 @@ from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.scene import image_curves
+from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import homogenize
@@ -148,8 +148,8 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
     return [
         {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
-        for label, segment in field.markings.items()
-        for curve in image_curves(camera, segment)
+        for label, curves in zip(field.markings, image_curves_of(camera, field.markings.values()), strict=True)
+        for curve in curves
         if _is_in_view(curve, camera.image_size)
     ]
 

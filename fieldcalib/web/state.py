@@ -88,7 +88,7 @@ def _errors(one: FrameEditor, calibration: Calibration) -> Array:
     """Distances (N,) of the marks from their markings, pixels; NaN without a camera."""
     if calibration.camera is None:
         return np.full(len(one.marks), np.nan)
-    return mark_errors(calibration.field or one.field, one.marks, calibration.camera)
+    return np.asarray(mark_errors(calibration.field or one.field, one.marks, [calibration.camera])[0])
 
 
 def _next_mark(one: FrameEditor) -> dict[str, Any] | None:
