@@ -219,9 +219,9 @@ def image_curves_of(camera: Camera | RationalCamera, segments: Iterable[Segment]
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
     size = np.array(camera.image_size)
     near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
-    xy = xy.astype(np.float32)
+    pixels: Float32 = xy.astype(np.float32)
     return [
-        _visible(xy[part], near[part], drawable[part]) if np.any(near[part]) else []
+        _visible(pixels[part], near[part], drawable[part]) if np.any(near[part]) else []
         for part in (slice(*ends) for ends in pairwise(begin))
     ]
 

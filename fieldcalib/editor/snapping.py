@@ -65,7 +65,7 @@ def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Arra
     best, place = 0.0, click
     for scale in WIDTHS:
         sigma = max(scale * unit, LEAST_BLUR)
-        blurred = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        blurred = np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
         middle, normal, strength = _ridge(blurred[rows, columns], sigma)
         distance = np.linalg.norm(pixels + middle - click, axis=-1)
         is_line = (np.linalg.norm(middle, axis=-1) < NEAR_MIDDLE) & (strength > LEAST_CONTRAST) & (distance <= reach)

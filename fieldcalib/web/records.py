@@ -83,24 +83,28 @@ def _candidates(label: str) -> Iterator[str]:
 
 def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]:
     """A calibration as shown on its image: camera, verdict and reason, and what the camera projects and sees."""
-    camera = calibration.camera
-    record: dict[str, Any] = {
+    return judgement_record(calibration) | projection_record(calibration, field)
+
+
+def judgement_record(calibration: Calibration) -> dict[str, Any]:
+    """The camera of a calibration with its errors, verdict and reason."""
+    return {
         "status": str(calibration.status),
         "message": calibration.message,
         "verdict": str(calibration.verdict),
         "reason": calibration.reason,
         "remedy": calibration.remedy,
         "probability": _probability(calibration),
-        "camera": None,
-        "curves": [],
-        "view": [],
-        "horizon": None,
+        "camera": None if calibration.camera is None else camera_record(calibration),
     }
+
+
+def projection_record(calibration: Calibration, field: Field) -> dict[str, Any]:
+    """What the camera of a calibration projects and sees, which does not wait for its verdict."""
+    camera, of_field = calibration.camera, calibration.field or field
     if camera is None:
-        return record
-    of_field = calibration.field or field
-    return record | {
-        "camera": camera_record(calibration),
+        return {"curves": [], "view": [], "horizon": None}
+    return {
         "curves": curves_of(camera, of_field, calibration.markings),
         "view": view_of(camera, of_field),
         "horizon": horizon_of(camera),

@@ -93,10 +93,10 @@ class Window:
         )
 
     def wait_for_revision(self, revision):
-        """Until the answers to all edits are on the screen, and there were so many of them."""
+        """Until the answers to all edits are on the screen with the verdict, and there were so many of them."""
         self.wait(
             "revision => { const { dataset } = document.querySelector('.picture-lines'); "
-            "return dataset.pending === '0' && Number(dataset.revision) >= revision }",
+            "return dataset.pending === '0' && dataset.judged === 'true' && Number(dataset.revision) >= revision }",
             revision,
         )
 
