@@ -114,7 +114,7 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
     if not by_marks.accepted:
         return by_marks
-    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
+    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
     return _agreeing(field, marks.only_by_hand, by_marks, refined)
 
 
