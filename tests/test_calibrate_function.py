@@ -19,6 +19,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.results import inputs
+from fieldcalib.results.frames import ById
 
 SIZE = (480, 270)
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), SIZE) for pan in np.linspace(0.1, 0.4, 4)]
@@ -343,13 +344,33 @@ def test_a_table_of_some_twenty_columns(some):
 
 def test_results_that_are_there_are_not_replaced_without_a_word(some, tmp_path):
     some.save(tmp_path / "out")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError) as error:
         some.save(tmp_path / "out")
-    with pytest.raises(FileExistsError):
+    assert str(error.value).endswith("give overwrite=True to replace them, or another folder")
+    assert "--" not in str(error.value)
+    with pytest.raises(FileExistsError, match="give overwrite=True"):
         read(tmp_path / "out").save(tmp_path / "out2") or read(tmp_path / "out").save(tmp_path / "out2")
     some.save(tmp_path / "out", overwrite=True)
     read(tmp_path / "out").save(tmp_path / "out2", overwrite=True)
     assert read(tmp_path / "out2") == some
+
+
+@pytest.mark.parametrize("asked", ["__getitem__", "line", "overlay", *("cameras", "verdicts", "basis", "homographies")])
+def test_an_unknown_frame_is_named_with_those_that_are_there(some, asked):
+    of = getattr(some, asked)
+    of = of() if asked == "homographies" else of
+    get = of if callable(of) else of.__getitem__
+    with pytest.raises(KeyError, match=r"there is no frame 'X.jpg': ids are 'x', (?:'y', )?'z'"):
+        get("X.jpg")
+    with pytest.raises(KeyError, match=r"there is no frame 'x.jpg': did you mean 'x'\? ids are"):
+        get("x.jpg")
+
+
+def test_frames_of_a_video_have_six_digits(some):
+    many = ById({f"{number:06d}": number for number in range(9)})
+    with pytest.raises(KeyError, match=r"did you mean '000007'\? ids are '000000', '000001', '000002' and 6 more"):
+        many[7]
+    assert many.get(7) is None
 
 
 def test_results_that_differ_are_not_equal(some):

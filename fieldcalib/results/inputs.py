@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.progress import Progress, progress_bar
+from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount, calibrate_video
@@ -33,7 +33,7 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.annotated import paper_losses
-from fieldcalib.run_folder.clip_input import ClipInput
+from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
 from fieldcalib.run_folder.images import Frame, ReadImage, accepted, checked_frames, pixels_of
 from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.units import grouped, unit_size, units_of
@@ -256,7 +256,8 @@ class Clip:
         method.check(clip=True)
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
-        found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
+        with solving(SOLVING, method.progress):
+            found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)

@@ -20,6 +20,7 @@ from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, image
 
 PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip is calibrated, in this order
 AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
+SOLVING = "solving the clip"  # between them
 READ = ReadImage()
 
 
