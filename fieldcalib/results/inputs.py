@@ -239,6 +239,7 @@ class OneByOne:
             chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
             named = zip(numbers, chosen, strict=False)
             return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
+        _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
         if source is not None:
             return iter(source), source.count or None
@@ -254,6 +255,7 @@ class Clip:
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
         method.check(clip=True)
+        _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
         with solving(SOLVING, method.progress):
@@ -296,3 +298,9 @@ class LiveStream:
 def _warn(message: str) -> None:
     """Warn the caller of `fieldcalib.calibrate`."""
     warnings.warn(message, stacklevel=2)
+
+
+def _warn_of(message: str) -> None:
+    """Warn the caller, unless there is nothing to say."""
+    if message:
+        _warn(message)

@@ -14,11 +14,7 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.clip_input import ArrayFrames, Frames, ImageFrames, VideoFrames
-from fieldcalib.run_folder.images import MOST_BYTES, in_cut
-
-
-def _nothing(message: str) -> None:
-    """Tell nobody."""
+from fieldcalib.run_folder.images import MOST_BYTES, ignored, in_cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +38,19 @@ class Pictures:
         """Files of the pictures, or of the video."""
         if self.is_video:
             return [FrameFile(self.paths[0].stem, self.paths[0])]
+        return in_cut(self._found, self.cut, ignored) if self._found else []
+
+    @cached_property
+    def _found(self) -> Sequence[FrameFile]:
+        """Files of pictures, those outside the cut included."""
         found = IMAGES.find(self.paths) if self.paths else []
-        return in_cut(in_order(found) if self.is_clip else found, self.cut) if found else []
+        return in_order(found) if self.is_clip else found
+
+    def beyond(self) -> str:
+        """Message if the end of the cut lies beyond the last picture; empty otherwise, and for a video."""
+        count = 0 if self.is_video else len(self.images) or len(self._found)
+        said = self.cut.beyond(count) if count else ""
+        return f"the input {said}" if said else ""
 
     @cached_property
     def _by_id(self) -> dict[str, FrameFile]:
@@ -82,10 +89,10 @@ class Pictures:
         with named_in_errors(file.path):
             return IMAGES.read(file.read(MOST_BYTES))
 
-    def frames(self, tell: Callable[[str], object] = _nothing) -> Frames:
+    def frames(self, tell: Callable[[str], object] = ignored) -> Frames:
         """The pictures one after the other, again and again; `tell` gets a message about lost frames of a video."""
         if len(self.images):
             return ArrayFrames(self.images, self.cut)
         if self.is_video:
             return VideoFrames(self.paths[0], self.cut, tell=tell)
-        return ImageFrames(self.files, tell=_nothing)
+        return ImageFrames(self.files, tell=ignored)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -16,7 +17,7 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import DEFAULT_RATE
-from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, image_files, in_cut
+from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, ignored, image_files, in_cut
 
 PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip is calibrated, in this order
 AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
@@ -72,13 +73,15 @@ class VideoFrames:
         self.frames_per_second = DEFAULT_RATE
         self.count = 0
         self.broken: dict[str, str] = {}
-        self.loss = ""
+        self.loss = self._beyond = ""
         next(iter(self))  # what is wrong with it shows before anything is written
+        if self._beyond:
+            tell(self._beyond)
 
     def __iter__(self) -> Iterator[Frame]:
         path, most = self._path, self._read.most_pixels
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
-            self.frames_per_second, self.count = video.frames_per_second, video.count
+            self.frames_per_second, self.count, self._beyond = video.frames_per_second, video.count, video.beyond
             yield from checked_frames(path, video, self._read.check)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
@@ -128,10 +131,9 @@ class ArrayFrames:
         """Number of frames."""
         return len(self._numbers)
 
-    @property
-    def _numbers(self) -> range:
-        numbers = self.cut.numbers()
-        return range(len(self.images))[numbers.start : numbers.stop : numbers.step]
+    @cached_property
+    def _numbers(self) -> Sequence[int]:
+        return in_cut(range(len(self.images)), self.cut, ignored)
 
     def __iter__(self) -> Iterator[Frame]:
         for number in self._numbers:
@@ -148,7 +150,7 @@ def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int |
     """
     if VIDEOS.recognises(paths[0]):
         return VideoFrames(paths[0], cut, read, threads)
-    return ImageFrames(in_cut(in_order(image_files(paths)), cut), read)
+    return ImageFrames(in_cut(in_order(image_files(paths)), cut, say), read)
 
 
 class ClipInput:

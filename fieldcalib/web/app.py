@@ -135,6 +135,7 @@ class Page:
                 "version": editor.version,
                 "can_save": editor.stored is not None,
                 "unsaved": editor.unsaved,
+                "has_results": editor.stored is not None and len(editor.stored.ids) > 0,
                 "sports": list(FIELDS),
                 "cuts": editor.cuts,
             }
