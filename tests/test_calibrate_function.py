@@ -10,12 +10,14 @@ import pytest
 from commands import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import FIELD, KnownCameras, looked_at
+from networks import FIELD, Blind, KnownCameras, looked_at
 from strategies import numbers, texts
 
 import fieldcalib
 from fieldcalib import Camera, calibrate, read, soccer
 from fieldcalib.draw.scene import render_field
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.images import NO_IMAGE
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.results import inputs
@@ -87,7 +89,7 @@ def test_pictures_of_a_folder_with_a_broken_one(rendered, knows, tmp_path):
     knows([TRUTHS[1], TRUTHS[2], TRUTHS[3], TRUTHS[0]])
     results = calibrate(folder, progress=False)
     assert list(results) == ["a", "b", "c", "d"]
-    assert dict(results.broken) == {"b2": "is no image that OpenCV can read"}
+    assert dict(results.broken) == {"b2": NO_IMAGE}
     for id, truth in zip("abcd", (*TRUTHS[1:], TRUTHS[0]), strict=True):
         np.testing.assert_allclose(results.cameras[id].angles, truth.angles, atol=6e-3)
     assert results.video is None
@@ -105,6 +107,19 @@ def test_what_is_saved_is_what_run_writes(rendered, knows, know, tmp_path):
     assert ours.keys() == written.keys()
     differ = {name for name in written if ours[name] != written[name]}
     assert differ <= {"run.json", "summary.json"}  # which have the options
+
+
+def test_a_file_that_is_no_picture(tmp_path):
+    (tmp_path / "text.jpg").write_text("no picture")
+    for source in (tmp_path / "text.jpg", tmp_path, str(tmp_path / "*.jpg")):
+        with pytest.raises(BrokenFileError, match=r"text.jpg: is no image that OpenCV can read: expected a JPEG, PNG"):
+            calibrate(source, network=Blind(), progress=False)
+    (tmp_path / "other.png").write_text("no picture")
+    with pytest.raises(BrokenFileError, match=r"other.png: is no image .* nor can the other 1 be read"):
+        calibrate(tmp_path, network=Blind(), progress=False)
+    with pytest.raises(BrokenFileError, match=r"text.jpg: is no image that OpenCV can read: expected a JPEG, PNG"):
+        fieldcalib.Editor(tmp_path / "text.jpg")
+    assert run("open", tmp_path / "text.jpg", "--no-browser") == 2
 
 
 @pytest.mark.slow

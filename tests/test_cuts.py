@@ -71,7 +71,9 @@ def test_threads_change_nothing(film):
 
 
 def test_a_start_after_the_end(film):
-    said = rf"film.* (has no frame {COUNT}, the first that is asked for|ends after {COUNT} frames, before frame {COUNT})"
+    said = (
+        rf"film.* (has no frame {COUNT}, the first that is asked for|ends after {COUNT} frames, before frame {COUNT})"
+    )
     with pytest.raises(BrokenFileError, match=said):
         read(film, Position(frame=COUNT))
     said = rf"film.*: ends at 10.4 s \({COUNT} frames\), before 60 s: times are in seconds, and 60f is a frame"
@@ -81,7 +83,9 @@ def test_a_start_after_the_end(film):
 
 def test_an_end_beyond_that_of_the_video(film):
     _, _, video = read(film, Position(frame=0), Position(seconds=60.0))
-    assert video.beyond == f"{film} ends at 10.4 s ({COUNT} frames), before 60 s: times are in seconds, and 60f is a frame"
+    assert (
+        video.beyond == f"{film} ends at 10.4 s ({COUNT} frames), before 60 s: times are in seconds, and 60f is a frame"
+    )
     _, _, video = read(film, Position(frame=0), Position(frame=400))
     assert video.beyond == f"{film} ends after {COUNT} frames, before frame 400"
     for end in (None, Position(frame=COUNT), Position(seconds=COUNT / RATE)):

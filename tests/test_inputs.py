@@ -366,7 +366,10 @@ def closed_port():
 def test_a_stream_that_cannot_be_reached_is_no_question_of_formats(server, tmp_path, capfd):
     nothing = closed_port()
     for address, said in (
-        (f"http://me:s3cret@127.0.0.1:{nothing}/a.m3u8", f"nothing answers at 127.0.0.1, port {nothing} (Connection refused)"),
+        (
+            f"http://me:s3cret@127.0.0.1:{nothing}/a.m3u8",
+            f"nothing answers at 127.0.0.1, port {nothing} (Connection refused)",
+        ),
         ("http://me:s3c@ret@nowhere.invalid/a.ts", "the name nowhere.invalid is not known"),
         (f"http://me:s3cret@127.0.0.1:{server}/a.ts?token=s3cret", "127.0.0.1 answers, but sends no video"),
     ):

@@ -582,7 +582,10 @@ def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> 
         numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
         return VideoFrames(paths[0], numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
-    return Pictures(files)
+    pictures = Pictures(files)
+    if len(files) == 1 and files[0].path == paths[0]:  # of a folder, the page says which are broken
+        pictures.image(0)
+    return pictures
 
 
 def _field(field: Field | str | None, stored: Stored | None) -> tuple[Field, str]:

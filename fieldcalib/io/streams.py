@@ -22,7 +22,9 @@ PORTS: Mapping[str, int] = MappingProxyType({"http": 80, "https": 443, "rtsp": 5
 """Usual ports of schemes whose servers listen for connections by TCP."""
 ANSWER = 5.0  # seconds in which a server must answer to count as reachable
 NO_ANSWER = "is the address right, does the server run, and can this machine reach it (network, VPN, firewall)?"
-NO_STREAM = "answers, but sends no video that can be read: are the path of the address, the user and the password right?"
+NO_STREAM = (
+    "answers, but sends no video that can be read: are the path of the address, the user and the password right?"
+)
 STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 

@@ -22,6 +22,7 @@ from fieldcalib.images.from_video import Mount, calibrate_video
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
@@ -230,6 +231,8 @@ class OneByOne:
                 bar.update(len(part))
         if not collected.ids:
             raise ValueError(f"{EXPECTED}, got nothing")
+        if len(collected.broken) == len(collected.ids):
+            raise BrokenFileError(_none_is_readable(collected.broken, self.pictures))
         return Results(collected.frames(), self.pictures)
 
     def _frames(self) -> tuple[Iterator[Frame], int | None]:
@@ -244,6 +247,14 @@ class OneByOne:
         if source is not None:
             return iter(source), source.count or None
         return map(ReadImage(), self.pictures.files), len(self.pictures.files)
+
+
+def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
+    """Message about the first of files none of which can be read."""
+    id, problem = next(iter(broken.items()))
+    names = {file.id: file.path.name for file in pictures.files}
+    others = f"; nor can the other {len(broken) - 1} be read" if len(broken) > 1 else ""
+    return f"{names.get(id, id)}: {problem}{others}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,7 +112,7 @@ class ResultsWriter:
         if verdict:
             self.verdicts[verdict] += 1
         self.cameras += has_camera
-        self.to_look_at.add(line["id"], verdict, line.get("reason", ""))
+        self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""))
         self.squashed += squashed
         self.nearly_square += is_nearly_square(line)
 

@@ -46,7 +46,15 @@ def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
     """What the page is told of a frame whose image cannot be read."""
-    said = {"status": "broken file", "message": problem, "verdict": "", "reason": problem, "remedy": "", "basis": ""}
+    said = {
+        "status": "broken file",
+        "message": problem,
+        "verdict": "",
+        "reason": problem,
+        "remedy": "",
+        "here": "",
+        "basis": "",
+    }
     return {
         "number": number,
         "id": editor.ids[number],
@@ -60,6 +68,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
         **dict.fromkeys(("can_undo", "can_redo", "by_hand"), False),
         "automatic": True,
         **said,
+        **dict.fromkeys(("remedy", "here"), ""),
         **NOTHING,
         "next": None,
         "milliseconds": 0.0,

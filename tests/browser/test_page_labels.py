@@ -53,7 +53,8 @@ SHOW_VERDICT = """async () => {
     const card = new VerdictCard(document.getElementById("verdict"), { canMend: true });
     const before = card.root.clientHeight;
     card.show({ number: 0, verdict: "check", camera: {}, reason: "a reason, ".repeat(40),
-                remedy: "give --field-length and --field-width ".repeat(9), marks: [] });
+                remedy: "give the known length and width of the field ".repeat(9),
+                here: "type the size of the field in the tab Camera", marks: [] });
     const cut = [...card.root.children].filter((one) => one.scrollHeight > one.clientHeight + 1).length;
     card.root.scrollTop = 1e4;
     const last = card.root.lastElementChild.getBoundingClientRect().bottom;
@@ -74,8 +75,8 @@ SHOW_LEFT_OUT = """async () => {
     const load = (name) => import(new URL(`static/${name}.js`, document.baseURI));
     const [{ VerdictCard }, { MarkList }] = [await load("verdict"), await load("marks")];
     const mark = (label, error, left_out) => ({ label, error, left_out, x: 9, y: 9, by_hand: false, suspect: false });
-    const marks = [mark("Side line top", 12.4, true), mark("Side line top", 1.0, false), mark("Middle line", 0.5, false),
-                   mark("Circle left", 9.1, true)];
+    const marks = [mark("Side line top", 12.4, true), mark("Side line top", 1.0, false),
+                   mark("Middle line", 0.5, false), mark("Circle left", 9.1, true)];
     const frame = { number: 0, verdict: "good", camera: {}, reason: "rms 0.99 px over 8 segments", marks };
     const actions = { select() {}, choose() {}, remove() {} };
     new VerdictCard(document.getElementById("verdict")).show(frame);

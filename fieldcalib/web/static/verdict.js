@@ -35,12 +35,6 @@ export function paintVerdict(context, name, x, y, size, colour) {
   context.restore();
 }
 
-/** What to do on the page where a remedy names something, mostly by options of the command line. */
-const ON_PAGE = [
-  [/--field-(length|width|size)/, "Here: type the size of the field in the tab Camera."],
-  [/what is known of the camera/, "Here: the tab Camera has focal length, position and lens, each with a lock."],
-];
-
 /** The card that says whether a camera can be used, why, and what would help: of one height, scrolled where that is too little. */
 export class VerdictCard {
   constructor(root, { canMend = false } = {}) {
@@ -67,8 +61,7 @@ export class VerdictCard {
     const reason = frame.problem || frame.reason || frame.message;
     if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
     if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
-    const here = this.canMend && name !== "good" ? ON_PAGE.find(([words]) => words.test(frame.remedy ?? "")) : null;
-    if (here) rows.push(element("p", { class: "verdict-remedy verdict-here", text: here[1] }));
+    if (this.canMend && frame.here && name !== "good") rows.push(element("p", { class: "verdict-remedy verdict-here", text: `Here: ${frame.here}.` }));
     const leftOut = leftOutWords(frame);
     if (leftOut) rows.push(element("p", { class: "verdict-left-out", text: leftOut }));
     const facts = basisWords(frame);
