@@ -76,7 +76,7 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {'; '.join(evidence.implausible)}"
     missed = [label for label in segments if evidence.errors[label] > evidence.far]
-    complaint = disagreement(evidence.given, [*evidence.suspects, *missed], evidence.unknowns)
+    complaint = disagreement(evidence.given, {*evidence.suspects, *missed}, evidence.unknowns)
     if complaint:
         return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:

@@ -21,12 +21,12 @@ from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import encode_image
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
-from fieldcalib.results.homographies import FieldHomography, field_homography
 from fieldcalib.results.sources import Pictures
 from fieldcalib.results.tables import short_table, whole_table
 
