@@ -9,9 +9,11 @@ from commands import run
 from networks import Blind
 
 from fieldcalib import calibrate
+from fieldcalib.io import videos
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.results.sources import Pictures
 
 COUNT, RATE = 260, 25.0
 
@@ -90,6 +92,19 @@ def test_an_end_beyond_that_of_the_video(film):
     assert video.beyond == f"{film} ends after {COUNT} frames, before frame 400"
     for end in (None, Position(frame=COUNT), Position(seconds=COUNT / RATE)):
         assert read(film, Position(frame=0), end)[2].beyond == ""
+
+
+def test_pictures_of_results_are_read_at_any_place(film, monkeypatch):
+    """In any order, by one reader that jumps where it can."""
+    opened = []
+    monkeypatch.setattr(videos, "_opened", lambda *given, real=videos._opened: opened.append(given) or real(*given))
+    pictures = Pictures((film,))
+    for number in (COUNT - 1, 3, 200, 201, 0, 130):
+        assert shown(pictures.image(f"{number:06d}")) == number
+    if film.suffix != ".ts":  # no index: it is opened again to go back
+        assert len(opened) == 1
+    with pytest.raises(BrokenFileError, match="film"):
+        pictures.image(f"{COUNT + 50:06d}")
 
 
 @pytest.mark.parametrize("way", ["video", "one by one", "folder", "arrays"])

@@ -19,9 +19,9 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.marks import Marks
-from fieldcalib.editor.sources import VideoFrames
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.run_folder.numbered_frames import NumberedVideo
 from fieldcalib.web.app import Page, page_files
 from fieldcalib.web.state import frame_state
 
@@ -483,7 +483,7 @@ def test_a_video_that_is_cut_off(tmp_path, capfd):
     assert one.state(0)["problem"] is None
     assert one.get("image/3").status_code == 200
     one.close()
-    frames = VideoFrames(path, range(30))  # as results of the whole video name them
+    frames = NumberedVideo(path, range(30))  # as results of the whole video name them
     assert frames.image(3).shape == (90, 160, 3)
     with pytest.raises(BrokenFileError, match="cut off"):
         frames.image(25)

@@ -30,7 +30,7 @@ def whole_frame(image: Image) -> Placement:
     return Placement(size_of(image), size_of(image), None)
 
 
-class Frames(Protocol):
+class ClipSource(Protocol):
     """Frames that can be read again and again."""
 
     @property
@@ -57,7 +57,7 @@ class Frames(Protocol):
         """The frames in order."""
 
 
-class VideoFrames:
+class VideoClip:
     """The frames of a video; `tell` gets a message about announced frames that cannot be read, once."""
 
     def __init__(
@@ -88,7 +88,7 @@ class VideoFrames:
                 self._tell(loss)
 
 
-class ImageFrames:
+class FilesClip:
     """Images of files, all of one size; `tell` gets what is wrong with one, once."""
 
     def __init__(self, files: Sequence[FrameFile], read: ReadImage = READ, tell: Callable[[str], object] = say) -> None:
@@ -114,7 +114,7 @@ class ImageFrames:
 
 
 @dataclass(frozen=True)
-class ArrayFrames:
+class ArraysClip:
     """Images in memory, whose ids are their numbers with six digits."""
 
     images: Sequence[Image]
@@ -140,7 +140,7 @@ class ArrayFrames:
             yield Frame(f"{number:06d}", checked_image(self.images[number]))
 
 
-def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int | None = None) -> Frames:
+def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int | None = None) -> ClipSource:
     """The frames of a video, or of files of images in the order of the numbers in their names.
 
     Raises
@@ -149,15 +149,15 @@ def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int |
         As `fieldcalib.run_folder.images.opened`.
     """
     if VIDEOS.recognises(paths[0]):
-        return VideoFrames(paths[0], cut, read, threads)
-    return ImageFrames(in_cut(in_order(image_files(paths)), cut, say), read)
+        return VideoClip(paths[0], cut, read, threads)
+    return FilesClip(in_cut(in_order(image_files(paths)), cut, say), read)
 
 
 class ClipInput:
     """The images of a clip as parts of their frames; they can be read several times, with progress."""
 
     def __init__(
-        self, source: Frames, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
+        self, source: ClipSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
     ) -> None:
         self.source, self._placement, self._progress = source, placement, progress
         self.ids: list[str] = []
