@@ -159,7 +159,7 @@ def test_a_part_of_images(know, tmp_path, capsys):
     assert ids_of(tmp_path / "out") == ["1", "3", "5"]
     for start, complaint in (
         ("1:00", "images have no times"),
-        ("7f", "there are 7 images, the first"),
+        ("7f", "the input ends after 7 frames, before frame 7"),
         ("x", "a time"),
     ):
         assert run("run", tmp_path, "--start", start, "--out", tmp_path / "other") == 2
