@@ -293,5 +293,5 @@ def test_long_names_do_not_block_a_folder(frames, tmp_path):
 
 def test_another_network_is_another_run(frames):
     record = RunRecord.of(RunOptions(frames, {}, "run"), [], unit=1, writes=[], network="a")
-    assert record.differences(replace(record, network="b")) == "the network of --model has changed, its file or its JSON"
+    assert "the network of --model has changed" in record.differences(replace(record, network="b"))
     assert not record.differences(replace(record))

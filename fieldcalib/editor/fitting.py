@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, Status, complaints_of, with_complaints
+from fieldcalib.assess.result import BESIDE, Calibration, Status, complaints_of, with_complaints
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -131,6 +131,11 @@ def _refined(field: Field, image: Image, marks: Marks, by_marks: Calibration, fl
 def is_stray(error: float, image_size: tuple[int, int]) -> bool:
     """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
     return error > STRAY * pixel_unit(image_size)
+
+
+def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
+    """Whether a mark of a network at a distance of its marking, pixels, has no part in the camera."""
+    return error > BESIDE * pixel_unit(image_size)
 
 
 def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:

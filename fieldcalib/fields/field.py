@@ -21,9 +21,10 @@ import numpy as np
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
-from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
+from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
+TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a good camera
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
 ALIKE = 0.005  # metres: ends nearer to each other than this coincide
 ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
@@ -201,7 +202,7 @@ class Field(Mapping[str, Segment]):
         >>> soccer().tolerance, tennis().tolerance
         (1.0, 0.21)
         """
-        return round(self.scale / 40.0, 2)
+        return round(self.scale / TOLERANCE, 2)
 
     @cached_property
     def half_extent(self) -> Array:
@@ -393,3 +394,8 @@ class Field(Mapping[str, Segment]):
 def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
     """The field of a size, cached: fields are immutable."""
     return replace(build(length, width), size_known=size_known)
+
+
+def tolerance_of(field: Field | None) -> float:
+    """The tolerance of a field, metres (`Field.tolerance`); of an object that is no field, that of a soccer pitch."""
+    return SOCCER_SCALE / TOLERANCE if field is None else field.tolerance
