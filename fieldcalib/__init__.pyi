@@ -23,6 +23,8 @@ from .assess.video import VideoCalibration as VideoCalibration
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
 from .fields.field import Field as Field
+from .fields.ground_homography import FieldHomography as FieldHomography
+from .fields.ground_homography import field_homography as field_homography
 from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line
 from .fields.segments import Point as Point

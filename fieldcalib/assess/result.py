@@ -24,6 +24,16 @@ from fieldcalib.assess.estimate import Estimate, GroundError
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
+from fieldcalib.assess.remedies import (
+    ASK_SPORT,
+    BY_HAND,
+    KNOWN_CAMERA,
+    LOOK,
+    NOT_SOCCER,
+    NOT_WHOLE,
+    OFF_PAINT,
+    PICTURE,
+)
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
 from fieldcalib.fields.field import Field
@@ -70,20 +80,14 @@ class Status(StrEnum):
 REMEDIES: Mapping[Status, str] = MappingProxyType(
     {
         Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
-        Status.IMPROBABLE: "look at the overlay; label markings by hand, or give what is known of the camera",
-        Status.TOO_FEW_SEGMENTS: "more markings in view, or labelled by hand; the frames of a clip around it "
-        "determine its camera too",
-        Status.DEGENERATE: "a marking elsewhere in view, or labelled by hand, that is not parallel to the others",
-        Status.NOT_CONVERGED: "check the labels, or allow more iterations (criteria)",
-        Status.IMPLAUSIBLE: "check the labels, the field and its size; say if the picture was cropped or squashed",
+        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}, would help",
+        Status.TOO_FEW_SEGMENTS: f"more markings in view, or {BY_HAND}",
+        Status.DEGENERATE: f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others",
+        Status.NOT_CONVERGED: "check the labels; more iterations may help (criteria, in Python)",
+        Status.IMPLAUSIBLE: f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed",
     }
 )
-OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width with --field-size known"
 NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
-NOT_WHOLE = (
-    "say what the picture is of: --crop-of for a part of a frame (its own size with +0+0 if nothing is cut off), "
-    "--aspect or --display-size for a squashed one"
-)
 
 
 @dataclass(frozen=True)
@@ -289,7 +293,7 @@ class Calibration:
 
     @property
     def remedy(self) -> str:
-        """Advice in the user's terms; empty where none is known, or needed.
+        """Advice in plain words; empty where none is known, or needed. `fieldcalib.assess.remedies.how` follows it.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
         paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions relative
@@ -298,10 +302,10 @@ class Calibration:
         Examples
         --------
         >>> Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels").remedy
-        'more markings in view, or labelled by hand; the frames of a clip around it determine its camera too'
+        'more markings in view, or labelled by hand'
         """
         if not self.accepted:
-            return REMEDIES[self.status]
+            return "; ".join([REMEDIES[self.status], *([NOT_SOCCER] if ASK_SPORT in self.message else [])])
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
         if not NOT_WHOLE_FRAMES.isdisjoint(self._concerns):

@@ -12,10 +12,11 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.network import load_network, or_search
 from fieldcalib.console.program import say
+from fieldcalib.console.progress import solving
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 from fieldcalib.run_folder.annotated import CAMERA_FILES
-from fieldcalib.run_folder.clip_input import ClipInput, clip_frames
+from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import PART_OF_CLIP, is_finished, open_camera_folder
@@ -65,7 +66,8 @@ def run_clip(request: RunRequest) -> int:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)
-        found = calibrate_video(options.field, clip, network, camera=options.camera, parts=parts, **keywords)
+        with solving(SOLVING):
+            found = calibrate_video(options.field, clip, network, camera=options.camera, parts=parts, **keywords)
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)

@@ -18,6 +18,7 @@ from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, with_cameras
 from fieldcalib.io.exports.freed import freed_error, freed_files
+from fieldcalib.io.exports.homography import homography_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
@@ -37,10 +38,15 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "tvcalib": tvcalib_files,
     "gsr": gamestate_files,
     "csv": table_files,
+    "homography": homography_files,
 }
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
+    "homography": (
+        "a homography has no lens (from_raw_rms_px and the like say what that costs)",
+        lambda camera: camera.lens_shift,
+    ),
     "freed": ("FreeD has neither lens distortion nor principal point", freed_error),
 }
 
@@ -86,6 +92,8 @@ def run(options: argparse.Namespace) -> int:
     frames = _frames(results, lines, options)
     if "about" in signature(function).parameters:
         keywords["about"] = lines
+    if "fields" in signature(function).parameters:
+        keywords["fields"] = {id: results[id].field for id, camera in frames.items() if camera is not None}
     try:
         files = function(frames, **keywords)
     except ValueError as error:

@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, Status, complaints_of, with_complaints
+from fieldcalib.assess.result import BESIDE, Calibration, Status, complaints_of, with_complaints
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -138,6 +138,11 @@ def click_unit(image_size: tuple[int, int]) -> float:
 def is_stray(error: float, image_size: tuple[int, int]) -> bool:
     """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
     return error > STRAY * click_unit(image_size)
+
+
+def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
+    """Whether a mark of a network at a distance of its marking, pixels, has no part in the camera."""
+    return error > BESIDE * pixel_unit(image_size)
 
 
 def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:

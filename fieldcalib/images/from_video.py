@@ -126,8 +126,9 @@ def calibrate_video(
     -------
     VideoCalibration
         Each frame says what it rests on: lines, matches, both, or interpolation (`VideoCalibration.basis`). A camera is
-        accepted as long as the field in view is known to 1 m. After two minutes of video shots and tripods begin anew,
-        and share nothing with those before, so that memory does not grow with the video.
+        accepted as long as the field in view is known to its `Field.tolerance`, 1 m on a soccer pitch. After two
+        minutes of video shots and tripods begin anew, and share nothing with those before, so that memory does not grow
+        with the video.
 
     Warns
     -----

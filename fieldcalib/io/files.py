@@ -166,7 +166,7 @@ def _read_all(file: IO[bytes], most_bytes: float) -> bytes:
 
 def _check_bytes(count: int, most_bytes: float) -> None:
     if count > most_bytes:
-        raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes allows more")
+        raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes of a command allows more")
 
 
 def find_files(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +30,15 @@ from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, camera_file, is_squashed
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import OVERLAY, SHARED_FILES, SUMMARY, ResultsWriter, finish, open_run_folder
+from fieldcalib.run_folder.results import (
+    OVERLAY,
+    SHARED_FILES,
+    SUMMARY,
+    ResultsWriter,
+    UsedFolderError,
+    finish,
+    open_run_folder,
+)
 
 LABELLED = "calibrate"  # the command of results of labelled pixels
 
@@ -41,12 +51,25 @@ def save(results: Results, out: Path, *, overwrite: bool, overlays: bool) -> Non
     began = time.perf_counter()
     run, record = _record(results, out, overwrite=overwrite)
     overlays = overlays and results.command != LABELLED
-    with open_run_folder(run, record) as writer:
+    with _python_words(), open_run_folder(run, record) as writer:
         if results.video is not None:
             _write_clip(results, results.video, writer, overlays=overlays)
         else:
             _write_frames(results, writer, overlays=overlays)
         finish(out, writer.summary(run.recorded, time.perf_counter() - began))
+
+
+@contextmanager
+def _python_words() -> Iterator[None]:
+    """Say of a folder that is used already what to give in Python."""
+    try:
+        yield
+    except UsedFolderError as error:
+        raise _used(error.found) from None
+
+
+def _used(found: str) -> FileExistsError:
+    return FileExistsError(f"{found}: give overwrite=True to replace them, or another folder")
 
 
 def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions, RunRecord]:
@@ -132,7 +155,7 @@ def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlay
             return
         there = next((name for name in (RECORD, LINES, TABLE, SUMMARY) if (out / name).exists()), None)
         if there is not None and not overwrite:
-            raise FileExistsError(f"{out} holds results already, as {there}: give overwrite=True to replace them")
+            raise _used(f"{out} holds results already, as {there}")
         for name in (*names, SUMMARY):
             if Path(name).name == name and (folder / name).is_file():
                 with whole_file(out / name) as copy, (folder / name).open("rb") as file:

@@ -48,7 +48,16 @@ SUSPICIOUS = 3, 0.05
 NEARLY_SQUARE = 0.9, 1.3
 DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
 ASPECT = "aspect"  # as does this one, unless its value is "estimated"
+
 AGAIN = "--resume goes on with it, --overwrite begins anew"
+
+
+class UsedFolderError(FileExistsError):
+    """The folder of results has some already: what they are, and which options of the command line go on from there."""
+
+    def __init__(self, found: str, options: str) -> None:
+        super().__init__(f"{found}: {options}")
+        self.found = found
 
 
 @dataclass
@@ -103,7 +112,7 @@ class ResultsWriter:
         if verdict:
             self.verdicts[verdict] += 1
         self.cameras += has_camera
-        self.to_look_at.add(line["id"], verdict, line.get("reason", ""))
+        self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""))
         self.squashed += squashed
         self.nearly_square += is_nearly_square(line)
 
@@ -198,7 +207,7 @@ def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> I
 
     Raises
     ------
-    FileExistsError
+    UsedFolderError
         If the folder holds the results of a run and neither --resume nor --overwrite is given.
     ValueError
         If the run to be resumed had other options, or another input.
@@ -264,11 +273,12 @@ def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
     earlier = RunRecord.read(out)
     if earlier is None:
         if _used(out):
-            raise FileExistsError(f"{out} holds results of an earlier version or of others: --overwrite replaces them")
+            found = f"{out} holds results of an earlier version or of others"
+            raise UsedFolderError(found, "--overwrite replaces them")
         return None
     if not resume:
         state = "a run that is not finished" if is_unfinished(out) else "a run"
-        raise FileExistsError(f"{out} holds the results of {state}: {AGAIN}")
+        raise UsedFolderError(f"{out} holds the results of {state}", AGAIN)
     other = earlier.differences(record)
     if other:
         raise ValueError(f"the run in {out} cannot be resumed: {other}; --overwrite begins anew")
