@@ -272,11 +272,11 @@ def _in_passes(
         strips = _strips(images, cameras, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
         narrow = one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES))
-        lines = _lines(narrow, markings, labelled[t])
-        support = _support(narrow, lines)
+        offset = _lines(narrow, markings, labelled[t])
+        support = _support(narrow, offset)
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             evidence = evidence_of(Ridges.across(one), markings)
-            best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, lines, labelled[t]))
+            best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, offset, labelled[t]))
     return [
         replace(one, paint=paint_evidence(images[t], one.calibration.camera, markings))
         if one.paint is None and one.calibration.camera is not None
