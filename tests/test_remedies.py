@@ -9,7 +9,7 @@ from networks import Blind
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
 from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
-from fieldcalib.assess.result import REMEDIES
+from fieldcalib.assess.words import REMEDIES
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import calibrate_video

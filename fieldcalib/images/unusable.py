@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.pictures import Method
