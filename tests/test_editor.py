@@ -10,7 +10,8 @@ from strategies import pixel_arrays
 from views import inside
 
 from fieldcalib import Camera, calibrate_from_homography, calibrate_from_segments, soccer
-from fieldcalib.assess.result import Calibration, NoCameraError, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import NoCameraError, Status
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.advice import GRID, click_errors, likely_labels, next_mark
 from fieldcalib.editor.frame import FrameEditor, Known

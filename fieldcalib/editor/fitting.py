@@ -11,7 +11,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import BESIDE, Calibration, Status, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.words import BESIDE, Status
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
