@@ -9,9 +9,10 @@ from networks import Blind
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
 from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
-from fieldcalib.assess.result import REMEDIES
+from fieldcalib.assess.words import REMEDIES
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_video import calibrate_video
 
 SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
 ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, *SIZES]
@@ -49,6 +50,12 @@ def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():
     assert found.remedy.endswith(NOT_SOCCER)
     assert all(name in found.remedy for name in FIELDS if name != "soccer")
     assert "--field tennis" in how(found.remedy, Tool.COMMAND)
+
+
+def test_a_clip_without_any_camera_may_be_of_another_sport():
+    noise = np.random.default_rng(0).integers(0, 255, (2, 270, 480, 3), np.uint8)
+    found = calibrate_video(soccer(), list(noise), Blind())
+    assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.capitalize()}",)
 
 
 @pytest.mark.parametrize("size", [(2, 3), (31, 480), (270, 31)])

@@ -15,7 +15,7 @@ from networks import FIELD, KnownCameras, band_maps, probabilities
 from pictures import picture
 from views import camera
 
-from fieldcalib.assess.result import Status
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io import images

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
-from fieldcalib.assess.result import Status
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles

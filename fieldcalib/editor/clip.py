@@ -12,8 +12,9 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import Shape
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

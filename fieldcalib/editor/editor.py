@@ -9,7 +9,8 @@ from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
 
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks

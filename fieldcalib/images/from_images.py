@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.compute_errors import compute_errors
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status, doubted
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.remedies import ASK_SPORT
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.pictures import Method
@@ -35,8 +37,21 @@ def said_plainly(
         _judged(image, next(found)) if is_large else _too_small(image)
         for image, is_large in zip(images, large, strict=True)
     ]
-    is_asked = by_network and object_segments.keys() >= soccer().keys()
+    is_asked = by_network and _may_be_soccer(object_segments)
     return [_asked(one) if is_asked else one for one in judged]
+
+
+def clip_notes(found: VideoCalibration, object_segments: ObjectSegments) -> tuple[str, ...]:
+    """Note of a clip in which a network for soccer has found no camera that can be used: is it soccer?"""
+    if not len(found) or any(np.any(tripod.accepted) for tripod in found.tripods):
+        return ()
+    return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.capitalize()}",) * _may_be_soccer(
+        object_segments
+    )
+
+
+def _may_be_soccer(object_segments: ObjectSegments) -> bool:
+    return object_segments.keys() >= soccer().keys()
 
 
 def _too_small(image: Image) -> Calibration:

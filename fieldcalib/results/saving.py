@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_video import PART

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.console.program import counted, say
 from fieldcalib.io.files import (

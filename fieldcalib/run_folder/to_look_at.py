@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
 from fieldcalib.assess.remedies import Tool, how
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.program import counted
 
 NAMED = 5  # number of stretches that are named
