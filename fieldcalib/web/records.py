@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.remedies import Tool, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
@@ -94,6 +95,7 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "verdict": str(calibration.verdict),
         "reason": calibration.reason,
         "remedy": calibration.remedy,
+        "here": how(calibration.remedy, Tool.PAGE),
         "probability": _probability(calibration),
         "camera": None if calibration.camera is None else camera_record(calibration),
     }

@@ -50,6 +50,15 @@ class Server:
         self.address = self.process.stdout.readline().strip()
         assert self.address.startswith("http://127.0.0.1:"), log.read_text()
 
+    @property
+    def processor_seconds(self):
+        """Processor time that it has used; NaN where the system does not tell."""
+        path = Path(f"/proc/{self.process.pid}/stat")
+        if not path.exists():
+            return float("nan")
+        numbers = path.read_text().rpartition(")")[2].split()  # after the name; see proc(5)
+        return (int(numbers[11]) + int(numbers[12])) / os.sysconf("SC_CLK_TCK")
+
     def kill(self):
         self.process.kill()
         self.process.wait()
