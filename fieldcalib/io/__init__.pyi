@@ -30,3 +30,5 @@ from . import streams as streams
 from . import tvcalib as tvcalib
 from . import videos as videos
 from . import wc14 as wc14
+from . import yaml_text as yaml_text
+from . import zips as zips
