@@ -28,6 +28,8 @@ from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.place_search import Place
+from fieldcalib.images.pooled_place import MOST, pooled_place
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
@@ -79,6 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_options(parser, CalibrationOptions)
     add_options(parser, ReadImage)
     add_options(parser, RunOptions)
+    parser.add_argument(
+        "--same-camera",
+        action="store_true",
+        help="one camera on a tripod took all images: courts that are found in some tell where to search in the others",
+    )
     parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
 
 
@@ -108,6 +115,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     began = time.perf_counter()
     run, options = request.run, request.calibration
     method = ImageCalibrator(options, or_search(lambda: load_network(options.network)))
+    request.check_place(is_searched=method.network is None)
     with opened(
         request.paths,
         options.most_pixels,
@@ -124,6 +132,8 @@ def _run_one_by_one(request: RunRequest) -> int:
                 return results.exit_code
             if request.same_field:
                 method = method.on_one_field(source.files)
+            if request.same_camera:
+                method = method.on_one_tripod(source.files)
             if source.frames_per_second is None:
                 work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             else:
@@ -164,6 +174,8 @@ class ImageCalibrator:
 
     options: CalibrationOptions
     network: Network | None
+    place: Place | None = None
+    """Where the one camera stands that took all images, if that is known."""
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""
@@ -201,11 +213,25 @@ class ImageCalibrator:
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 
+    def on_one_tripod(self, files: Sequence[FrameFile]) -> ImageCalibrator:
+        """Find the place of the camera from some images together."""
+        some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), MOST)).round().astype(int)]
+        read = [image for image in (self.options.read(file).image for file in some) if image is not None]
+        images = [self.options.placement(image).image_in_frame(image) for image in read]
+        place = pooled_place(self.options.field, images, flags=self.options.known.flags, prior=self.options.prior)
+        if place is None:
+            say("the images tell no common place of their camera: each is searched by itself")
+        else:
+            say(f"the camera stands at ({place.C[0]:.1f}, {place.C[1]:.1f}, {place.C[2]:.1f}) m")
+        return replace(self, place=place)
+
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         options = self.options
 
         def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
-            return calibrate_from_images(field, some, self.network, refine=options.refine, **options.keywords(size))
+            return calibrate_from_images(
+                field, some, self.network, refine=options.refine, place=self.place, **options.keywords(size)
+            )
 
         # known intrinsics are of one size, nothing else depends on it
         is_known = options.known.intrinsics is not None
