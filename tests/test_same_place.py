@@ -6,7 +6,8 @@ import pytest
 from data_tools.nonsense import nonsense
 from data_tools.rink_points import FIELD, point_named
 from fieldcalib import Camera, calibrate_from_images
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import field_named, tennis
 from fieldcalib.images.clip_problem import ClipOptions

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.live import run_stream
 from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
-from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
-from fieldcalib.console.field_options import add_field
+from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, cut_of, folder_name
+from fieldcalib.console.field_options import AUTO, add_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
@@ -35,9 +36,13 @@ from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
+from fieldcalib.io.streams import Stream
 from fieldcalib.localize import Network
+from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.reading import read
+from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
+from fieldcalib.run_folder.inputs import videos_in
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
@@ -75,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cut(parser)
     add_options(parser, NetworkOptions)
     add_options(parser, DeclaredPictures)
-    add_field(parser, ESTIMATED)
+    add_field(parser, ESTIMATED, auto=True)
     add_camera(parser)
     add_options(parser, KnownCamera)
     add_options(parser, CalibrationOptions)
@@ -91,8 +96,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    if options.field == AUTO:
+        options.field = _field_shown(options)
     requests = split_request(RunRequest.of(options))
     return _run(requests[0]) if len(requests) == 1 else run_several(requests, _run)
+
+
+def _field_shown(options: argparse.Namespace) -> str:
+    """Name of the field that the first input shows."""
+    first = options.input[0]
+    if isinstance(first, Stream):
+        raise ValueError(f"--field {AUTO} is of files: a stream cannot be read twice")
+    paths = [one for one in videos_in(first)[:1] if isinstance(one, Path)]
+    name = auto_field(Pictures(paths, cut=cut_of(options), is_clip=options.clip))
+    say(f"the pictures show {name}")
+    return name
 
 
 def _run(request: RunRequest) -> int:

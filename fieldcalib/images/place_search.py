@@ -15,7 +15,8 @@ from itertools import product
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.images.court_hypotheses import Cameras
@@ -116,12 +117,13 @@ def views_from(place: Place, field: Field, size: tuple[int, int], step: float = 
     found = [(np.zeros(0), np.zeros(0), np.zeros(0))]
     for f in np.exp(np.arange(low, high + 1e-9, 2.0 * step / size[0])).tolist():
         for tilt in np.arange(tilts.min(), tilts.max() + step / f, step / f).tolist():
-            pan = np.arange(pans.min(), pans.max() + step / f, step / f / max(np.sin(tilt), 0.1))
+            row = np.arange(pans.min(), pans.max() + step / f, step / f / max(np.sin(tilt), 0.1))
             reach = -C[2] * np.tan(tilt)
-            at = np.abs([C[0] + reach * np.sin(pan), C[1] - reach * np.cos(pan)]).T
-            pan = pan[np.all(at < half, axis=1)]
-            found.append((pan, np.full(len(pan), tilt), np.full(len(pan), f)))
-    return Views(*(np.concatenate(part) for part in zip(*found, strict=True)), C, size)
+            at = np.abs([C[0] + reach * np.sin(row), C[1] - reach * np.cos(row)]).T
+            row = row[np.all(at < half, axis=1)]
+            found.append((row, np.full(len(row), tilt), np.full(len(row), f)))
+    pan, tilts, focal = (np.concatenate(part) for part in zip(*found, strict=True))
+    return Views(pan, tilts, focal, C, size)
 
 
 @dataclass(frozen=True, eq=False)

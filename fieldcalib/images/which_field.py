@@ -17,7 +17,6 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.stripes import at_working_size, find_stripes
 
-AUTO = "auto"
 POINTS = 300  # of a field, at which a camera of the network is compared with stripes
 MARGIN = 0.8  # of the best score: a field that reaches it may be the one too
 PROMISING = 0.5  # of the best score of the first picture: other fields are not searched for in further ones
