@@ -288,7 +288,7 @@ def test_a_homography_becomes_a_camera_with_a_lens(truth):
     width, height = truth.image_size
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     moved_corners = corners + np.random.default_rng(3).normal(scale=3.0, size=(4, 2)).astype(np.float32)
-    H = cv2.getPerspectiveTransform(corners, moved_corners) @ truth.homography
+    H = cv2.getPerspectiveTransform(corners, moved_corners) @ truth.pinhole_homography
     start = calibrate_from_homography(H, truth.image_size)
     refined = refine_homography_on_image(FIELD, image, H)
     assert refined.accepted
@@ -299,22 +299,22 @@ def test_a_homography_becomes_a_camera_with_a_lens(truth):
 
 def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
     truth, other = VIEWS["penalty area"], VIEWS["midfield"]
-    kept = refine_homography_on_image(FIELD, picture(truth), other.homography)
-    assert kept.camera == calibrate_from_homography(other.homography, other.image_size).camera
+    kept = refine_homography_on_image(FIELD, picture(truth), other.pinhole_homography)
+    assert kept.camera == calibrate_from_homography(other.pinhole_homography, other.image_size).camera
     assert kept.message.endswith("not refined: the image shows too few lines at its markings")
     nothing = refine_homography_on_image(FIELD, picture(truth), np.diag([10.0, 1.0, 1.0]))
     assert nothing.camera is None
     with pytest.raises(ValueError, match="image is None"):
-        refine_homography_on_image(FIELD, None, other.homography)
+        refine_homography_on_image(FIELD, None, other.pinhole_homography)
 
 
 def test_a_homography_in_yards_is_told_by_the_image():
     truth = VIEWS["close"]
-    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    found = refine_homography_on_image(FIELD, picture(truth), truth.pinhole_homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert found.message.endswith("if H maps yards: then give H @ np.diag([1.09361, 1.09361, 1])")
 
 
 def test_a_homography_in_yards_is_mended_where_the_paint_is_near():
     truth = VIEWS["penalty area"]
-    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    found = refine_homography_on_image(FIELD, picture(truth), truth.pinhole_homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert distance(found.camera, truth) < 1.0

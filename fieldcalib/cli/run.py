@@ -31,7 +31,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.place_search import Place
 from fieldcalib.images.pooled_place import MOST, pooled_place
-from fieldcalib.io.files import FrameFile
+from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -122,6 +122,8 @@ def _run(request: RunRequest) -> int:
 
 
 def _calibrate(request: RunRequest) -> int:
+    if request.is_clip or request.is_video or request.is_stream:
+        check_utf8(request.run.out)  # of the overlay, before the work
     if request.is_stream:
         return run_stream(request)
     request.check()

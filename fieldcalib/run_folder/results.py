@@ -277,7 +277,7 @@ def open_run_folder(
             if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
                 _remove(_files_of_frames(out, record))
                 _forget(out)
-            elif results is not None:
+            elif results is not None and not is_finished(out):
                 done = f"{counted(results.done, 'frame')} done in {out}"
                 say(f"{done}: --resume goes on with the run")
             raise
