@@ -96,6 +96,18 @@ def test_a_right_camera_stays_right(truth):
     assert distance(refined.camera, truth) < 0.5
 
 
+@any_view
+def test_the_first_pass_may_be_left_out_near_the_lines(truth):
+    image, start = picture(truth), calibrated(truth)
+    near, far = (replace(start, camera=moved(truth, px)) for px in (1.0, 8.0))
+    quick, full = (refine_on_image(FIELD, image, near, quick=quick).camera for quick in (True, False))
+    assert quick != full
+    assert distance(quick, full) < 0.3
+    assert distance(quick, truth) < 0.5
+    quick, full = (refine_on_image(FIELD, image, far, quick=quick).camera for quick in (True, False))
+    assert quick == full  # the first pass was needed
+
+
 def test_segments_that_nobody_labelled_are_used():
     truth = VIEWS["penalty area"]
     labels = ("Side line top", "Big rect. right main", "Big rect. right top", "Circle right")
