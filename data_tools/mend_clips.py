@@ -24,12 +24,12 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, largest_move, solve, window_around
 from fieldcalib.editor.fitting import included_network
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.sources import Frames, VideoFrames
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import KeyframeLabels, are_consistent
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.numbered_frames import NumberedFrames, NumberedVideo
 from fieldcalib.solve.from_segments import calibrate_from_segments
 
 SHARE = 1.0 / 3.0  # of the keyframes
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def mended(path: Path, seed: int) -> list[float]:
     """The largest error after no, one, two ... frames were mended, pixels."""
-    frames, field, network = VideoFrames(path), soccer(), included_network()
+    frames, field, network = NumberedVideo(path), soccer(), included_network()
     truth = [one.camera for one in read_cameras(path.with_suffix(".jsonl"))]
     rng = np.random.default_rng(seed)
     first = first_pass(frames, window_around(len(frames), []), field, network, {}, _silent)
@@ -84,7 +84,7 @@ def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator
         found = calibrate_from_segments(field, pixels, first.keyframes.shots.image_size)
         if found.solved is None:
             del labels[t]
-        else:  # as `fieldcalib.images.clip_keyframes.label_keyframes` does
+        else:  # as `fieldcalib.images.clip_keyframes.labels_of` does
             evaluation = found.solved.alone.evaluation
             labels[t] = KeyframeLabels(found.solved.pixels, found.accepted, are_consistent(evaluation))
     return replace(first, keyframes=replace(first.keyframes, labels=labels))
@@ -99,7 +99,7 @@ def _spoiled(pixels: Mapping[str, Array], field: Field, rng: np.random.Generator
     return exchanged
 
 
-def labelled(frames: Frames, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
+def labelled(frames: NumberedFrames, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
     """A frame that is labelled from nothing, by clicks on both ends of the markings that are longest in view."""
     editor = FrameEditor.of(frames.image(number), field)
     ends = dict(_ends(truth, field))

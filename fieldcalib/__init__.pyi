@@ -16,10 +16,10 @@ from . import web as web
 from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
-from .assess.result import NoCameraError as NoCameraError
-from .assess.result import Status as Status
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
+from .assess.words import NoCameraError as NoCameraError
+from .assess.words import Status as Status
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
 from .fields.field import Field as Field

@@ -16,7 +16,7 @@ from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images import tracker as tracker_module
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem

@@ -8,7 +8,8 @@ from cv2 import pointPolygonTest
 
 from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.web.records import (
@@ -130,4 +131,6 @@ def test_a_frame_without_a_camera_has_its_reason():
     assert record["camera"] is record["horizon"] is None
     assert (record["curves"], record["view"]) == ([], [])
     assert record["reason"] == "no labelled pixels"
+    assert "choose a marking on the map" in record["here"]
+    assert "--" not in record["here"] + record["remedy"]
     assert "labelled by hand" in record["remedy"]

@@ -15,7 +15,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.result import Status, SuspectLabel
+from fieldcalib.assess.words import Status, SuspectLabel
 from fieldcalib.problem.layout import Layout
 
 STATUSES = tuple(Status)

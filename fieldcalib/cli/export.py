@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
-from fieldcalib.console.program import counted, say
+from fieldcalib.console.program import counted, say, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -25,6 +25,8 @@ from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tv
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.reading import read
 
@@ -100,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.folder}: {error}") from error
     base = options.folder if options.folder.is_dir() else options.folder.parent
     out = options.out or base / options.format
-    _write(files, out, options.overwrite)
+    _write(files, out, [base / name for name in (LINES, SOLVER, TABLE)], overwrite=options.overwrite)
     _say(frames, out, options.format)
     return 0
 
@@ -133,22 +135,21 @@ def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argp
     return cameras
 
 
-def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
+def _write(files: Mapping[str, bytes], out: Path, reads: Iterable[Path], *, overwrite: bool) -> None:
     for name in files:
         if Path(name).name != name:
             raise ValueError(f"{name!r} is no name of a file: rename the frame, or choose a format with one file")
     with output_folder(out):
         remove_temporaries(out)
-        there = [name for name in files if (out / name).exists()]
-        if there and not overwrite:
-            raise FileExistsError(f"{out} has {there[0]} already: give --overwrite to replace it, or another --out")
+        remedy = "give --overwrite to replace it, or another --out"
+        check_targets([out / name for name in files], reads, replaces=overwrite, remedy=remedy)
         for name, content in files.items():
             write_bytes(out / name, content)
 
 
 def _say(frames: FrameCameras, out: Path, format: str) -> None:
     cameras = with_cameras(frames)
-    print(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
+    show(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
     if format in LOST:
         what, error = LOST[format]
         shifts = [error(camera) for camera in cameras.values()]

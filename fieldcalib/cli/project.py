@@ -22,7 +22,7 @@ from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import say
+from fieldcalib.console.program import say, show
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes.files import KINDS, open_boxes
@@ -30,6 +30,7 @@ from fieldcalib.io.boxes.rows import Box, BoxRow, foot_points
 from fieldcalib.io.coordinates import check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.images import in_parts
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.players import POINT, SYSTEM
 
 FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
@@ -64,19 +65,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Project; returns the exit code."""
     check_system(options.system, soccer())
-    if options.out.exists() and options.out.samefile(options.boxes):
-        raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
-    projection = given(Projection, options, cameras=Cameras(options.cameras))
+    cameras = Cameras(options.cameras)
+    check_targets([options.out], [options.boxes, *cameras.files], replaces=True)
+    projection = given(Projection, options, cameras=cameras)
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
-        print(f"{count} boxes in {options.out}, {placed} on the pitch")
+        show(f"{count} boxes in {options.out}, {placed} on the pitch")
         return 0
     extents: dict[tuple[int, int], Extent] = {}
     problems = _write_table(projection, options.out, extents)
     total = problems.total()
     said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
     boxes = "1 box" if total == 1 else f"{total} boxes"
-    print(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
+    show(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:

@@ -15,7 +15,8 @@ from fieldcalib.assess.frame_table import Basis, FrameTable
 from fieldcalib.assess.interpolation import STEP
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem

@@ -16,9 +16,9 @@ from typing import Any, Self
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.encoders import Encoder, open_encoder
-from fieldcalib.io.files import BrokenFileError, replacement
+from fieldcalib.io.files import BrokenFileError, check_utf8, replacement
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
 
@@ -82,7 +82,7 @@ class FrameReader:
             if not self._grab(1):
                 raise BrokenFileError(NO_VIDEO)
             if not self._grab(self.numbers.start):
-                raise BrokenFileError(f"has no frame {self.numbers.start}, the first that is asked for")
+                raise BrokenFileError(self._no_start(cut))
             self._has_frame, self._frame = self._capture.retrieve()
         except BrokenFileError as error:
             self._capture.release()
@@ -107,6 +107,15 @@ class FrameReader:
                 self._has_frame = self._grab(self.numbers.step)
                 if self._has_frame:
                     self._has_frame, self._frame = self._capture.retrieve()
+
+    def _no_start(self, cut: Cut) -> str:
+        """Message that there is no frame at the start of a cut."""
+        import cv2
+
+        count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if not 0 < count <= self.numbers.start:  # a stream does not say it, nor does a file that is cut off
+            return f"has no frame {self.numbers.start}, the first that is asked for"
+        return f"{ends_before(cut.start, count, self._rate)}: there is no frame to begin with"
 
     def _grab(self, count: int) -> bool:
         """Skip `count` frames; return whether there are so many."""
@@ -139,6 +148,8 @@ class VideoReader(FrameReader):
 
     count: int
     """Number of frames that are read, as the file says: often right; 0 if it does not say."""
+    beyond: str
+    """Message if the end of the cut lies beyond that of the video; empty otherwise."""
 
     def __init__(
         self, path: Path, most_pixels: float = MOST_PIXELS, *, cut: Cut = WHOLE, threads: int | None = None
@@ -150,6 +161,7 @@ class VideoReader(FrameReader):
         self._path = path
         super().__init__(str(path), str(path), most_pixels, cut, threads)
         self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        self.beyond = self._beyond(cut)
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
 
     def _grab(self, count: int) -> bool:
@@ -166,6 +178,11 @@ class VideoReader(FrameReader):
         self._capture.release()  # its times are not regular, or it has no index
         self._capture, self._number = _opened(self._location, self._threads), -1
         return super()._grab(number + 1)
+
+    def _beyond(self, cut: Cut) -> str:
+        is_sure = self._path.suffix.lower() in WITH_COUNT or self.numbers.stop > self._announced + self._rate
+        beyond = cut.beyond(self._announced, self._rate) if self._announced and is_sure else ""
+        return f"{self._path} {beyond}" if beyond else ""
 
     def loss(self) -> str:
         """Message if announced frames cannot be read, empty otherwise; to be called after all others were read."""
@@ -281,6 +298,7 @@ def _opened(location: str, threads: int | None, options: str = "") -> Any:
     """OpenCV's reader of a video, with that many threads for decoding, and options of FFmpeg."""
     import cv2
 
+    check_utf8(location)
     parameters = [] if threads is None else [cv2.CAP_PROP_N_THREADS, threads]
     with _OPENING, _environment(CAPTURE_OPTIONS, options):
         return cv2.VideoCapture(location, cv2.CAP_ANY, parameters)
@@ -333,6 +351,10 @@ class VideoWriter:
 
     Raises
     ------
+    BrokenFileError
+        If the path is not in UTF-8.
+    ValueError
+        If the frame rate is none, or larger than those of videos.
     OSError
         At the end, if not every image is in the file, as when the disk is full.
     """
@@ -341,6 +363,9 @@ class VideoWriter:
     """Note about the file for the user, to follow its name; empty until there is an image."""
 
     def __init__(self, path: Path, frames_per_second: float, *, threads: int | None = None) -> None:
+        check_utf8(path)
+        if not 0.0 < frames_per_second <= FASTEST:
+            raise ValueError(f"{path}: expected at most {FASTEST:g} frames per second, got {frames_per_second:g}")
         self._path, self._frames_per_second, self._threads = path, frames_per_second, threads
         self._replacement = ExitStack()
         self._encoder: Encoder | None = None

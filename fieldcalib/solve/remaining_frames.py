@@ -10,8 +10,9 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import CHUNK

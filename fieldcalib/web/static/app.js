@@ -249,10 +249,13 @@ class App {
   }
 
   edited(edits, answered) {
-    if (edits === this.edits) this.render(answered);
+    const { judged } = edits.state;
+    if (edits === this.edits && answered && !judged) this.picture.update(edits.shown); // the rest comes with the verdict
+    else if (edits === this.edits) this.render(answered);
     if (!answered) return this.showSaved();
     this.notices.offline(null);
     this.loader.forget();
+    if (!judged) return undefined;
     this.patch(edits.state);
     clearTimeout(this.asking);
     this.asking = setTimeout(() => this.poll(), 300);
@@ -452,7 +455,7 @@ class App {
 
   showSaved() {
     const unsaved = Math.max(this.project?.unsaved ?? 0, this.waiting ? 1 : 0);
-    const words = unsaved ? `Save ${counted(unsaved, "frame")}` : "Saved";
+    const words = unsaved ? `Save ${counted(unsaved, "frame")}` : this.project?.has_results ? "Saved" : "Save";
     this.saveButton.querySelector("span").textContent = words;
     this.saveButton.setAttribute("aria-label", words);
     this.saveButton.classList.toggle("primary", unsaved > 0);
