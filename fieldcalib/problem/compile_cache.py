@@ -5,16 +5,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 LOG = logging.getLogger(__name__)
 DAMAGED = "the compiled solver in {} cannot be read: it is compiled again"
 NOT_KEPT = "the compiled solver cannot be kept in {}: NUMBA_CACHE_DIR names another folder for it"
 
 
-def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def cached(**options: Any) -> Callable[[Function], Function]:
     """Make a decorator that compiles a function when it is first called; `options` are those of `numba.njit`.
 
     Raises
@@ -23,10 +24,10 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         By the decorator, if there is no folder in which the compiled function may be kept.
     """
 
-    def decorated(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(cache=True, **options)(function)
+    def decorated(function: Function) -> Function:
+        dispatcher: Any = njit(cache=True, **options)(function)
         _bear_faults(dispatcher._cache)
-        return dispatcher
+        return cast(Function, dispatcher)
 
     return decorated
 

@@ -181,7 +181,8 @@ class ClipInput:
 
     def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
         """The images as they are; `stage` is shown."""
-        ids, count = [], len(self.ids) or self.source.count or None
+        ids: list[str] = []
+        count = len(self.ids) or self.source.count or None
         with progress_bar(desc=stage, total=count, unit="frame", progress=self._progress) as progress:
             for frame in self.source:
                 if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
