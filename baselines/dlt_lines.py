@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.console.arguments import add_input_and_output
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.options import add_options

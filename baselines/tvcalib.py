@@ -31,7 +31,8 @@ import numpy as np
 from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ndc import cloud_samples
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.options import add_options

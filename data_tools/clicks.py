@@ -7,8 +7,9 @@ RESULTS is a folder that `fieldcalib run` wrote of the pictures. Its cameras tel
 their overlays first: name the pictures (--names) whose markings lie on their paint. In each picture markings are
 clicked one after the other, with errors of --noise pixels along x and y before the editor snaps the click to paint:
 first the longest painted ones, at both ends of a line and at three places of an arc; as soon as there is a camera, the
-mark that the editor advises, if the picture shows it. The person stops when the verdict is good, or at 16 clicks. With
---whole-frame and --field-size the person knows that nothing is cut off the pictures, and the size of the field.
+mark that the editor advises, if the picture shows it. A mark that the page shows far from its marking is dragged onto
+it, with another error of that size; that counts as a click. The person stops when the verdict is good, or at 16 clicks.
+With --whole-frame and --field-size the person knows that nothing is cut off the pictures, and the size of the field.
 
 Printed: for each picture the clicks of each repeat, with the verdict where it is not good; then how many of all are
 good within 12 clicks, and the CPU time from a click to the camera with its verdict and the next advice, for
@@ -24,15 +25,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib import read
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves
+from fieldcalib.editor.fitting import is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor, Known
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
@@ -96,22 +100,50 @@ def first_clicks(markings: dict[str, Array], field: Field) -> Iterator[tuple[str
             yield label, places[round(share * (len(places) - 1))]
 
 
+class Click(NamedTuple):
+    """A mark that a person sets, or drags."""
+
+    label: str
+    place: Array
+    """Pixel (2,) that is meant."""
+    number: int | None = None
+    """Number of the mark that is dragged there; None for a new one."""
+
+
+def next_click(editor: FrameEditor, markings: Mapping[str, Array], plan: Iterator[tuple[str, Array]]) -> Click | None:
+    """What a person does next: drag a mark that the page shows as stray, follow the advice, or go on by `plan`."""
+    camera, marks = editor.calibration.camera, editor.marks
+    if camera is not None and editor.calibration.accepted:
+        errors = mark_errors(editor.calibration.field or editor.field, marks, camera)
+        number = int(np.argmax(errors))
+        if is_stray(errors[number], camera.image_size):
+            mark = marks.all[number]
+            return Click(mark.label, nearest(markings[mark.label], (mark.x, mark.y)), number)
+        advice = editor.next_mark
+        if advice is not None and advice.label in markings:
+            return Click(advice.label, nearest(markings[advice.label], advice.xy))
+    own = next(plan, None)
+    return None if own is None else Click(*own)
+
+
+def nearest(places: Array, xy: tuple[float, float]) -> Array:
+    """The place (2,) of several (N, 2) that is nearest to a pixel."""
+    return np.asarray(places[np.argmin(np.linalg.norm(places - xy, axis=1))])
+
+
 def labelled(begin: FrameEditor, seen: Calibration, noise: float, rng: np.random.Generator) -> Labelling:
     """Label a picture until the camera is good; `seen` is the camera that tells where the markings are."""
     markings = visible_markings(seen, seen.field or begin.field)
     plan = first_clicks(markings, begin.field)
     found = Labelling(begin)
     while found.clicks < MOST and found.verdict != Verdict.GOOD:
-        advice = found.editor.next_mark if found.editor.calibration.accepted else None
-        if advice is not None and advice.label in markings:
-            places = markings[advice.label]
-            click = advice.label, places[np.argmin(np.linalg.norm(places - advice.xy, axis=1))]
-        elif (own := next(plan, None)) is not None:
-            click = own
-        else:
-            break
         began = time.process_time()
-        found.editor = found.editor.mark(click[0], click[1] + rng.normal(0.0, noise, 2))
+        click = next_click(found.editor, markings, plan)
+        if click is None:
+            break
+        label, place, number = click
+        xy = place + rng.normal(0.0, noise, 2)
+        found.editor = found.editor.mark(label, xy) if number is None else found.editor.move({number: xy})
         _ = found.verdict, found.editor.calibration.accepted and found.editor.next_mark
         found.seconds.append(time.process_time() - began)
         found.clicks += 1

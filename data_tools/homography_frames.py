@@ -65,7 +65,9 @@ def write_frame(folder: Path, cameras: Sequence[Camera], seed: int) -> None:
     camera = perturbed(cameras[int(rng.integers(len(cameras)))], rng)
     made = seen_by(camera, soccer(*ALIGNMENTS["wc14"].template), rng, game_named(SOCCER))
     squashed = cv2.resize(made.image, SQUASHED, interpolation=cv2.INTER_AREA)
-    write_text(folder / HOMOGRAPHIES.file_name(f"{seed:07d}"), HOMOGRAPHIES.write(camera.homography, image_size=SIZE))
+    write_text(
+        folder / HOMOGRAPHIES.file_name(f"{seed:07d}"), HOMOGRAPHIES.write(camera.pinhole_homography, image_size=SIZE)
+    )
     encoded = cv2.imencode(".jpg", squashed, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
     write_bytes(folder / f"{seed:07d}.jpg", encoded.tobytes())
 

@@ -32,7 +32,8 @@ from data_tools.synthetic.clips import camera_path, labelled, with_displaced_lin
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.surroundings import GroundView
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command

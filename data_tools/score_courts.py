@@ -30,11 +30,11 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.court_truth import UNIT, court_frames
 from data_tools.nonsense import nonsense
 from data_tools.synthetic import frame
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
@@ -190,26 +190,19 @@ def fit(options: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name, source in {
-        "clips": of_clips,
-        "frames": of_synthetic,
-        "pictures": of_pictures,
-        "nonsense": of_nonsense,
-    }.items():
-        command = commands.add_parser(name, help=source.__doc__)
+    sources = {"clips": of_clips, "frames": of_synthetic, "pictures": of_pictures, "nonsense": of_nonsense}
+    parser, commands = parser_of(__doc__, {**sources, "fit": fit})
+    for name, source in sources.items():
+        command = commands[name]
         command.set_defaults(run=search, source=source)
         if name in ("clips", "pictures"):
             command.add_argument("folder", type=Path)
         else:
-            command.add_argument("--frames", type=count, default=100, help="(100)")
-            command.add_argument("--seed", type=int, default=0)
+            add_made_frames(command, 100)
         command.add_argument("--field", required=name != "clips", metavar="NAME")
         command.add_argument("--evidence", type=Path, metavar="FILE", help="add a line for each picture to FILE")
-    command = commands.add_parser("fit", help=fit.__doc__)
-    command.add_argument("files", type=Path, nargs="+", metavar="FILE")
-    command.set_defaults(run=fit)
+    commands["fit"].add_argument("files", type=Path, nargs="+", metavar="FILE")
+    commands["fit"].set_defaults(run=fit)
     return run_command(parser.parse_args(arguments))
 
 

@@ -40,6 +40,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.labelled import clip_of, labelled_points
 from data_tools.measured_cameras import read_camera
 from data_tools.nonsense import nonsense
@@ -47,7 +48,6 @@ from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
 from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER, add_named_field, field_of
 from fieldcalib.console.network import NetworkOptions, load_network
 from fieldcalib.console.options import add_options
@@ -190,17 +190,16 @@ def _quantiles(unit: str, values: Sequence[float], levels: Sequence[float]) -> d
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name, run in {
+    functions = {
         "keypoints": keypoints,
         "homographies": homographies,
         "clip": clip,
         "frames": synthetic_frames,
         "nonsense": no_field,
-    }.items():
-        command = commands.add_parser(name, help=run.__doc__)
-        command.set_defaults(run=run, field=SOCCER)
+    }
+    parser, commands = parser_of(__doc__, functions)
+    for name, command in commands.items():
+        command.set_defaults(run=functions[name], field=SOCCER)
         add_options(command, NetworkOptions)
         command.add_argument("--no-refinement", dest="refine", action="store_false", help="do not look for white lines")
         if name == "keypoints":
@@ -216,8 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command.add_argument("video", type=Path)
             command.add_argument("cameras", type=Path, help="<name>.npz")
         else:
-            command.add_argument("--frames", type=count, default=500, help="(500)")
-            command.add_argument("--seed", type=int, default=0)
+            add_made_frames(command, 500)
     return run_command(parser.parse_args(arguments))
 
 

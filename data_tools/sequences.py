@@ -37,7 +37,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.keyframes import BACK
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import PAINT
+from fieldcalib.solve.options import paint_sigma
 from fieldcalib.solve.sequence import calibrate_sequence
 from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
 
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("cameras", type=Path, help="folder of <name>.npz")
     parser.add_argument("--count", type=count, default=20, help="frames of a clip that are calibrated (20)")
     parser.add_argument("--noise", type=positive, default=1.0, help="pixels (1)")
-    parser.add_argument("--paint", type=float, default=PAINT, help=f"metres by which lines lie elsewhere ({PAINT})")
+    parser.add_argument("--paint", type=float, help="metres by which lines lie elsewhere (a quarter of their width)")
     parser.add_argument("--matches", action="store_true", help="and every other frame without labels")
     parser.add_argument("--flies", action="store_true", help="along the side line, instead of standing on a tripod")
     parser.add_argument("--repeats", type=count, default=1, help="clips of each camera (1)")
@@ -66,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field = soccer()
+    paint = paint_sigma(field) if options.paint is None else options.paint
     together: list[Compared] = []
     alone: list[Compared] = []
     sizes = []
@@ -73,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         rng = np.random.default_rng(options.seed + number)
         centre = flight(rng, FRAMES) if options.flies else None
         cameras = camera_path(rng, FRAMES, path, centre=centre)[:: max(FRAMES // options.count, 1)][: options.count]
-        lines = with_displaced_lines(field, rng, options.paint)
+        lines = with_displaced_lines(field, rng, paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
         matches = tied(cameras, rng, options.flies) if options.matches else None

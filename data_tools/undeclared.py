@@ -32,7 +32,8 @@ import numpy as np
 
 from data_tools.probability import largest_true_error
 from fieldcalib.assess.compute_errors import compute_errors
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named

@@ -16,13 +16,15 @@ from . import web as web
 from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
-from .assess.result import NoCameraError as NoCameraError
-from .assess.result import Status as Status
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
+from .assess.words import NoCameraError as NoCameraError
+from .assess.words import Status as Status
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
 from .fields.field import Field as Field
+from .fields.ground_homography import FieldHomography as FieldHomography
+from .fields.ground_homography import field_homography as field_homography
 from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line
 from .fields.segments import Point as Point

@@ -8,13 +8,13 @@ from test_keyframes import dissolved, shot
 from tripods import panned
 
 from fieldcalib.editor.next_frame import next_frame
-from fieldcalib.editor.sources import Arrays
 from fieldcalib.editor.table import Row
 from fieldcalib.images.anchored_clip import Anchors, _without_contradicted, solve_around
 from fieldcalib.images.clip_keyframes import KeyframeLabels
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.images.linked_frames import linked_frames
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.run_folder.numbered_frames import NumberedArrays as Arrays
 
 COUNT = 12
 CAMERAS = panned(COUNT)

@@ -129,7 +129,7 @@ def test_a_size_that_the_file_contradicts(tool, annotations, tmp_path, capsys):
 
 def test_soccernets_files_need_a_size(annotated_folder, tmp_path, capsys):
     assert calibrate(annotated_folder, out=tmp_path / "out") == 2
-    assert "a.json: SoccerNet's annotations do not say the size of their images: give it by --size" in (
+    assert "a.json: SoccerNet's annotations do not say the size of their images: give it (image_size=, --size)" in (
         capsys.readouterr().err
     )
     assert not (tmp_path / "out").exists()

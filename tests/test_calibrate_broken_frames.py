@@ -88,7 +88,7 @@ def test_files_that_are_too_large_are_broken(annotated_folder, tmp_path, capsys)
     (tmp_path / "a.json").write_bytes((annotated_folder / "a.json").read_bytes())
     (tmp_path / "b.json").write_bytes((annotated_folder / "b.json").read_bytes() + b" " * 100_000)
     assert calibrate(tmp_path / "out", tmp_path, options=["--max-megabytes", 0.1]) == 1
-    assert "b.json: has more than 0.1 MB; --max-megabytes allows more" in capsys.readouterr().err
+    assert "b.json: has more than 0.1 MB; --max-megabytes of a command allows more" in capsys.readouterr().err
     assert list(cameras_in(tmp_path / "out")) == ["a"]
     assert calibrate(tmp_path / "out", tmp_path, options=["--overwrite"]) == 0
     assert set(cameras_in(tmp_path / "out")) == {"a", "b"}

@@ -10,15 +10,18 @@ import pytest
 from commands import run
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import FIELD, KnownCameras, looked_at
+from networks import FIELD, Blind, KnownCameras, looked_at
 from strategies import numbers, texts
 
 import fieldcalib
 from fieldcalib import Camera, calibrate, read, soccer
 from fieldcalib.draw.scene import render_field
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.images import NO_IMAGE
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.results import inputs
+from fieldcalib.results.frames import ById
 
 SIZE = (480, 270)
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), SIZE) for pan in np.linspace(0.1, 0.4, 4)]
@@ -86,7 +89,7 @@ def test_pictures_of_a_folder_with_a_broken_one(rendered, knows, tmp_path):
     knows([TRUTHS[1], TRUTHS[2], TRUTHS[3], TRUTHS[0]])
     results = calibrate(folder, progress=False)
     assert list(results) == ["a", "b", "c", "d"]
-    assert dict(results.broken) == {"b2": "is no image that OpenCV can read"}
+    assert dict(results.broken) == {"b2": NO_IMAGE}
     for id, truth in zip("abcd", (*TRUTHS[1:], TRUTHS[0]), strict=True):
         np.testing.assert_allclose(results.cameras[id].angles, truth.angles, atol=6e-3)
     assert results.video is None
@@ -104,6 +107,19 @@ def test_what_is_saved_is_what_run_writes(rendered, knows, know, tmp_path):
     assert ours.keys() == written.keys()
     differ = {name for name in written if ours[name] != written[name]}
     assert differ <= {"run.json", "summary.json"}  # which have the options
+
+
+def test_a_file_that_is_no_picture(tmp_path):
+    (tmp_path / "text.jpg").write_text("no picture")
+    for source in (tmp_path / "text.jpg", tmp_path, str(tmp_path / "*.jpg")):
+        with pytest.raises(BrokenFileError, match=r"text.jpg: is no image that OpenCV can read: expected a JPEG, PNG"):
+            calibrate(source, network=Blind(), progress=False)
+    (tmp_path / "other.png").write_text("no picture")
+    with pytest.raises(BrokenFileError, match=r"other.png: is no image .* nor can the other 1 be read"):
+        calibrate(tmp_path, network=Blind(), progress=False)
+    with pytest.raises(BrokenFileError, match=r"text.jpg: is no image that OpenCV can read: expected a JPEG, PNG"):
+        fieldcalib.Editor(tmp_path / "text.jpg")
+    assert run("open", tmp_path / "text.jpg", "--no-browser") == 2
 
 
 @pytest.mark.slow
@@ -343,13 +359,33 @@ def test_a_table_of_some_twenty_columns(some):
 
 def test_results_that_are_there_are_not_replaced_without_a_word(some, tmp_path):
     some.save(tmp_path / "out")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(FileExistsError) as error:
         some.save(tmp_path / "out")
-    with pytest.raises(FileExistsError):
+    assert str(error.value).endswith("give overwrite=True to replace them, or another folder")
+    assert "--" not in str(error.value)
+    with pytest.raises(FileExistsError, match="give overwrite=True"):
         read(tmp_path / "out").save(tmp_path / "out2") or read(tmp_path / "out").save(tmp_path / "out2")
     some.save(tmp_path / "out", overwrite=True)
     read(tmp_path / "out").save(tmp_path / "out2", overwrite=True)
     assert read(tmp_path / "out2") == some
+
+
+@pytest.mark.parametrize("asked", ["__getitem__", "line", "overlay", *("cameras", "verdicts", "basis", "homographies")])
+def test_an_unknown_frame_is_named_with_those_that_are_there(some, asked):
+    of = getattr(some, asked)
+    of = of() if asked == "homographies" else of
+    get = of if callable(of) else of.__getitem__
+    with pytest.raises(KeyError, match=r"there is no frame 'X.jpg': ids are 'x', (?:'y', )?'z'"):
+        get("X.jpg")
+    with pytest.raises(KeyError, match=r"there is no frame 'x.jpg': did you mean 'x'\? ids are"):
+        get("x.jpg")
+
+
+def test_frames_of_a_video_have_six_digits(some):
+    many = ById({f"{number:06d}": number for number in range(9)})
+    with pytest.raises(KeyError, match=r"did you mean '000007'\? ids are '000000', '000001', '000002' and 6 more"):
+        many[7]
+    assert many.get(7) is None
 
 
 def test_results_that_differ_are_not_equal(some):

@@ -253,7 +253,7 @@ def test_a_whole_picture_of_another_shape_is_asked_about_until_that_is_said(opti
     (line,) = lines_of(tmp_path / "out")
     asked = [words for words in ("(--aspect)", "may be a part of a frame") if words in line["reason"]]
     assert asked == ([is_asked] if is_asked else [])
-    assert ("--crop-of" in line["remedy"]) is bool(is_asked)
+    assert ("what the picture is of" in line["remedy"]) is bool(is_asked)
 
 
 def test_labels_of_a_declared_part_end_where_it_ends(tmp_path):

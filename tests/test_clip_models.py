@@ -10,7 +10,7 @@ from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip_models import HeldOut, parts
 from fieldcalib.images.clip_problem import ClipOptions

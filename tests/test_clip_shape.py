@@ -13,9 +13,10 @@ from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import calibrate_video, soccer
 from fieldcalib.assess.placement import Crop, Placement, Shape
-from fieldcalib.assess.result import Verdict, complaints_of
+from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
+from fieldcalib.assess.words import Verdict
 from fieldcalib.images import clip_shape
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds

@@ -12,8 +12,9 @@ from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.assess.result import Verdict, complaints_of
+from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS, MOST_EXTRA
 from fieldcalib.images.finished_clip import MIXED
 from fieldcalib.images.keyframes import EVERY, tied_frames

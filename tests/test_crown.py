@@ -13,7 +13,8 @@ from data_tools.synthetic.clips import camera_path, labelled
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
 from fieldcalib.assess.level import if_level
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.records import field_from_record, whole_record
 from fieldcalib.fields.segments import PointCloud
 from fieldcalib.problem.evaluation import Problem, evaluate

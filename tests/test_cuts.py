@@ -1,12 +1,19 @@
 """Parts of videos: the same frames as of the whole, whatever the way to them."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
+from commands import run
+from networks import Blind
 
+from fieldcalib import calibrate
+from fieldcalib.io import videos
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.videos import VideoReader
+from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.results.sources import Pictures
 
 COUNT, RATE = 260, 25.0
 
@@ -66,8 +73,73 @@ def test_threads_change_nothing(film):
 
 
 def test_a_start_after_the_end(film):
-    with pytest.raises(BrokenFileError, match=rf"film.* has no frame {COUNT}, the first that is asked for"):
+    said = (
+        rf"film.* (has no frame {COUNT}, the first that is asked for|ends after {COUNT} frames, before frame {COUNT})"
+    )
+    with pytest.raises(BrokenFileError, match=said):
         read(film, Position(frame=COUNT))
+    said = rf"film.*: ends at 10.4 s \({COUNT} frames\), before 60 s: times are in seconds, and 60f is a frame"
+    with pytest.raises(BrokenFileError, match=said):
+        read(film, Position(seconds=60.0))
+
+
+def test_an_end_beyond_that_of_the_video(film):
+    _, _, video = read(film, Position(frame=0), Position(seconds=60.0))
+    assert (
+        video.beyond == f"{film} ends at 10.4 s ({COUNT} frames), before 60 s: times are in seconds, and 60f is a frame"
+    )
+    _, _, video = read(film, Position(frame=0), Position(frame=400))
+    assert video.beyond == f"{film} ends after {COUNT} frames, before frame 400"
+    for end in (None, Position(frame=COUNT), Position(seconds=COUNT / RATE)):
+        assert read(film, Position(frame=0), end)[2].beyond == ""
+
+
+def test_pictures_of_results_are_read_at_any_place(film, monkeypatch):
+    """In any order, by one reader that jumps where it can."""
+    opened = []
+    monkeypatch.setattr(videos, "_opened", lambda *given, real=videos._opened: opened.append(given) or real(*given))
+    pictures = Pictures((film,))
+    for number in (COUNT - 1, 3, 200, 201, 0, 130):
+        assert shown(pictures.image(f"{number:06d}")) == number
+    if film.suffix != ".ts":  # no index: it is opened again to go back
+        assert len(opened) == 1
+    with pytest.raises(BrokenFileError, match="film"):
+        pictures.image(f"{COUNT + 50:06d}")
+
+
+@pytest.mark.parametrize("way", ["video", "one by one", "folder", "arrays"])
+def test_an_end_beyond_is_said_by_calibrate(way, tmp_path):
+    image = np.zeros((270, 480, 3), np.uint8)
+    source, end, said = [image] * 3, "60f", "the input ends after 3 frames, before frame 60"
+    if way in ("video", "one by one"):
+        source, end, said = tmp_path / "a.mp4", 60, "a.mp4 ends at 0.12 s (3 frames), before 60 s: times are in seconds"
+        with VideoWriter(source, RATE) as video:
+            for _ in range(3):
+                video.write(image)
+    elif way == "folder":
+        source = tmp_path
+        for name in "abc":
+            cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    clip = False if way == "one by one" else None
+    with pytest.warns(UserWarning, match=re.escape(said)):
+        found = calibrate(source, end=end, clip=clip, network=Blind(), progress=False)
+    assert len(found) == 3
+    with pytest.raises(ValueError, match=r"ends (after 3 frames, before frame 70|at 0.12 s \(3 frames\), before 70 s)"):
+        calibrate(source, start="70f" if end == "60f" else 70, clip=clip, network=Blind(), progress=False)
+
+
+def test_an_end_beyond_is_said_by_run(tmp_path, capsys):
+    path = tmp_path / "a.mp4"
+    with VideoWriter(path, RATE) as video:
+        for _ in range(3):
+            video.write(np.zeros((270, 480, 3), np.uint8))
+    for options in ([], ["--independent"]):
+        assert run("run", path, "--out", tmp_path / "out", "--end", 60, "--overwrite", *options) == 0
+        said = f"fieldcalib: {path} ends at 0.12 s (3 frames), before 60 s: times are in seconds, and 60f is a frame\n"
+        assert capsys.readouterr().err.count(said) == 1
+    assert run("run", path, "--out", tmp_path / "other", "--start", 60) == 2
+    assert f"{path}: ends at 0.12 s (3 frames), before 60 s" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
 
 
 def test_no_frame_between_start_and_end(film):

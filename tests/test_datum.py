@@ -197,7 +197,9 @@ def test_frames_of_one_end_are_accepted():
         assert here < 0.3 < 1.0 < far
         assert one.probability() > 0.9
         assert str(one.verdict) == "good"
-        assert one.remedy.startswith("the length is not visible: positions are relative to the right end; --field")
+        assert one.remedy.startswith(
+            "the length is not visible: positions are relative to the right end; the known length"
+        )
 
 
 def test_who_sees_the_whole_pitch_or_knows_its_size_needs_no_remedy():
@@ -213,7 +215,7 @@ def test_words_name_what_is_not_visible():
     both = in_words(np.diag([-0.5, -0.5]), np.array([2.5, 2.8]))
     assert both == (
         "the length and width are not visible: positions are relative to the left end and far side; "
-        "--field-length and --field-width with --field-size known give metres from the centre"
+        "the known length and width give metres from the centre"
     )
     assert "near side" in in_words(np.diag([0.5, 0.5]), np.array([0.1, 2.0]))
     assert in_words(np.diag([0.5, 0.5]), np.array([0.1, 0.1])) == ""

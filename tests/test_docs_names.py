@@ -94,3 +94,11 @@ def test_names_are_looked_for_in_docstrings_and_comments():
     assert "docs, docstrings, comments" in prose(Path(__file__))
     assert "of COLMAP" in prose(Path(__file__))
     assert "ROOT.glob" not in prose(Path(__file__))
+
+
+def test_the_page_and_its_docs_say_the_same_number_of_clicks():
+    words = "seven clicks on three or four markings are enough for a good camera of most"
+    for path in (ROOT / "docs" / "page.md", ROOT / "fieldcalib" / "web" / "static" / "marks.js"):
+        text = " ".join(path.read_text(encoding="utf-8").lower().split())
+        assert words in text, path
+        assert "five or six" not in text, path

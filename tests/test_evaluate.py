@@ -440,7 +440,7 @@ def test_annotations_that_are_too_much_are_broken(frames, truth, cameras, capsys
     report, error = report_of(capsys, cameras, truth, "--max-megabytes", 2, code=1)
     assert report["frames"] == 2
     assert f"{truth / 'c.json'}: has 20002 labelled pixels: up to 20000 are evaluated\n" in error
-    assert f"{truth / 'd.json'}: has more than 2 MB; --max-megabytes allows more\n" in error
+    assert f"{truth / 'd.json'}: has more than 2 MB; --max-megabytes of a command allows more\n" in error
 
 
 def test_files_that_are_skipped_are_named(frames, truth, cameras, capsys):

@@ -17,7 +17,7 @@ from other_tools import (
     without_lens_and_principal_point,
 )
 
-from fieldcalib.cli.export import FORMATS
+from fieldcalib.cli.export import FORMATS, LOST
 from fieldcalib.io.tvcalib import parse_per_sample_output
 from fieldcalib.results.reading import read
 
@@ -64,7 +64,7 @@ def test_the_command(format, calibrated_folder, tmp_path, capsys):
     assert exported(calibrated_folder, out, format)
     printed = capsys.readouterr()
     assert printed.out == f"4 cameras of 4 frames in {out}\n"
-    assert ("without it the image moves by up to" in printed.err) == (format in ("blender", "freed"))
+    assert ("without it the image moves by up to" in printed.err) == (format in LOST)
     assert run("export", calibrated_folder, "--format", format, "--out", out) == 2
     assert "already: give --overwrite" in capsys.readouterr().err
     assert run("export", calibrated_folder, "--format", format, "--out", out, "--overwrite") == 0

@@ -118,7 +118,7 @@ def test_files_are_read_up_to_a_size(tmp_path, method):
     (tmp_path / "2.png").write_bytes(bomb)
     for file in find_files([tmp_path / "a.zip", tmp_path / "2.png"], "mask", suffix=".png"):
         tracemalloc.start()
-        with pytest.raises(BrokenFileError, match=r"has more than 20 MB; --max-megabytes allows more"):
+        with pytest.raises(BrokenFileError, match=r"has more than 20 MB; --max-megabytes of a command allows more"):
             file.read(20_000_000)
         assert tracemalloc.get_traced_memory()[1] < 10_000_000  # nothing of it was unpacked
         tracemalloc.stop()

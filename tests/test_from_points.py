@@ -1,5 +1,7 @@
 """From points to a calibration."""
 
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
@@ -443,3 +445,26 @@ def test_doubted_points_do_little_harm():
 def test_weights_that_are_none_raise(weights, message):
     with pytest.raises(ValueError, match=message):
         calibrate_from_points(X4, XY4, SIZE, weights=weights)
+
+
+# very many points
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_memory_grows_linearly_with_the_points(prior):
+    """Comparing every point with every other one would take 400 MB for the boxes of the points alone."""
+    rng = np.random.default_rng(5)
+    few, _ = seen(CAMERA)
+    X = few[rng.integers(0, len(few), 3000)]
+    xy = CAMERA.project(X) + rng.normal(size=(len(X), 2))
+    xy[::9] = rng.uniform((0, 0), SIZE, size=(len(xy[::9]), 2))
+    tracemalloc.start()
+    try:
+        calibration = calibrate_from_points(X, xy, SIZE, prior=prior)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 200e6
+    assert calibration.accepted
+    assert not calibration.suspect_labels
+    assert relative_error(calibration.camera, CAMERA) < 0.05

@@ -3,6 +3,7 @@
 import http.server
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -158,7 +159,7 @@ def test_a_part_of_images(know, tmp_path, capsys):
     assert ids_of(tmp_path / "out") == ["1", "3", "5"]
     for start, complaint in (
         ("1:00", "images have no times"),
-        ("7f", "there are 7 images, the first"),
+        ("7f", "the input ends after 7 frames, before frame 7"),
         ("x", "a time"),
     ):
         assert run("run", tmp_path, "--start", start, "--out", tmp_path / "other") == 2
@@ -333,3 +334,52 @@ def test_one_thread_is_one_that_computes(tmp_path, picture):
     threads = int(done.stdout.split()[-1])
     # beside it one reads ahead, one looks whether reads come back, and PyAV may have one
     assert threads <= 4
+
+
+@pytest.fixture
+def server():
+    """A server that answers every request with a text."""
+
+    class Text(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"no video")
+
+        def log_message(self, *words):
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Text) as one:
+        thread = threading.Thread(target=one.serve_forever, daemon=True)
+        thread.start()
+        yield one.server_address[1]
+        one.shutdown()
+        thread.join()
+
+
+def closed_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+def test_a_stream_that_cannot_be_reached_is_no_question_of_formats(server, tmp_path, capfd):
+    nothing = closed_port()
+    for address, said in (
+        (
+            f"http://me:s3cret@127.0.0.1:{nothing}/a.m3u8",
+            f"nothing answers at 127.0.0.1, port {nothing} (Connection refused)",
+        ),
+        ("http://me:s3c@ret@nowhere.invalid/a.ts", "the name nowhere.invalid is not known"),
+        (f"http://me:s3cret@127.0.0.1:{server}/a.ts?token=s3cret", "127.0.0.1 answers, but sends no video"),
+    ):
+        assert run("run", address, "--out", tmp_path / "out") == 2
+        error = capfd.readouterr().err.splitlines()[-1]
+        assert f" cannot be opened: {said}" in error
+        assert "s3c" not in error
+        assert ("Matroska" in error) == ("answers, but" in error)
+        assert ("firewall" in error) != ("answers, but" in error)
+        with pytest.raises(ValueError, match=said.partition(" (")[0]) as from_python:
+            fieldcalib.calibrate(address, end=1, progress=False)
+        assert "s3c" not in str(from_python.value)
+    assert not (tmp_path / "out").exists()

@@ -13,7 +13,7 @@ from views import camera
 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics

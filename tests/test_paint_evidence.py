@@ -13,8 +13,9 @@ from synthetic import observe, whole_circle_markings
 from views import camera
 
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
-from fieldcalib.assess.result import Calibration, Status, Verdict, complaints_of
+from fieldcalib.assess.result import Calibration, complaints_of
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey

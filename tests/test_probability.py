@@ -10,7 +10,7 @@ from data_tools.probability import fitted_coefficients, largest_true_error, reli
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
-from fieldcalib.assess.result import Status
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch

@@ -3,11 +3,12 @@
 import io
 import re
 import sys
+import time
 
 import pytest
 
 from fieldcalib.console import progress as module
-from fieldcalib.console.progress import progress_bar
+from fieldcalib.console.progress import progress_bar, solving
 
 
 @pytest.fixture
@@ -97,3 +98,45 @@ def test_nothing_is_shown_if_it_is_not_wanted(clock, capfd):
         for _ in range(9):
             progress.update()
     assert capfd.readouterr().err == ""
+
+
+def test_stages_that_are_short_have_lines_together(clock, capfd):
+    for stage in ("looking", "matching", "drawing"):
+        with progress_bar(unit="frame", total=2, desc=stage) as progress:
+            progress.update()
+            progress.update()
+    lines = lines_of(capfd.readouterr().err)
+    assert [line.partition(":")[0] for line in lines] == ["matching", "drawing"]
+
+
+def until(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not condition():
+        time.sleep(0.01)
+    assert condition()
+
+
+def test_a_stage_that_stands_still_is_told_of(monkeypatch, capfd):
+    monkeypatch.setattr(module, "INTERVAL", 0.1)
+    seen = []
+
+    def lines():
+        seen.extend(lines_of(capfd.readouterr().err))
+        return seen
+
+    with solving("solving the clip"):
+        with progress_bar(unit="frame", total=20, desc="matching") as progress:
+            progress.update(5)
+            until(lambda: any("matching: 5 of 20 frames, " in line and line.endswith(" left") for line in lines()))
+            until(lambda: "matching: 5 of 20 frames, 0:00 so far" in lines())  # what is left would grow
+        until(lambda: "solving the clip, 0:00 so far" in lines())
+    before = len(lines())
+    time.sleep(0.3)
+    assert len(lines()) == before
+
+
+def test_a_function_is_not_told_of_work_that_cannot_be_counted(monkeypatch, capfd):
+    monkeypatch.setattr(module, "INTERVAL", 0.02)
+    with solving("solving the clip", print), progress_bar(unit="frame", progress=False):
+        time.sleep(0.2)
+    assert capfd.readouterr() == ("", "")

@@ -16,6 +16,7 @@ from fieldcalib.cli.main import main
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.boxes import foot_points, open_boxes
 from fieldcalib.io.coordinates import scale_of_system, systems, to_system
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.problem.layout import Layout
 
 SIZE = (1280, 720)
@@ -219,13 +220,13 @@ def test_boxes_of_images_of_another_size(tmp_path, cameras, calibration):
         ("frame,x,y,width,height\n1,2,3,4,5\n1,2,3,4\n", "line 3: expected 5 columns, got 4"),
         (
             "frame,x,y,width,height\n1,2,3,4,5\n\n1,2,3,four,5\n",
-            "line 4: expected four numbers for a box, got 2, 3, four",
+            "line 4: expected numbers (left, top, width, height), got 2, 3, four",
         ),
         ("frame,x,y,width,height\n1,2,3,-4,5\n", "line 2: expected a box (left, top, width, height) of positive size"),
         ("frame,x1,y1,x2,y2\n1,5,3,4,5\n", "line 2: expected a box (left, top, right, bottom) of positive size"),
         ("frame,x,y,width,height\n,2,3,4,5\n", "line 2: the column 'frame' is empty"),
         ('frame,x,y,width,height\n1,"2"3,3,4,5\n', "line 2: "),
-        ("frame,x,y,z\n1,2,3,4\n", "expected a column frame or frame_id, and x, y, width, height, or"),
+        ("frame,x,y,z\n1,2,3,4\n", "expected a column with the frame (frame, frame_id"),
         ("frame,x,y,x,width,height\n1,2,3,4,5,6\n", "the column 'x' is there twice"),
         ("1,2,3,4,5\n", "line 1: expected a header, or 6 to 10 numbers"),
         ("", "is empty"),
@@ -259,7 +260,7 @@ def test_what_is_malformed_in_a_game_state_is_named(tmp_path, cameras, capsys, r
 def test_the_file_of_the_boxes_is_not_overwritten(tmp_path, cameras, capsys):
     path = written(tmp_path / "players.csv", [[0, 1, 2, 3, 4]], ["frame", "x", "y", "width", "height"])
     assert main(["project", str(path), "--cameras", str(cameras), "--out", str(path)]) == 2
-    assert "give the table another name" in capsys.readouterr().err
+    assert "players.csv is read by this command" in capsys.readouterr().err
     assert path.read_text().startswith("frame,x")
 
 
@@ -477,3 +478,133 @@ def test_systems_that_nobody_has_are_refused(tmp_path, cameras, capsys):
     path = written(tmp_path / "boxes.csv", [[0, 1, 2, 3, 4]], ["frame", "x", "y", "width", "height"])
     assert projected(path, cameras, "--to", "mars") == 2
     assert "expected a system among" in capsys.readouterr().err
+
+
+# Other files of detectors
+
+
+def of_file(path):
+    with open_boxes(path) as table:
+        return table, list(table.rows)
+
+
+def yolo_lines(camera, *after):
+    left, top, width, height = boxes_of(camera).T
+    shares = np.column_stack([left + width / 2, top + height / 2, width, height]) / (*SIZE, *SIZE)
+    return "".join(f"0 {' '.join(map(repr, row))} {' '.join(after)}\n" for row in shares.tolist())
+
+
+def test_points_of_feet_need_no_boxes(tmp_path, cameras, calibration):
+    xy = calibration.camera.project(PLAYERS)
+    for names in (("x", "y"), ("foot_x", "foot_y"), ("pixel_x", "pixel_y")):
+        path = tmp_path / f"{names[0]}.csv"
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows([("frame", *names), *((0, *row) for row in xy.tolist())])
+        found = projected(path, cameras)
+        np.testing.assert_allclose(points(found), PLAYERS[:, :2], atol=1e-6)
+        assert {row["problem"] for row in found} == {""}
+
+
+@pytest.mark.parametrize(
+    ("after", "confidence", "track"),
+    [((), "", ""), (("0.5",), "0.5", ""), (("7",), "", "7"), (("0.25", "7"), "0.25", "7")],
+)
+def test_a_folder_of_yolo_is_in_shares_of_the_image(tmp_path, cameras, calibration, after, confidence, track):
+    folder = tmp_path / "labels"
+    folder.mkdir()
+    (folder / "000000.txt").write_text(yolo_lines(calibration.camera, *after))
+    (folder / "000001.txt").write_text("\n")
+    found = projected(folder, cameras)
+    np.testing.assert_allclose(points(found), PLAYERS[:, :2], atol=1e-6)
+    assert {(row["frame"], row["class"]) for row in found} == {("000000", "0")}
+    assert {(row["confidence"], row["track_id"]) for row in found} == {(confidence, track)}
+    alone = projected(folder / "000000.txt", cameras)
+    np.testing.assert_allclose(points(alone), points(found))
+
+
+def test_frames_of_a_video_by_ultralytics_count_from_1(tmp_path, cameras, calibration, capsys):
+    folder = tmp_path / "labels"
+    folder.mkdir()
+    (folder / "match_2.txt").write_text(yolo_lines(calibration.camera))
+    assert projected(folder, cameras) == 2
+    assert "frames of ultralytics count from 1" in capsys.readouterr().err
+    np.testing.assert_allclose(points(projected(folder, cameras, "--frame-offset", -1)), PLAYERS[:, :2], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 0.5 0.5 0.1\n", "expected a column with the frame"),  # read as a table
+        ("0 0.5 0.5 0.1 0.1 0.9 3\n0 0.5 0.5 0.1\n", "line 2: expected class, x_center"),
+        ("0 500 300 20 50\n", "line 1: expected class, x_center, y_center, width, height in shares"),
+        ("0 0.5 0.5 -0.1 0.1\n", "line 1: expected a box"),
+        ("0 0.5 0.5 0.1 0.1\n0 0.5 0.5 0.1 nan\n", "line 2: expected a box"),
+    ],
+)
+def test_malformed_lines_of_yolo_are_named(tmp_path, text, message):
+    path = tmp_path / "a.txt"
+    path.write_text(text)
+    with pytest.raises(BrokenFileError, match=message):
+        of_file(path)
+
+
+def test_coco_is_a_dataset_or_a_list_of_detections(tmp_path, cameras, calibration):
+    boxes = boxes_of(calibration.camera).tolist()
+    detections = [{"image_id": 1, "category_id": 3, "bbox": box, "score": 0.9} for box in boxes]
+    names = {
+        "images": [{"id": 1, "file_name": "img1/000000.jpg", "width": 1280, "height": 720}],
+        "categories": [{"id": 3, "name": "player"}],
+    }
+    with_names = names | {"annotations": [{"id": n, **one} for n, one in enumerate(detections)]}
+    for content, frame, category in ((detections, "000001", "3"), (with_names, "000000", "player")):
+        path = tmp_path / "boxes.json"
+        path.write_text(json.dumps(content))
+        found = projected(path, cameras)
+        np.testing.assert_allclose(points(found), PLAYERS[:, :2], atol=1e-6)
+        assert {(row["category"], row["score"]) for row in found} == {(category, "0.9")}, frame
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ([{"bbox": [1, 2, 3, 4]}], "entry 0: is no box with an image"),
+        ([{"image_id": 1, "bbox": [1, 2, 3]}], "entry 0: expected four numbers in bbox"),
+        ([{"image_id": 1, "bbox": 3}], "entry 0: is no box"),
+        ([7], "entry 0: expected an object"),
+        (7, "expected a JSON object or a list of boxes"),
+        ({"a": 1}, "expected the key 'predictions' or 'annotations'"),
+        ({"images": 3, "annotations": []}, "expected a list for the key 'images'"),
+    ],
+)
+def test_malformed_json_is_named(tmp_path, content, message):
+    path = tmp_path / "boxes.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(BrokenFileError, match=message):
+        of_file(path)
+
+
+def test_byte_track_writes_tables_of_motchallenge(tmp_path):
+    path = tmp_path / "track.txt"
+    path.write_text("1,7,100.0,200.0,40.0,100.0,0.91,-1,-1,-1\n")
+    table, (row,) = of_file(path)
+    assert table.counts_from_1 == "MOTChallenge"
+    np.testing.assert_array_equal(foot_points(row.box), [119.5, 299.5])
+
+
+def test_what_is_accepted_is_named(tmp_path, cameras, capsys):
+    path = tmp_path / "boxes.csv"
+    path.write_text("frame,a,b\n1,2,3\n")
+    assert projected(path, cameras) == 2
+    said = capsys.readouterr().err
+    for name in ("image_id", "x1, y1, x2, y2", "bb_left", "bbox_ltwh", "foot_x, foot_y", "got frame, a, b"):
+        assert name in said
+    (tmp_path / "empty").mkdir()
+    assert projected(tmp_path / "empty", cameras) == 2
+    assert "COCO" in capsys.readouterr().err
+
+
+def test_a_game_state_is_not_made_of_coco(tmp_path, cameras, capsys):
+    path = tmp_path / "boxes.json"
+    path.write_text(json.dumps([{"image_id": 1, "bbox": [1, 2, 3, 4]}]))
+    assert main(["project", str(path), "--cameras", str(cameras), "--out", str(tmp_path / "out.json")]) == 2
+    assert "tables end with .csv" in capsys.readouterr().err

@@ -125,7 +125,7 @@ def test_a_camera_of_this_package_projects_alike(camera, X):
     # what only the rational camera projects are points in front, where the lens folds back
     assert np.all(camera.depth(X)[np.isnan(own[:, 0]) & ~np.isnan(others[:, 0])] > 0.0)
     np.testing.assert_array_equal(np.isnan(others[:, 0]), camera.depth(X) <= 0.0)
-    np.testing.assert_allclose(rational.homography, camera.homography)
+    np.testing.assert_allclose(rational.pinhole_homography, camera.pinhole_homography)
     assert rational.image_size == camera.image_size
 
 
@@ -221,5 +221,5 @@ def test_arrays_are_copies_and_read_only():
 def test_absurd_cameras_have_a_homography_without_warnings():
     K = np.array([[1e300, 0.0, 480.0], [0.0, 1e300, 270.0], [0.0, 0.0, 1.0]])
     camera = RationalCamera(K, np.eye(3), (0.0, 1e300, -1e300), np.full(12, 1e300), (960, 540))
-    assert not np.all(np.isfinite(camera.homography))  # warnings are errors here
+    assert not np.all(np.isfinite(camera.pinhole_homography))  # warnings are errors here
     assert np.all(np.isnan(camera.project([0.0, 0.0, 0.0])))

@@ -31,9 +31,10 @@ from fieldcalib import (
 )
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import SuspectLabel, Verdict, complaints_of, concerns_of
+from fieldcalib.assess.result import complaints_of, concerns_of
 from fieldcalib.assess.sequence_calibration import with_doubts
 from fieldcalib.assess.whole_picture import Declared
+from fieldcalib.assess.words import SuspectLabel, Verdict
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record

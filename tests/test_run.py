@@ -15,13 +15,13 @@ from networks import FIELD, KnownCameras, band_maps, probabilities
 from pictures import picture
 from views import camera
 
-from fieldcalib.assess.result import Status
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io import images
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.images import IMAGES_AT_ONCE, parse_image
+from fieldcalib.io.images import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
@@ -285,8 +285,9 @@ def test_one_bad_image_does_not_end_the_run(know, tmp_path, capsys):
     assert capsys.readouterr().err.splitlines() == [
         "fieldcalib: skipped 2 .gif (f.gif, h.gif), 1 .HEIC (g.HEIC)",
         f"fieldcalib: {folder / 'b.png'}: has 32767 x 2 pixels: OpenCV's functions take up to 32766 a side",
-        f"fieldcalib: {folder / 'c.bmp'}: has more than 2 MB; --max-megabytes allows more",
-        f"fieldcalib: {folder / 'd.png'}: has 1100 x 900 pixels, more than 0.6 million; --max-megapixels allows more",
+        f"fieldcalib: {folder / 'c.bmp'}: has more than 2 MB; --max-megabytes of a command allows more",
+        f"fieldcalib: {folder / 'd.png'}: has 1100 x 900 pixels, more than 0.6 million; "
+        f"--max-megapixels of a command allows more",
         f"fieldcalib: {folder / 'e.jpg'}: cannot be read: it is no regular file",
     ]
     assert [line["status"] for line in lines_of(out)] == ["accepted", *["broken file"] * 4]
@@ -549,4 +550,4 @@ def test_frames_are_read_when_they_are_asked_for(tmp_path):
         first, second = map(ReadImage(), source.files)
     assert first == Frame("a", None, first.problem, tmp_path / "a.png")
     assert "cannot be read" in first.problem
-    assert second.problem == "is no image that OpenCV can read"
+    assert second.problem == NO_IMAGE

@@ -8,9 +8,11 @@ from synthetic import whole_circle_markings
 
 from data_tools.synthetic.clips import camera_path, labelled
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
+from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
+from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.centres import voted_centres
 from fieldcalib.solve.sequence import calibrate_sequence
 
@@ -202,3 +204,14 @@ def test_a_size_that_the_frames_do_not_tell_is_kept_and_uncertain():
     mark = (0.0, -34.0, 0.0)
     assert "width" not in nominal.names
     assert nominal[0].uncertainty.at_field(mark).rms > known[0].uncertainty.at_field(mark).rms
+
+
+def test_a_court_is_to_be_known_to_a_share_of_its_size():
+    """What is little on a soccer pitch is much on a court of badminton: 15 cm are more than half of its tolerance."""
+    field, rng = badminton(), np.random.default_rng(0)
+    cameras = [Camera.from_angles(pan, 1.3, 0.0, 1400.0, (0.0, 14.0, -5.0), (960, 540)) for pan in (-0.02, 0.0, 0.02)]
+    few = [{label: xy[::6] for label, xy in observe(camera, field, rng, noise=6.0).items()} for camera in cameras]
+    found = calibrate_sequence(field, few, (960, 540))
+    assert np.all((found.frames.ground_error > 0.5 * field.tolerance) & (found.frames.ground_error < 0.5))
+    assert all("the field in view is known to 0.1" in one.reason for one in found)
+    assert all(one.verdict != "good" for one in found)

@@ -13,7 +13,8 @@ from data_tools.synthetic.film import Scene, TrueFrame, film, write_clip
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib import Camera, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.problem.layout import Layout

@@ -15,7 +15,7 @@ from data_tools.undeclared import basketball_cameras, calibrated, changed, chang
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, Verdict, complaints_of, concerns_of
+from fieldcalib.assess.result import Calibration, complaints_of, concerns_of
 from fieldcalib.assess.whole_picture import (
     CUT,
     PART_SCALE,
@@ -30,6 +30,7 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
+from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS

@@ -7,8 +7,8 @@ import pytest
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.observability import READABLE, Direction, Information
-from fieldcalib.assess.result import Status
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

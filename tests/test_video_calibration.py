@@ -14,9 +14,9 @@ from data_tools.synthetic.clips import labelled
 from fieldcalib import calibrate_sequence, soccer
 from fieldcalib.assess.frame_table import BASES, STATUSES, Basis
 from fieldcalib.assess.interpolation import STEP
-from fieldcalib.assess.result import Status
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.problem.layout import LOG_F, PAN
 
 FIELD = soccer()

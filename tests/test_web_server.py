@@ -18,10 +18,12 @@ from fieldcalib import Camera, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
-from fieldcalib.editor.sources import VideoFrames
+from fieldcalib.editor.marks import Marks
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.run_folder.numbered_frames import NumberedVideo
 from fieldcalib.web.app import Page, page_files
+from fieldcalib.web.state import frame_state
 
 TOKEN = "a-token-of-the-tests"
 HOST = "127.0.0.1:8765"
@@ -136,6 +138,22 @@ def test_a_frame_is_labelled_from_nothing(client):
     assert client.edit("automatic").json()["automatic"]
 
 
+def test_labels_of_a_network_that_the_camera_does_not_follow_are_said_to_be_left_out(picture, tmp_path):
+    editor = Editor(picture, out=tmp_path / "out")
+    found = {label: np.array(ends(label)) for label in LINES}
+    found["Small rect. left main"] = np.array(ends("Small rect. left main")) + (0.0, 30.0)
+    editor[0] = editor[0].with_marks(Marks.of(found, by_hand=False))
+    marks = frame_state(editor, 0, editor[0])["marks"]
+    assert {mark["label"] for mark in marks if mark["left_out"]} == {"Small rect. left main"}
+    assert all(mark["left_out"] == (mark["error"] > 5.0) for mark in marks)
+    assert not any(mark["suspect"] for mark in marks)
+    editor[0] = editor[0].with_marks(Marks.of(found))  # of a person: in doubt instead
+    marks = frame_state(editor, 0, editor[0])["marks"]
+    assert {mark["label"] for mark in marks if mark["suspect"]} == {"Small rect. left main"}
+    assert not any(mark["left_out"] for mark in marks)
+    editor.close()
+
+
 def test_known_values(client):
     labelled(client)
     state = client.edit("know", values={"focal_length": 1650.0, "position": [0.0, 68.0, -17.0], "lens": "none"}).json()
@@ -182,9 +200,11 @@ def test_measuring(client):
 
 def test_saving(client, tmp_path):
     labelled(client)
-    assert client.get("api/project").json()["unsaved"] == 1
+    project = client.get("api/project").json()
+    assert (project["unsaved"], project["has_results"]) == (1, False)
     assert client.post("api/save", {}).json()["saved"] == 1
-    assert client.get("api/project").json()["unsaved"] == 0
+    project = client.get("api/project").json()
+    assert (project["unsaved"], project["has_results"]) == (0, True)
     out = tmp_path / "out"
     saved = fieldcalib.read(out)["frame"]
     assert saved.camera.focal_length == pytest.approx(client.state()["camera"]["focal_length"], abs=0.01)
@@ -463,7 +483,7 @@ def test_a_video_that_is_cut_off(tmp_path, capfd):
     assert one.state(0)["problem"] is None
     assert one.get("image/3").status_code == 200
     one.close()
-    frames = VideoFrames(path, range(30))  # as results of the whole video name them
+    frames = NumberedVideo(path, range(30))  # as results of the whole video name them
     assert frames.image(3).shape == (90, 160, 3)
     with pytest.raises(BrokenFileError, match="cut off"):
         frames.image(25)

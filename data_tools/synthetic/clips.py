@@ -25,7 +25,7 @@ from fieldcalib.geometry.lens.opencv import POWERS
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.simulated import observe
-from fieldcalib.solve.options import PAINT
+from fieldcalib.solve.options import paint_sigma
 
 RATE = 30.0  # frames per second
 MEASURED_RATE = 60.0  # frames per second of the measured sequences, by the one of them that has a video
@@ -225,8 +225,10 @@ def seen_far_away(camera: Camera, other: Camera, xy: Array) -> Array:
     return other.project(other.C + homogenize(camera.normalized(xy)) @ camera.R)
 
 
-def with_displaced_lines(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
+def with_displaced_lines(field: Field, rng: np.random.Generator, sigma: float | None = None) -> Field:
     """The field with the lines on its ground displaced, and the radii of its circles changed, by some centimetres.
+
+    `sigma` is their standard deviation, metres; by default that of `paint_sigma`.
 
     Examples
     --------
@@ -235,6 +237,7 @@ def with_displaced_lines(field: Field, rng: np.random.Generator, sigma: float = 
     >>> [round(float(end), 3) for end in lines["Middle line"].start]
     [0.016, -34.0, 0.0]
     """
+    sigma = paint_sigma(field) if sigma is None else sigma
     wider: dict[tuple[float, float, float], float] = {}  # by centre: halves of a circle have one radius
 
     def moved(segment: Segment) -> Segment:

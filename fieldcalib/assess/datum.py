@@ -135,19 +135,18 @@ def in_words(motion: Array, standard_deviations: Array) -> str:
     Examples
     --------
     >>> print(in_words(np.diag([0.5, -0.5]), np.array([2.5, 0.1])))
-    the length is not visible: positions are relative to the right end; --field-length with --field-size known gives \
-metres from the centre
+    the length is not visible: positions are relative to the right end; the known length gives metres from the centre
     """
     found = []
     for axis, (name, sides) in enumerate(SIDES):
         if abs(motion[axis, axis]) * standard_deviations[axis] > APART:
             side = sides[int(motion[axis, axis] > 0.0)]
-            found.append((name, side, f"--field-{name}"))
+            found.append((name, side))
     if not found:
         return ""
-    names, sides_in_view, options = (" and ".join(one) for one in zip(*found, strict=True))
+    names, sides_in_view = (" and ".join(one) for one in zip(*found, strict=True))
     verb, gives = ("is", "gives") if len(found) == 1 else ("are", "give")
     return (
-        f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; {options} with --field-size "
-        f"known {gives} metres from the centre"
+        f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; the known {names} {gives} "
+        f"metres from the centre"
     )

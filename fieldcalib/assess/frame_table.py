@@ -15,10 +15,9 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.result import Status, SuspectLabel
+from fieldcalib.assess.words import Status, SuspectLabel
 from fieldcalib.problem.layout import Layout
 
-LARGEST_ERROR = 1.0  # m over the field in view: up to this error a camera that rests on other frames is accepted
 STATUSES = tuple(Status)
 ACCEPTED, IMPROBABLE = STATUSES.index(Status.ACCEPTED), STATUSES.index(Status.IMPROBABLE)
 
@@ -131,15 +130,17 @@ class FrameTable:
 
         return FrameTable(**{name: merged(old, getattr(rows, name)) for name, old in self._columns.items()})
 
-    def with_cameras(self, theta: Array, errors: OwnErrors, ground_error: Array, basis: Basis) -> FrameTable:
-        """The table with cameras (T, n) that rest on other frames; badly known ones are not accepted."""
+    def with_cameras(
+        self, theta: Array, errors: OwnErrors, ground_error: Array, basis: Basis, tolerance: float
+    ) -> FrameTable:
+        """The table with cameras (T, n) that rest on other frames; those known to `tolerance` metres are accepted."""
         return replace(
             self,
             theta=theta,
             own=errors.own,
             following=errors.following,
             ground_error=ground_error,
-            status=np.where(ground_error > LARGEST_ERROR, IMPROBABLE, ACCEPTED),
+            status=np.where(ground_error > tolerance, IMPROBABLE, ACCEPTED),
             basis=np.full(len(self), BASES.index(basis)),
             notes={},
         )

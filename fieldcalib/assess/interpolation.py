@@ -11,7 +11,7 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.frame_table import Basis, FrameTable
 from fieldcalib.assess.level import Considered
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 
 # Standard deviations from a uniform motion, for each missing frame:
@@ -60,7 +60,7 @@ def interpolated(
     own = gaps.between(frames.own) + spread[..., None] ** 2 * np.eye(int(np.count_nonzero(free)))
     errors = OwnErrors(own, gaps.between(frames.following))
     metres = ground_errors(theta, errors, considered, field)
-    rows = frames.at(gaps.missing).with_cameras(theta, errors, metres, Basis.INTERPOLATED)
+    rows = frames.at(gaps.missing).with_cameras(theta, errors, metres, Basis.INTERPOLATED, tolerance_of(field))
     misfit = np.fmax(frames.misfit[gaps.before], frames.misfit[gaps.after])  # a wrong camera makes others wrong
     return frames.replaced(gaps.missing, replace(rows, misfit=misfit))
 

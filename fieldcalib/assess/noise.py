@@ -26,12 +26,12 @@ class Noise:
     def __init__(self, evaluation: Evaluation) -> None:
         self.evaluation = evaluation
         observations = evaluation.problem.observations
-        label, share = observations.label, observations.pixel_share
-        self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ (np.swapaxes(self.segment, 1, 2) @ share)[..., None])[..., 0]
-        self.segment[:, ~observations.shares_noise] = 0.0
+        label = observations.label
+        sharing = np.where(observations.shares_noise, label, -1)  # points share none, and there may be very many
+        self.segment = (sharing[..., None] == np.unique(sharing[sharing >= 0])).astype(float)  # (B, M, segments)
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance, divided among the N pixels of a segment
+        count = observations.pixels_by_label[np.arange(len(label))[:, None], label]
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
 
     @cached_property
@@ -70,7 +70,7 @@ class Noise:
         its residuals by the length of ``n dxy_dX`` on the ground. The L lines are in the order of their labels.
         """
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
-        if paint == 0.0:
+        if paint == 0.0 or not self.segment.shape[-1]:
             return np.zeros((len(JT), JT.shape[1], 1))
         by_metre = np.linalg.norm(self.evaluation.by_centre[:, :2], axis=1)
         off = np.hypot(paint * by_metre, FOUND_BESIDE * problem.layout.image_size[0])

@@ -3,122 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
-from enum import StrEnum
 from functools import cached_property
 from html import escape
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._deprecated import deprecated
-from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
-from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
+from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.estimate import Estimate, GroundError
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
+from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT
+from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
+from fieldcalib.assess.words import REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
 
-ANGLE_NAMES = ("pan", "tilt", "roll")
-VERSION = 1  # of `Calibration.to_dict`
-
-BESIDE = 5.0  # px: nearer pixels lie on the line
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-
-
-class Verdict(StrEnum):
-    """Verdict on a calibration: what to do with it."""
-
-    GOOD = "good"
-    """Use it."""
-    CHECK = "check"
-    """Plausible, but there is evidence against it, or too little for it: look at the frame."""
-    REJECT = "reject"
-    """Do not use it."""
-
-
-class Status(StrEnum):
-    """Outcome of a calibration. The best camera is given with every status."""
-
-    ACCEPTED = "accepted"
-    REJECTED = "rejected by tau"
-    """The loss in NDC is above the threshold that the user set."""
-    IMPROBABLE = "probably wrong"
-    """The probability that the camera is right is below the one that the user requires, the image shows no lines at the
-    projected markings, or, in a sequence, the error of the field in view exceeds 1 m."""
-    TOO_FEW_SEGMENTS = "too few segments"
-    """The labels give fewer equations than there are unknowns; the prior determines the others."""
-    DEGENERATE = "degenerate"
-    """There are enough equations, but a direction of the parameters is not determined."""
-    NOT_CONVERGED = "not converged"
-    """The solver reached its limit of iterations."""
-    IMPLAUSIBLE = "implausible"
-    """The best fit is physically implausible."""
-
-
-REMEDIES: Mapping[Status, str] = MappingProxyType(
-    {
-        Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
-        Status.IMPROBABLE: "look at the overlay; label markings by hand, or give what is known of the camera",
-        Status.TOO_FEW_SEGMENTS: "more markings in view, or labelled by hand; the frames of a clip around it "
-        "determine its camera too",
-        Status.DEGENERATE: "a marking elsewhere in view, or labelled by hand, that is not parallel to the others",
-        Status.NOT_CONVERGED: "check the labels, or allow more iterations (criteria)",
-        Status.IMPLAUSIBLE: "check the labels, the field and its size; say if the picture was cropped or squashed",
-    }
-)
-OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width with --field-size known"
 NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
-NOT_WHOLE = (
-    "say what the picture is of: --crop-of for a part of a frame (its own size with +0+0 if nothing is cut off), "
-    "--aspect or --display-size for a squashed one"
-)
-
-
-@dataclass(frozen=True)
-class SuspectLabel:
-    """A label that the rest of its frame contradicts.
-
-    Examples
-    --------
-    >>> str(SuspectLabel("Goal left post left", "Goal left post right", 61.3))
-    "'Goal left post left' lies 61 px off: 'Goal left post right' fits"
-    """
-
-    label: str
-    """The label as given."""
-    fits: str | None
-    """The label whose segment is where the pixels are; None if there is none."""
-    error_px: float
-    """Root mean square distance of the pixels to the (infinite) line or circle of the given label: small if that runs
-    through the pixels, but the segment itself is elsewhere on it."""
-
-    def __str__(self) -> str:
-        fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
-        where = f"lies {self.error_px:.0f} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
-        return f"{self.label!r} {where}: {fits}"
-
-
-class NoCameraError(ValueError):
-    """Error on using the camera of a calibration without one: it has the reason, and advice."""
-
-    def __init__(self, status: Status, message: str) -> None:
-        super().__init__(status, message)
-        self.status, self.reason, self.remedy = status, message, REMEDIES.get(status, "")
-
-    def __str__(self) -> str:
-        return f"there is no camera: {self.reason} ({self.status}). What would help: {self.remedy}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +56,7 @@ class Calibration:
     >>> calibrate_from_segments(soccer(), {}, (960, 540)).K  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    fieldcalib.assess.result.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
+    fieldcalib.assess.words.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
     """
 
     camera: Camera | None
@@ -257,18 +169,6 @@ class Calibration:
         """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
         return "; ".join([*self._concerns, self.message]) if self.accepted else self.message
 
-    @property
-    @deprecated("Calibration.concerns is private now: use reason, which has them in words")
-    def concerns(self) -> tuple[str, ...]:
-        """Deprecated: use `reason`."""
-        return self._concerns
-
-    @property
-    @deprecated("Calibration.complaints is private now: use reason, which has them in words")
-    def complaints(self) -> tuple[str, ...]:
-        """Deprecated: use `reason`."""
-        return self._complaints
-
     @cached_property
     def _concerns(self) -> tuple[str, ...]:
         """Evidence against an accepted camera, in words, most important first."""
@@ -289,7 +189,7 @@ class Calibration:
 
     @property
     def remedy(self) -> str:
-        """Advice in the user's terms; empty where none is known, or needed.
+        """Advice in plain words; empty where none is known, or needed. `fieldcalib.assess.remedies.how` follows it.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
         paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions relative
@@ -298,10 +198,10 @@ class Calibration:
         Examples
         --------
         >>> Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels").remedy
-        'more markings in view, or labelled by hand; the frames of a clip around it determine its camera too'
+        'more markings in view, or labelled by hand'
         """
         if not self.accepted:
-            return REMEDIES[self.status]
+            return "; ".join([REMEDIES[self.status], *([NOT_SOCCER] if ASK_SPORT in self.message else [])])
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
         if not NOT_WHOLE_FRAMES.isdisjoint(self._concerns):
@@ -429,11 +329,6 @@ class Calibration:
         probability = self.errors.probability(field, metres, size_known=size_known, level=level)
         return probability / (1 + len(self.alternatives))
 
-    @deprecated("Calibration.doubted is private now: compare probability(metres) with the least that you accept")
-    def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
-        """Deprecated: compare `probability` with the least that you accept."""
-        return doubted(self, least, metres, size_known=size_known)
-
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
         """Add the paint that the image shows of the markings in view.
 
@@ -471,25 +366,7 @@ class Calibration:
         >>> Calibration.from_dict(json.loads(json.dumps(nothing.to_dict()))) == nothing
         True
         """
-        return {
-            "status": str(self.status),
-            "message": self.message,
-            **({} if self.camera is None else _camera_to_record(self.camera)),
-            **({} if np.isnan(self.rms) else {"rms_px": to_json(self.rms)}),
-            "segment_errors_px": {label: to_json(error) for label, error in self.per_segment_errors.items()},
-            "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in self.suspect_labels],
-            **({} if np.isnan(self.loss_ndc) else {"loss_ndc": to_json(self.loss_ndc)}),
-            "alternatives": [_camera_to_record(other) for other in self.alternatives],
-            "complaints": list(self._complaints),
-            "pixel_counts": dict(self.pixel_counts),
-            "image_size": None if self.camera is None else list(self.camera.image_size),
-            "field": None if self.field is None else field_to_record(self.field),
-            **self.errors.to_record(),
-            **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
-            **({} if not self.are_annotated else {"are_annotated": True}),
-            **({} if self.declared == Declared.NOTHING else {"declared": str(self.declared)}),
-            "version": VERSION,
-        }
+        return calibration_to_record(self, self._complaints)
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Calibration:
@@ -500,30 +377,29 @@ class Calibration:
         ValueError
             If the version is another one, a key is missing, or a value is invalid.
         """
-        with reading(record, "calibration", VERSION):
-            size, suspects = record["image_size"], record["suspect_labels"]
-            return cls(
-                None if size is None else _camera_from_record(record, size),
-                Status(record["status"]),
-                record["message"],
-                float(from_json(record.get("rms_px"))),
-                float(from_json(record.get("loss_ndc"))),
-                {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
-                tuple(SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in suspects),
-                tuple(_camera_from_record(other, size) for other in record["alternatives"]),
-                tuple(record["complaints"]),
-                dict(record["pixel_counts"]),
-                None if record["field"] is None else field_from_record(record["field"]),
-                _errors_from_record(record),
-                tuple(MarkingInView(**one) for one in record.get("markings", ())),
-                bool(record.get("are_annotated", False)),
-                Declared(record.get("declared", Declared.NOTHING)),
-            )
+        return cls(**calibration_from_record(record))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Calibration):
             return NotImplemented
         return self is other or self.to_dict() == other.to_dict()
+
+    @property
+    @deprecated("Calibration.concerns is private now: use reason, which has them in words")
+    def concerns(self) -> tuple[str, ...]:
+        """Deprecated: use `reason`."""
+        return self._concerns
+
+    @property
+    @deprecated("Calibration.complaints is private now: use reason, which has them in words")
+    def complaints(self) -> tuple[str, ...]:
+        """Deprecated: use `reason`."""
+        return self._complaints
+
+    @deprecated("Calibration.doubted is private now: compare probability(metres) with the least that you accept")
+    def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
+        """Deprecated: compare `probability` with the least that you accept."""
+        return doubted(self, least, metres, size_known=size_known)
 
     def __reduce__(self) -> tuple[type[Calibration], tuple[Any, ...]]:
         return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
@@ -587,23 +463,3 @@ def complaints_of(calibration: Calibration) -> tuple[str, ...]:
 def with_complaints(calibration: Calibration, complaints: Iterable[str]) -> Calibration:
     """The calibration with other complaints, see `complaints_of`."""
     return replace(calibration, _complaints=tuple(complaints))
-
-
-def _camera_to_record(camera: Camera) -> dict[str, Any]:
-    return {
-        "K": to_json(camera.K),
-        "dist": to_json(camera.dist[0]),
-        "R": to_json(camera.R),
-        "C": to_json(camera.C),
-        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
-    }
-
-
-def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
-    return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])
-
-
-def _errors_from_record(record: Mapping[str, Any]) -> CameraErrors:
-    if "errors" in record:
-        return KnownErrors.from_dict(record["errors"])
-    return NoErrors() if record["solved"] is None else Solved.from_dict(record["solved"])

@@ -31,7 +31,7 @@ from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_co
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.own_errors import whole_covariance
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 from fieldcalib.problem.records import layout_from_record, layout_to_record
@@ -39,7 +39,7 @@ from fieldcalib.problem.records import layout_from_record, layout_to_record
 if TYPE_CHECKING:
     import pandas
 
-SURE = 0.5  # m: frames with larger errors of the field in view are to be looked at
+SURE = 0.5  # times the field's tolerance: frames with larger errors of the field in view are to be looked at
 NUMBERS = (  # columns of the table of frames, NaN for frames without a camera
     *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
     *("rms_px", "ground_error_m"),
@@ -125,8 +125,8 @@ class SequenceCalibration(FrameSequence):
         frames, metres = self.frames, float(self.frames.ground_error[t])
         suspects, labelled = frames.suspects.get(t, ()), int(np.count_nonzero(frames.label_counts[t]))
         found = [f"{len(suspects)} of {labelled} labels are suspect"] if suspects else []
-        if metres > SURE:
-            found.append(f"the field in view is known to {metres:.1f} m only")
+        if metres > SURE * tolerance_of(self.field):
+            found.append(f"the field in view is known to {metres:.{1 if metres >= 0.5 else 2}f} m only")
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
             found.append("without a line the position of its window is uncertain: static points hardly determine it")
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
-from fieldcalib.assess.result import Status
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -20,7 +20,7 @@ from fieldcalib.problem.observations import FrameLabels
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 LARGEST_SHARE_BEHIND = 0.1  # of the weight of fitting segments; 0.05 and 0.2 give the same verdicts on annotated frames
-LABEL_MORE = "label more {}s, or fix what is known with flags"
+LABEL_MORE = "label more {}s, or give what is known of the camera"
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
 
 
@@ -70,13 +70,13 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
         )
     if evidence.weakest.information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(list(segments.values())) or (
-            f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or fix what "
-            f"is known by flags"
+            f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or give what "
+            f"is known of the camera"
         )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {'; '.join(evidence.implausible)}"
     missed = [label for label in segments if evidence.errors[label] > evidence.far]
-    complaint = disagreement(evidence.given, [*evidence.suspects, *missed], evidence.unknowns)
+    complaint = disagreement(evidence.given, {*evidence.suspects, *missed}, evidence.unknowns)
     if complaint:
         return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:

@@ -15,8 +15,9 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import Codec, FrameSequence
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.placement import Shape
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
+from fieldcalib.assess.words import Status
 
 if TYPE_CHECKING:
     import pandas

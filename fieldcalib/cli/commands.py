@@ -18,6 +18,7 @@ COMMANDS = {
     "project": "boxes of players to metres on the field",
     "minimap": "maps with players and what the camera sees, of images or a clip",
     "topview": "the field as seen from above, of an image or a clip",
+    "undistort": "images or a clip without the distortion of the lens",
     "join": "put the results of shards together",
     "demo": "calibrate a synthetic pan over a pitch and draw it",
 }

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
 from fieldcalib.console.program import counted, say
@@ -18,12 +18,15 @@ from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, with_cameras
 from fieldcalib.io.exports.freed import freed_error, freed_files
+from fieldcalib.io.exports.homography import homography_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.reading import read
 
@@ -37,10 +40,15 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "tvcalib": tvcalib_files,
     "gsr": gamestate_files,
     "csv": table_files,
+    "homography": homography_files,
 }
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
+    "homography": (
+        "a homography has no lens (from_raw_rms_px and the like say what that costs)",
+        lambda camera: camera.lens_shift,
+    ),
     "freed": ("FreeD has neither lens distortion nor principal point", freed_error),
 }
 
@@ -86,13 +94,15 @@ def run(options: argparse.Namespace) -> int:
     frames = _frames(results, lines, options)
     if "about" in signature(function).parameters:
         keywords["about"] = lines
+    if "fields" in signature(function).parameters:
+        keywords["fields"] = {id: results[id].field for id, camera in frames.items() if camera is not None}
     try:
         files = function(frames, **keywords)
     except ValueError as error:
         raise ValueError(f"{options.folder}: {error}") from error
     base = options.folder if options.folder.is_dir() else options.folder.parent
     out = options.out or base / options.format
-    _write(files, out, options.overwrite)
+    _write(files, out, [base / name for name in (LINES, SOLVER, TABLE)], overwrite=options.overwrite)
     _say(frames, out, options.format)
     return 0
 
@@ -125,15 +135,14 @@ def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argp
     return cameras
 
 
-def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
+def _write(files: Mapping[str, bytes], out: Path, reads: Iterable[Path], *, overwrite: bool) -> None:
     for name in files:
         if Path(name).name != name:
             raise ValueError(f"{name!r} is no name of a file: rename the frame, or choose a format with one file")
     with output_folder(out):
         remove_temporaries(out)
-        there = [name for name in files if (out / name).exists()]
-        if there and not overwrite:
-            raise FileExistsError(f"{out} has {there[0]} already: give --overwrite to replace it, or another --out")
+        remedy = "give --overwrite to replace it, or another --out"
+        check_targets([out / name for name in files], reads, replaces=overwrite, remedy=remedy)
         for name, content in files.items():
             write_bytes(out / name, content)
 

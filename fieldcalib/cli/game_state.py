@@ -15,7 +15,9 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import image_size, number
 from fieldcalib.console.options import option, switch
-from fieldcalib.io.boxes import Box, open_boxes
+from fieldcalib.io.boxes.files import open_boxes
+from fieldcalib.io.boxes.json_lists import GAME_STATE
+from fieldcalib.io.boxes.rows import Box
 from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 
@@ -63,9 +65,9 @@ class Projection:
         """Whether points are computed by a calibration."""
         return calibration.accepted or self.keep_rejected
 
-    def scale(self, image_size: tuple[int, int]) -> Array:
-        """Pixels of the camera's image for a pixel of the boxes, along x and y."""
-        return np.divide(image_size, self.size or image_size)
+    def scale(self, image_size: tuple[int, int], *, is_relative: bool = False) -> Array:
+        """Pixels of the camera's image for the unit of the boxes, along x and y: a pixel, or the whole image."""
+        return np.asarray(image_size, dtype=float) if is_relative else np.divide(image_size, self.size or image_size)
 
 
 def write_game_state(projection: Projection, out: Path) -> tuple[int, int]:
@@ -85,6 +87,8 @@ def write_game_state(projection: Projection, out: Path) -> tuple[int, int]:
     if boxes.suffix.lower() != ".json" or projection.system not in OWN_SYSTEMS:
         raise ValueError(f"{out} would be a game state: of JSON, and with --to {OWN_SYSTEMS[1]}; tables end with .csv")
     with open_boxes(boxes, most_bytes) as table:
+        if table.columns != GAME_STATE:
+            raise ValueError(f"{out} would be a game state, and {boxes} is none: tables end with .csv")
         rows = list(table.rows)
     record = parse_json_object(read_regular_file(boxes, most_bytes), "predictions or annotations")
     found = record.get("predictions", record.get("annotations", []))
@@ -102,7 +106,7 @@ def _on_pitch(projection: Projection, calibration: Calibration | None, box: Box 
         return None
     camera = calibration.camera
     left, _, right, bottom = np.array(box) * np.tile(projection.scale(camera.image_size), 2)
-    # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.foot_points`
+    # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.rows.foot_points`
     ends: Array = np.array([[left, bottom], [right, bottom]]) - 0.5
     X = camera.image_to_field(np.array(list(PLACES.values())) @ ends)
     if not np.isfinite(X).all():

@@ -25,10 +25,12 @@ from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import say
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
-from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
+from fieldcalib.io.boxes.files import KINDS, open_boxes
+from fieldcalib.io.boxes.rows import Box, BoxRow, foot_points
 from fieldcalib.io.coordinates import check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.images import in_parts
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.players import POINT, SYSTEM
 
 FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
@@ -44,10 +46,10 @@ ROWS_AT_ONCE = 10_000  # of a frame
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
-    parser.description = "Boxes of players to points on the field, with their standard deviations, as a table."
-    parser.add_argument(
-        "boxes", type=Path, metavar="BOXES", help="a table (CSV), a file of MOTChallenge, or game state JSON"
+    parser.description = (
+        "Boxes of players, or pixels of feet and balls, to points on the field with their standard deviations: a table."
     )
+    parser.add_argument("boxes", type=Path, metavar="BOXES", help=KINDS)
     parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of calibrate or run")
     parser.add_argument(
         "--out",
@@ -63,9 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Project; returns the exit code."""
     check_system(options.system, soccer())
-    if options.out.exists() and options.out.samefile(options.boxes):
-        raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
-    projection = given(Projection, options, cameras=Cameras(options.cameras))
+    cameras = Cameras(options.cameras)
+    check_targets([options.out], [options.boxes, *cameras.files], replaces=True)
+    projection = given(Projection, options, cameras=cameras)
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
         print(f"{count} boxes in {options.out}, {placed} on the pitch")
@@ -88,12 +90,13 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
     boxes, cameras = projection.boxes, projection.cameras
     problems: Counter[str] = Counter()
     with open_boxes(boxes, projection.most_bytes) as table:
-        if projection.frame_offset is None and table.is_mot and cameras.first == 0:
+        if projection.frame_offset is None and table.counts_from_1 and cameras.first == 0:
             raise ValueError(
-                f"frames of MOTChallenge count from 1, those in {cameras.path} from 0: --frame-offset -1 makes frame 1 "
-                f"the first one, --frame-offset 0 takes the numbers as they are"
+                f"frames of {table.counts_from_1} count from 1, those in {cameras.path} from 0: --frame-offset -1 "
+                f"makes frame 1 the first one, --frame-offset 0 takes the numbers as they are"
             )
         taken = [name for name in COLUMNS if name in table.columns]
+        relative = table.is_relative
         if taken:
             raise ValueError(f"{boxes} has the column {taken[0]!r} already: is it a table that this command wrote?")
         with whole_file(out) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
@@ -103,9 +106,9 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
                 found = projection.calibration(frame)
                 size = projection.size or (found and found.camera and found.camera.image_size)
                 for part in in_parts(rows, ROWS_AT_ONCE):
-                    if size:
+                    if size and not relative:
                         extents.setdefault(size, Extent()).add([row.box for row in part if row.box is not None])
-                    for row, cells in zip(part, _projected(part, found, projection), strict=True):
+                    for row, cells in zip(part, _projected(part, found, projection, is_relative=relative), strict=True):
                         problems.update([cells[-1]])
                         writer.writerow([*row.values, *cells])
             if problems and set(problems) == {NO_CAMERA}:
@@ -126,7 +129,9 @@ class Extent:
         self.farthest = np.array([self.farthest, *(box[2:] for box in boxes)]).max(axis=0)
 
 
-def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projection: Projection) -> Iterator[list[str]]:
+def _projected(
+    rows: Sequence[BoxRow], calibration: Calibration | None, projection: Projection, *, is_relative: bool
+) -> Iterator[list[str]]:
     """The cells of `COLUMNS` for the boxes of a frame."""
     rejected = calibration is not None and not projection.uses(calibration)
     if calibration is None or calibration.camera is None or rejected:
@@ -134,10 +139,10 @@ def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projecti
             yield _cells(projection.system, NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
         return
     camera, field = calibration.camera, calibration.field or soccer()
-    scale = projection.scale(camera.image_size)
+    scale = projection.scale(camera.image_size, is_relative=is_relative)
     boxes = np.array([row.box or (np.nan,) * 4 for row in rows]) * np.tile(scale, 2)
     xy = foot_points(boxes)
-    noise = projection.box_noise * float(scale.mean())
+    noise = projection.box_noise * float(projection.scale(camera.image_size).mean())
     found = locate_on_ground(calibration, xy, pixel_sd=noise)
     points = to_system(found.X, projection.system, field)
     stretch = scale_of_system(found.X, projection.system, field)
@@ -145,7 +150,7 @@ def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projecti
     deviations, others = (np.abs(stretch) * of.standard_deviations for of in (found, from_centre))
     correlations = np.prod(np.sign(stretch), axis=-1) * found.correlation
     is_off = np.asarray(np.any(np.abs(found.X[:, :2]) > (field.length / 2.0, field.width / 2.0), axis=-1))
-    is_cut = boxes[:, 3] > camera.image_size[1] - EDGE
+    is_cut = (boxes[:, 3] > camera.image_size[1] - EDGE) & (boxes[:, 1] < boxes[:, 3])
     has_ray = np.asarray(np.isfinite(camera.normalized(xy)).all(axis=-1))
     numbers = np.column_stack([points, deviations, correlations, others])
     for row, cells, ray, off, cut in zip(rows, numbers, has_ray, is_off, is_cut, strict=True):

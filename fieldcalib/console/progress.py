@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import io
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -67,7 +68,9 @@ def progress_bar(
         with _bar(unit, total, initial, desc) as bar:
             yield bar
     else:
-        yield _Lines(unit, total, initial, desc)
+        lines = _Lines(unit, total, initial, desc)
+        with _LINES.shown(lines):
+            yield lines
 
 
 class _Silent:
@@ -92,29 +95,103 @@ class _Told:
         self._function(self._done, self._total, self._stage)
 
 
+@contextmanager
+def solving(stage: str, progress: Progress = True) -> Iterator[None]:
+    """Print, while no other stage is under way, that the work goes on: every ten seconds, where there are no bars."""
+    if progress is not True or _is_drawn():
+        yield
+        return
+    with _LINES.shown(_Waiting(stage)):
+        yield
+
+
 class _Lines:
-    """Prints a line on stderr now and then, where that is a file or a pipe."""
+    """Counts what is done of a stage, and says it in a line."""
 
     def __init__(self, unit: str, total: int | None, initial: int, stage: str) -> None:
         self._unit, self._total, self._stage = unit, total, stage
-        self._initial, self._done, self._begin = initial, initial, time.monotonic()
-        self._next = self._begin + INTERVAL if _has_file(sys.stderr) else float("inf")
+        self._initial, self._done, self.begin = initial, initial, time.monotonic()
+        self._told = initial  # how many were done when the last line was printed
 
     def update(self, n: int = 1) -> None:
         """Count `n` more."""
         self._done += n
-        now = time.monotonic()
-        if now >= self._next and self._done > self._initial:
-            self._next = now + INTERVAL
-            print(f"fieldcalib: {self._line(now - self._begin)}", file=sys.stderr, flush=True)
+        _LINES.print_if_due(time.monotonic(), self)
 
-    def _line(self, seconds: float) -> str:
-        rate = (self._done - self._initial) / seconds
-        stage = f"{self._stage}: " if self._stage else ""
-        line = f"{stage}{self._done}{f' of {self._total}' if self._total else ''} {self._unit}s, {rate:.3g} a second"
+    def line(self, now: float) -> str:
+        """What is done of it, the rate, and the time left; how long it has taken where it has not advanced."""
+        stage, seconds = f"{self._stage}: " if self._stage else "", max(now - self.begin, 1e-3)
+        line = f"{stage}{self._done}{f' of {self._total}' if self._total else ''} {self._unit}s"
+        if self._done == self._told:
+            return f"{line}, {_clock(seconds)} so far"
+        rate, self._told = (self._done - self._initial) / seconds, self._done
+        line += f", {rate:.3g} a second"
         if self._total and self._total >= self._done:
             line += f", {_clock((self._total - self._done) / rate)} left"
         return line
+
+
+class _Waiting:
+    """Work of which nothing can be counted."""
+
+    def __init__(self, stage: str) -> None:
+        self._stage, self.begin = stage, time.monotonic()
+
+    def line(self, now: float) -> str:
+        """How long it has taken so far."""
+        return f"{self._stage}, {_clock(now - self.begin)} so far"
+
+
+class _Printer:
+    """Prints a line on stderr every ten seconds while there are stages, where that is a file or a pipe.
+
+    Stages may be shorter than that, and may stand still for longer: a thread prints about the one that advanced last.
+    """
+
+    def __init__(self) -> None:
+        self._stages: list[_Lines | _Waiting] = []  # the one that advanced last is the last
+        self._next = -float("inf")  # time of the next line
+        self._lock = threading.RLock()
+        self._has_ended = threading.Event()
+
+    @contextmanager
+    def shown(self, stage: _Lines | _Waiting) -> Iterator[None]:
+        """Print about a stage while the context lasts."""
+        with self._lock:
+            if not self._stages:
+                self._begin(stage.begin)
+            self._stages.append(stage)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._stages.remove(stage)
+                if not self._stages:
+                    self._has_ended.set()
+
+    def _begin(self, now: float) -> None:
+        if abs(now - self._next) > INTERVAL:  # otherwise it is the next stage of some work
+            self._next = now + INTERVAL
+        self._has_ended = threading.Event()
+        threading.Thread(target=self._watch, args=(self._has_ended,), name="progress", daemon=True).start()
+
+    def _watch(self, has_ended: threading.Event) -> None:
+        while not has_ended.wait(INTERVAL / 10.0):
+            self.print_if_due(time.monotonic())
+
+    def print_if_due(self, now: float, advanced: _Lines | None = None) -> None:
+        """Print a line if it is time; `advanced` is the stage that has just advanced."""
+        with self._lock:
+            if advanced is not None and self._stages and self._stages[-1] is not advanced:
+                self._stages.remove(advanced)
+                self._stages.append(advanced)
+            if now < self._next or not self._stages or not _has_file(sys.stderr):
+                return
+            self._next = now + INTERVAL
+            print(f"fieldcalib: {self._stages[-1].line(now)}", file=sys.stderr, flush=True)
+
+
+_LINES = _Printer()
 
 
 def _clock(seconds: float) -> str:

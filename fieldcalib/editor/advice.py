@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +19,12 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.options import pixel_unit
 
 CLICK = 2.0  # px: standard deviation of a click, along x and y
 PLACES = 9  # on a marking where a mark may be set
 BORDER = 0.02  # of width and height: there clicks are awkward
+NEAR = 30.0  # px of a 960 x 540 image: a mark that near to another one of its marking snaps to the same paint
 GRID = (9, 7)  # ground points along and across the field, at which the camera's errors count
 
 
@@ -78,11 +81,14 @@ class NextMark(NamedTuple):
     """Share of the mean squared error of the field in view that it removes, 0 to 1."""
 
 
-def next_mark(calibration: Calibration, pixel_sd: float = CLICK) -> NextMark | None:
+def next_mark(
+    calibration: Calibration, marks: Mapping[str, Array] = MappingProxyType({}), pixel_sd: float = CLICK
+) -> NextMark | None:
     """The marking, and the place on it, whose mark lowers the errors of the field in view most.
 
     A mark of standard deviation s and derivatives j by the parameters changes their covariance V to
-    ``V - V j j^T V / (s^2 + j^T V j)``. Lines and arcs in view count, at places away from the border of the image.
+    ``V - V j j^T V / (s^2 + j^T V j)``. Lines and arcs in view count, at places away from the border of the image
+    and from marks (N, 2) of the same label, which tell already what the paint there tells.
 
     Returns
     -------
@@ -99,7 +105,7 @@ def next_mark(calibration: Calibration, pixel_sd: float = CLICK) -> NextMark | N
     field, _ = _field_and_solution(calibration)
     estimate = calibration.uncertainty
     V, J = estimate.covariance, _of_ground(calibration, _ground_in_view(calibration.camera, field))
-    places = _places(calibration.camera, field)
+    places = _places(calibration.camera, field, marks)
     if not len(J) or not len(places.frame) or not np.all(np.isfinite(V)):
         return None
     layout, theta = estimate.layout, estimate.theta
@@ -162,13 +168,17 @@ def _ground_in_view(camera: Camera, field: Field) -> Array:
     return X[np.all((xy >= 0.0) & (xy < camera.image_size), axis=1)]  # false for NaN
 
 
-def _places(camera: Camera, field: Field) -> PixelTable:
-    """Places on lines and arcs in view where a mark may be set."""
-    size = np.array(camera.image_size)
+def _places(camera: Camera, field: Field, marks: Mapping[str, Array]) -> PixelTable:
+    """Places on lines and arcs in view where a mark may be set, away from those that are set."""
+    size, apart = np.array(camera.image_size), NEAR * pixel_unit(camera.image_size)
     frame = {}
     for label, segment in field.markings.items():
+        if label in field.half_labels or not (segment.is_straight or segment.is_arc):
+            continue
         xy = camera.project(segment.samples(PLACES))
-        inside = np.all((xy > BORDER * size) & (xy < (1.0 - BORDER) * size), axis=1)  # false for NaN
-        if (segment.is_straight or segment.is_arc) and np.any(inside):
-            frame[label] = xy[inside]
+        free = np.all((xy > BORDER * size) & (xy < (1.0 - BORDER) * size), axis=1)  # false for NaN
+        for mark in marks.get(label, ()):
+            free &= np.linalg.norm(xy - mark, axis=1) > apart
+        if np.any(free):
+            frame[label] = xy[free]
     return PixelTable.of(field, [frame])

@@ -13,10 +13,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import Shape
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.fitting import FARTHER
-from fieldcalib.editor.sources import Frames
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.anchored_clip import Anchors, solve_around
@@ -32,6 +32,7 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 from fieldcalib.solve.options import pixel_unit
 
 GRID = (9, 6)  # places across and down the picture whose moves are compared
@@ -142,7 +143,7 @@ def window_around(count: int, anchors: Sequence[int]) -> Window:
 
 
 def first_pass(
-    frames: Frames,
+    frames: NumberedFrames,
     window: Window,
     field: Field,
     network: Network | None,
@@ -161,7 +162,7 @@ def first_pass(
 
 
 def solve(
-    frames: Frames,
+    frames: NumberedFrames,
     first: FirstPass,
     anchors: Mapping[int, Calibration],
     cuts: Sequence[int] | None,
@@ -173,7 +174,7 @@ def solve(
 
     Parameters
     ----------
-    frames : Frames
+    frames : NumberedFrames
     first : FirstPass
     anchors : mapping of int to Calibration
         Calibrations of these frames, by their numbers.
@@ -251,7 +252,7 @@ def _padded(network: Network | None) -> Network | None:
     return None if network is None else Padded(network)
 
 
-def _readable(frames: Frames, window: Window) -> Iterator[Image]:
+def _readable(frames: NumberedFrames, window: Window) -> Iterator[Image]:
     """The images of a window, up to the first one that cannot be read: the file may be cut off."""
     images = frames.each(window.begin, window.end)
     while True:

@@ -11,7 +11,6 @@ from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.editor.clip import Progress
-from fieldcalib.editor.sources import Frames
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
@@ -19,6 +18,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
 
 AGAIN = (OVERLAY, WORST, MOTION)
@@ -27,7 +27,7 @@ AGAIN = (OVERLAY, WORST, MOTION)
 
 def draw_again(
     folder: Path,
-    frames: Frames,
+    frames: NumberedFrames,
     calibrations: Sequence[Calibration | None],
     clip: VideoCalibration | None,
     field: Field,
@@ -47,7 +47,7 @@ def draw_again(
 
 def _draw_frames(
     folder: Path,
-    frames: Frames,
+    frames: NumberedFrames,
     calibrations: Sequence[Calibration | None],
     field: Field,
     rate: float,

@@ -9,8 +9,9 @@ from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
 
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks
@@ -22,7 +23,6 @@ from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, 
 from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.next_frame import next_frame
-from fieldcalib.editor.sources import Arrays, Frames, Pictures, VideoFrames
 from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO, NewRun, Saved, Stored, is_by_hand, source_of
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
@@ -32,9 +32,10 @@ from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
+from fieldcalib.run_folder.numbered_frames import NumberedArrays, NumberedFiles, NumberedFrames, NumberedVideo
 
 AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
 
@@ -679,15 +680,18 @@ def _places(
     return [path], path.with_name(f"{path.stem if path.is_file() else path.name}-fieldcalib") if out is None else folder
 
 
-def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> Frames:
+def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> NumberedFrames:
     if paths is None:
         assert isinstance(source, Sequence)
-        return Arrays(source)
+        return NumberedArrays([checked_image(image) for image in source])
     if VIDEOS.recognises(paths[0]):
         numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
-        return VideoFrames(paths[0], numbers or None)
+        return NumberedVideo(paths[0], numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
-    return Pictures(files)
+    pictures = NumberedFiles(files)
+    if len(files) == 1 and files[0].path == paths[0]:  # of a folder, the page says which are broken
+        pictures.image(0)
+    return pictures
 
 
 def _field(field: Field | str | None, stored: Stored | None) -> tuple[Field, str]:

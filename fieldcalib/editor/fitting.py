@@ -11,7 +11,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, Status, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.words import BESIDE, Status
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -34,8 +35,9 @@ MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
 SEARCHED_FOR = "nothing is labelled yet; the court is searched for in the picture"
-STRAY = 8.0  # px of such an image between a mark and its marking, from which on one of them is wrong
-FARTHER = 1.5  # px of a 960 x 540 image: marks lie no farther than that from a refined camera, or it is not taken
+STRAY = 8.0  # px of a 960 x 540 image, as `click_unit`: distance of a mark from its marking if one of them is wrong
+FARTHER = 1.5  # px of such an image: marks lie no farther than that from a refined camera, or it is not taken,
+FARTHER_CLICKS = 3.0  # px: but never less, as few clicks that are 2 px off are fitted more closely than the truth fits
 
 
 @lru_cache(maxsize=1)
@@ -100,8 +102,8 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     arguments : mapping
         Keyword arguments of `calibrate_from_segments`.
     """
-    pixels, weights = marks.pixels, _weights(marks)
     size = size_of(image)
+    pixels, weights = marks.pixels, _weights(marks, size)
     prior: Prior = ALL if field.stands else None
     flags = arguments["flags"]
     if prior is None:  # nothing else would hold it
@@ -118,19 +120,30 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
 
 def _refined(field: Field, image: Image, marks: Marks, by_marks: Calibration, flags: int, prior: Prior) -> Calibration:
     """The camera of marks refined on the image, unless it is then farther from the marks of the person."""
-    pixels, weights, size = marks.pixels, _weights(marks), size_of(image)
+    size = size_of(image)
+    pixels, weights = marks.pixels, _weights(marks, size)
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
     if refined is by_marks or refined.camera is None or by_marks.camera is None:
         return by_marks
     before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
-    if after > before + FARTHER * pixel_unit(size):
+    if after > before + max(FARTHER * pixel_unit(size), FARTHER_CLICKS):
         return by_marks
     return replace(refined, suspect_labels=by_marks.suspect_labels)
 
 
+def click_unit(image_size: tuple[int, int]) -> float:
+    """Pixels of an image for one of a 960 x 540 image, at least 1: clicks in smaller images are no more exact."""
+    return max(pixel_unit(image_size), 1.0)
+
+
 def is_stray(error: float, image_size: tuple[int, int]) -> bool:
     """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
-    return error > STRAY * pixel_unit(image_size)
+    return error > STRAY * click_unit(image_size)
+
+
+def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
+    """Whether a mark of a network at a distance of its marking, pixels, has no part in the camera."""
+    return error > BESIDE * pixel_unit(image_size)
 
 
 def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:
@@ -162,11 +175,15 @@ def _distance(field: Field, marks: Marks, camera: Camera) -> float:
     return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else 0.0
 
 
-def _weights(marks: Marks) -> Weights | None:
-    """Weights of the marks by label; None where a person set all."""
-    if all(one.by_hand for one in marks.all):
+def _weights(marks: Marks, image_size: tuple[int, int]) -> Weights | None:
+    """Weights of the marks by label; None where a person set all, as exactly as annotators do.
+
+    Clicks in a small image are less exact than annotations of it, and weigh less by the square of that.
+    """
+    own = (pixel_unit(image_size) / click_unit(image_size)) ** 2
+    if own == 1.0 and all(one.by_hand for one in marks.all):
         return None
     weights: dict[str, list[float]] = {}
     for one in marks.all:
-        weights.setdefault(one.label, []).append(1.0 if one.by_hand else WEIGHT_OF_NETWORK)
+        weights.setdefault(one.label, []).append(own * (1.0 if one.by_hand else WEIGHT_OF_NETWORK))
     return weights

@@ -257,7 +257,7 @@ class FrameEditor:
     @property
     def next_mark(self) -> NextMark | None:
         """The mark that would help most; None without a camera."""
-        return next_mark(self.calibration)
+        return next_mark(self.calibration, self.marks.only_by_hand.pixels)
 
     def click_errors(self, X: ArrayLike) -> Array:
         """Shift, metres, of ground points (..., 3) if all clicks are 2 px off."""

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from fieldcalib.editor.label_files import SOCCERNET
 from fieldcalib.editor.marks import Marks
-from fieldcalib.editor.sources import Frames
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import AnnotatedFrame, frames_in, parse_frame, tool_of
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import ANNOTATIONS
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 
 MOST_NAMED = 5  # labels that the field does not have, in a message
 
@@ -33,7 +33,7 @@ class GivenLabels:
     """As for `fieldcalib.editor.label_files.label_files`; None without labels."""
 
 
-def given_labels(path: Path, frames: Frames, field: Field) -> GivenLabels:
+def given_labels(path: Path, frames: NumberedFrames, field: Field) -> GivenLabels:
     """Read the labels of frames from annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, by frame id.
 
     What the field does not have is left out, with a `LabelWarning`; so are frames that the source does not have.
@@ -76,7 +76,7 @@ def _format(file: FrameFile) -> str:
     return tool_of(file.read(), file.path) if isinstance(file, AnnotatedFrame) else SOCCERNET
 
 
-def _nothing(path: Path, found: list[FrameFile], frames: Frames, others: list[str]) -> str:
+def _nothing(path: Path, found: list[FrameFile], frames: NumberedFrames, others: list[str]) -> str:
     """The message about annotations of which nothing is shown."""
     if others:
         return f"{path}: expected labels of the field, got {_some(others)}: give the field, or rename the labels"

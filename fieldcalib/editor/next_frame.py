@@ -6,19 +6,19 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.fitting import network_marks
-from fieldcalib.editor.sources import Frames
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import Network
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 
 LOOKED_AT = 9  # frames of a stretch in which markings are counted
 BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
 
 
-def next_frame(frames: Frames, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
+def next_frame(frames: NumberedFrames, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
     """The frame to mend next; None if all are good.
 
     It is in the stretch of frames whose cameras are not good that gives most cause for concern in all, and there the
@@ -53,7 +53,7 @@ def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
         yield run
 
 
-def _markings(frames: Frames, number: int, field: Field, network: Network) -> int:
+def _markings(frames: NumberedFrames, number: int, field: Field, network: Network) -> int:
     """How many markings the network finds in a frame; none where it cannot be read."""
     try:
         return len(network_marks(field, frames.image(number), network).pixels)

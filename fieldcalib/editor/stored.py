@@ -350,6 +350,7 @@ def source_of(folder: Path) -> list[Path]:
     if not paths or not all(path.exists() for path in paths):
         where = ", ".join(map(str, paths)) or "nothing"
         raise ValueError(
-            f"{folder} does not say where its pictures are ({where} in {RECORD}): give them, and this folder by --out"
+            f"{folder} does not say where its pictures are ({where} in {RECORD}): open them, with this "
+            f"folder as the one of the results (out)"
         )
     return paths

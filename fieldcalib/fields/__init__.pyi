@@ -1,6 +1,7 @@
 from . import catalogue as catalogue
 from . import crown as crown
 from . import field as field
+from . import ground_homography as ground_homography
 from . import mirrored as mirrored
 from . import records as records
 from . import segments as segments
@@ -9,6 +10,8 @@ from . import stands as stands
 from . import traits as traits
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
+from .ground_homography import FieldHomography as FieldHomography
+from .ground_homography import field_homography as field_homography
 from .sports.american_football import american_football as american_football
 from .sports.badminton import badminton as badminton
 from .sports.basketball import basketball as basketball

@@ -21,11 +21,13 @@ import numpy as np
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
-from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
+from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
+TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a good camera
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
 ALIKE = 0.005  # metres: ends nearer to each other than this coincide
+ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ class Field(Mapping[str, Segment]):
         >>> soccer().tolerance, tennis().tolerance
         (1.0, 0.21)
         """
-        return round(self.scale / 40.0, 2)
+        return round(self.scale / TOLERANCE, 2)
 
     @cached_property
     def half_extent(self) -> Array:
@@ -287,16 +289,20 @@ class Field(Mapping[str, Segment]):
         """Label -> label of the segment onto which a turn and a move map this one, if there is one."""
         if not self.segments:
             return MappingProxyType({})
-        names, kinds = list(self.segments), np.array([type(segment).__name__ for segment in self.segments.values()])
+        from scipy.spatial import cKDTree  # a slow import
+
+        names, kinds = list(self.segments), [type(segment).__name__ for segment in self.segments.values()]
         samples = [segment.sample(spacing=0.05) for segment in self.segments.values()]
+        number = np.unique(kinds, return_inverse=True)[1].ravel()  # as one more coordinate: kinds are far apart
         here, there = (
-            np.array([[X.min(axis=0), X.max(axis=0)] for X in some])
+            np.array([[*X.min(axis=0), *X.max(axis=0), kind] for X, kind in zip(some, number, strict=True)])
             for some in (samples, [np.array(turn) * X + move for X in samples])
         )
-        alike = np.max(np.abs(there[:, None] - here), axis=(2, 3)) < ALIKE
-        alike &= kinds[:, None] == kinds
-        first = np.argmax(alike, axis=1)  # the field's own label, if the same segment was added under another one
-        return MappingProxyType({names[i]: names[first[i]] for i in np.flatnonzero(np.any(alike, axis=1))})
+        # the field's own label, if the same segment was added under another one
+        places, first = np.unique(np.round(here, ROUNDED), axis=0, return_index=True)
+        _, nearest = cKDTree(places).query(there, p=np.inf, distance_upper_bound=ALIKE)
+        alike = np.flatnonzero(nearest < len(places))
+        return MappingProxyType({names[i]: names[first[nearest[i]]] for i in alike.tolist()})
 
     @cached_property
     def self_symmetric(self) -> frozenset[str]:
@@ -388,3 +394,8 @@ class Field(Mapping[str, Segment]):
 def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
     """The field of a size, cached: fields are immutable."""
     return replace(build(length, width), size_known=size_known)
+
+
+def tolerance_of(field: Field | None) -> float:
+    """The tolerance of a field, metres (`Field.tolerance`); of an object that is no field, that of a soccer pitch."""
+    return SOCCER_SCALE / TOLERANCE if field is None else field.tolerance

@@ -6,6 +6,7 @@ World: metres, x right along the touchline, y towards the main camera, z down. C
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -19,6 +20,8 @@ from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_open
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 
+LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning
+PIXELS_PER_AXIS = 17  # of the grid on which the lens is compared with a pinhole
 NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
 
 
@@ -184,13 +187,31 @@ class Camera:
         return np.asarray(self.k * (self.half_diagonal / self.focal_length) ** POWERS[:2])
 
     @property
-    def homography(self) -> Array:
+    def pinhole_homography(self) -> Array:
         """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``."""
         return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
 
     @property
+    def homography(self) -> Array:
+        """`pinhole_homography`, with a warning where pixels of the picture are not those of the pinhole.
+
+        Warns
+        -----
+        UserWarning
+            If the lens moves a pixel of the image by more than 1 px (`lens_shift`).
+        """
+        if self.lens_shift > LENS_SHIFT:
+            warnings.warn(
+                f"the lens moves pixels by up to {self.lens_shift:.1f} px, and no homography has a lens: this one is "
+                f"of undistorted pixels (pinhole_homography, without this warning); for pixels of the picture "
+                f"field_homography(camera, field).from_raw is the nearest one, and image_to_field is exact",
+                stacklevel=2,
+            )
+        return self.pinhole_homography
+
+    @property
     def inverse_homography(self) -> Array:
-        """3 x 3 map of pixels (x, y, 1) of the pinhole, without distortion, to the field.
+        """3 x 3 map of pixels (x, y, 1) of the pinhole, without distortion, to the field; warns as `homography`.
 
         Raises
         ------
@@ -198,6 +219,22 @@ class Camera:
             If the camera lies in the ground plane.
         """
         return np.asarray(np.linalg.inv(self.homography))
+
+    @cached_property
+    def lens_shift(self) -> float:
+        """The largest distance by which the lens moves a pixel of the image, pixels.
+
+        Examples
+        --------
+        >>> Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 56, -15), (960, 540), k=(0.1, 0)).lens_shift.__round__(1)
+        7.1
+        """
+        if not np.any(self.dist):
+            return 0.0
+        axes = (np.linspace(0.0, size - 1.0, PIXELS_PER_AXIS) for size in self.image_size)
+        xy = np.stack(np.meshgrid(*axes), axis=-1)
+        pinhole = self.normalized(xy) * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+        return float(np.nanmax(np.linalg.norm(pinhole - xy, axis=-1)))  # NaN: no ray through the lens meets the pixel
 
     def depth(self, X: ArrayLike) -> Array:
         """Depth of world points (..., 3) along the optical axis, metres; negative behind the camera."""

@@ -129,7 +129,7 @@ class RationalCamera:
         return cls(camera.K, camera.R, camera.C, opencv_vector(camera.dist), camera.image_size)
 
     @property
-    def homography(self) -> Array:
+    def pinhole_homography(self) -> Array:
         """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``.
 
         Not finite where floats overflow.

@@ -210,7 +210,7 @@ def model_note(model: CameraModel, frames: IntArray, before: Misprediction, afte
     where = f"frames {frames[0]} to {frames[-1]}"
     if model is CameraModel.ALONE:
         return (
-            f"{where} are calibrated one by one, as with --independent: each by itself predicts lines that were left "
+            f"{where} are calibrated one by one: each by itself predicts lines that were left "
             f"out better than one place of the camera ({_gain(before.of_labels, after.of_labels)})"
         )
     gain = _gain(before, after)
@@ -224,7 +224,7 @@ def model_note(model: CameraModel, frames: IntArray, before: Misprediction, afte
     if model is CameraModel.MOVING:
         return (
             f"{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
-            f"({gain}); --camera moving says so from the beginning"
+            f'({gain}); say so from the beginning (camera="moving", --camera moving)'
         )
     return (
         f"{where}: the picture is a window that moves over a larger one: each frame has a principal point of its own, "
@@ -235,8 +235,8 @@ def model_note(model: CameraModel, frames: IntArray, before: Misprediction, afte
 def misfit_note(frames: IntArray) -> str:
     """Note for the user on frames that no camera model explains."""
     return (
-        f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; --independent "
-        f"calibrates them one by one"
+        f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; they can be "
+        f"calibrated one by one (clip=False, --independent)"
     )
 
 

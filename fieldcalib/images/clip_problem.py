@@ -18,7 +18,7 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, default_flags, paint_sigma
 from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
 from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import LEAST_CELLS, cell_means
@@ -109,7 +109,8 @@ class ClipProblem:
     def from_zero(self) -> SequenceProblem:
         """This problem with frames numbered from 0."""
         options, loss = self.options, line_loss(self.image_size)
-        task = replace(options.task, flags=options.flags_together, loss=loss, paint=PAINT, trust_labels=True)
+        paint = paint_sigma(options.object_segments)
+        task = replace(options.task, flags=options.flags_together, loss=loss, paint=paint, trust_labels=True)
         labels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
         pixels = PixelTable.joined(options.object_segments, labels)
         matches = between(self.frames, self.matches)

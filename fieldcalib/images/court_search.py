@@ -20,7 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture

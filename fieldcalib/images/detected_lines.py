@@ -15,7 +15,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_pixels
-from fieldcalib.solve.options import PAINT, pixel_unit
+from fieldcalib.solve.options import paint_sigma, pixel_unit
 from fieldcalib.solve.task import Task
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
@@ -62,5 +62,6 @@ def calibrate_on_lines(
     scale: float = LOSS_SCALE,
 ) -> list[Calibration]:
     """Calibrations from the lines of each image, from cameras near them or from anywhere."""
-    task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=PAINT)
+    paint = paint_sigma(task.object_segments)
+    task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=paint)
     return calibrate_pixels(task, PixelTable.joined(task.object_segments, lines), image_size, cameras)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.compute_errors import compute_errors
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status, doubted
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -21,6 +22,7 @@ from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
+from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
@@ -115,7 +117,7 @@ def calibrate_from_images(
     ...         return np.zeros((len(images), 2, 90, 160), np.float32)
     >>> (calibration,) = calibrate_from_images(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
     >>> str(calibration.status), calibration.message.split(":")[0]
-    ('too few segments', 'no marking was found in the image')
+    ('too few segments', 'the picture shows nothing')
     """
     task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
     of_part: Method = partial(search_courts, task)
@@ -126,6 +128,7 @@ def calibrate_from_images(
             of_part = partial(with_aspect_estimated, of_part, task)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
+    of_part = partial(said_plainly, of_part, object_segments, by_network=network is not None)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
@@ -265,7 +268,7 @@ def _one_judged(
     is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE and on_paint
     doubt = ""
     if share < least_support:
-        doubt = f"only {100.0 * share:.0f} % line support: the image has few lines at the projected markings"
+        doubt = f"only {100.0 * share:.0f} % line support: {FEW_LINES}"
     elif explained < LEAST_EXPLAINED and not is_sure:
         doubt = f"only {100.0 * explained:.0f} % of the detected segments, by weight, are near their projections"
     if doubt:

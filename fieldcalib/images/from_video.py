@@ -37,6 +37,7 @@ from fieldcalib.images.finished_clip import find_clip_lines, finish_clip, finish
 from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
+from fieldcalib.images.unusable import clip_notes
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import read_ahead
@@ -126,8 +127,9 @@ def calibrate_video(
     -------
     VideoCalibration
         Each frame says what it rests on: lines, matches, both, or interpolation (`VideoCalibration.basis`). A camera is
-        accepted as long as the field in view is known to 1 m. After two minutes of video shots and tripods begin anew,
-        and share nothing with those before, so that memory does not grow with the video.
+        accepted as long as the field in view is known to its `Field.tolerance`, 1 m on a soccer pitch. After two
+        minutes of video shots and tripods begin anew, and share nothing with those before, so that memory does not grow
+        with the video.
 
     Warns
     -----
@@ -163,7 +165,8 @@ def calibrate_video(
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
     found = _calibrated_parts(clip, options, network, every, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
-    return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape))
+    asked = () if network is None else clip_notes(found, object_segments)
+    return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape, *asked))
 
 
 def _network_for(object_segments: ObjectSegments) -> Network | None:

@@ -14,8 +14,9 @@ from itertools import combinations
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import LABEL_MORE
+from fieldcalib.assess.words import Status
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels

@@ -249,6 +249,18 @@ class Strips:
         found = np.where(seen, self.offset[row, best] + _vertex(before, peak, after) * self.spacing, np.nan)
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
+    def peaks_near(self, index: IntArray, line: Array, reach: float, least: Array) -> Array:
+        """Signed distances (k,) of the largest contrasts from the markings in some profiles; NaN for none.
+
+        They are searched up to `reach` pixels from a line (k,), and must exceed a contrast `least` (k,).
+        """
+        contrast, row = self.contrast[index], np.arange(len(index))
+        near = np.abs(self.offset[index] - line[:, None]) <= reach
+        best = np.argmax(np.where(near, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+        before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
+        seen = near[row, best] & (peak >= np.maximum(before, after)) & (peak > least)
+        return np.where(seen, self.offset[index, best] + _vertex(before, peak, after) * self.spacing[index], np.nan)
+
     def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
         """Signed distances (n, count) of the strongest ridges from the marking, NaN for none; and which may be lines.
 

@@ -15,7 +15,9 @@ from fieldcalib.assess.frame_table import Basis, FrameTable
 from fieldcalib.assess.interpolation import STEP
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
+from fieldcalib.fields.field import tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
 from fieldcalib.images.detected_lines import detected_lines
@@ -173,7 +175,9 @@ def _placed(solved: SolvedShot, camera: FrameCamera, basis: Basis) -> FollowedFr
     """A frame with a camera that is known already."""
     shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
     metres = ground_errors(theta, errors, shared.considered, shared.options.field)
-    return _of_only_frame(solved, table_without_cameras(shared, 1).with_cameras(theta, errors, metres, basis))
+    tolerance = tolerance_of(shared.options.field)
+    row = table_without_cameras(shared, 1).with_cameras(theta, errors, metres, basis, tolerance)
+    return _of_only_frame(solved, row)
 
 
 def _of_only_frame(

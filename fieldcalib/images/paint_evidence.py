@@ -11,6 +11,7 @@ Posts and crossbars are left out: nets and stands behind them are full of lines.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,6 +155,38 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
         expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
     return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
+
+
+def with_lines(
+    evidence: PaintEvidence, markings: Markings, strips: Strips, lines: Array, labelled: Collection[str]
+) -> PaintEvidence:
+    """The evidence, with lines that a person labelled as paint of their markings, where that is more than was seen.
+
+    Paint beside such a marking then counts as its own only if it is still clearly more.
+
+    Parameters
+    ----------
+    evidence : PaintEvidence
+    markings : Markings
+    strips : Strips
+        Samples across the markings.
+    lines : (n,) array
+        Signed distances of the lines from the markings, pixels; NaN for none.
+    labelled : collection of str
+        Markings that a person labelled.
+    """
+    is_on = np.abs(lines) < ON_PAINT * strips.unit  # false for NaN
+    seen, on_paint = [], []
+    for one in evidence.markings:
+        k = markings.labels.index(one.label)
+        share = float(np.mean(is_on[strips.profiles.member == k])) if one.label in labelled else 0.0
+        if share > one.share:
+            one = replace(one, share=share)
+            if np.count_nonzero(evidence.beside.label == k) < (share + MORE_SHARE) * one.places:
+                one = replace(one, offset=0.0, is_bent=False)
+                on_paint.append(k)
+        seen.append(one)
+    return PaintEvidence(tuple(seen), evidence.beside.take(~np.isin(evidence.beside.label, on_paint)))
 
 
 def _along(count: int, *, bent: bool = False) -> Array:

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import BoolArray
+from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
@@ -22,7 +22,8 @@ from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import Strips, pixels_of_lines, profiles_along
-from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips
+from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips, with_lines
+from fieldcalib.images.traced_lines import with_traced
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
@@ -61,7 +62,8 @@ def refine_on_image(
     calibration : Calibration
         Its markings must be within about 12 px of the lines in an image of 960x540, within 24 px in one of 1920x1080.
     image_segments : mapping of str to (N, 2) array_like, optional
-        Labelled pixels; used for segments whose line is not found in the image.
+        Labelled pixels; used for segments whose line is not found in the image. Lines of these segments that are too
+        faint for single profiles are located by the contrast along the whole marking (`images.traced_lines`).
     weights : mapping of str to float or (N,) array_like, optional
         Weights of these.
     flags, prior
@@ -241,12 +243,16 @@ def _in_passes(
 ) -> list[Refined]:
     """Fit cameras to the lines near their markings, in two passes, or keep them; and look for their paint."""
     images, size = [one.image for one in given], size_of(given[0].image)
+    labelled = {t: {} if one.are_detected else one.labels.by_label(0) for t, one in enumerate(given)}
     labels = {t: one.labels for t, one in enumerate(given)}
     detected = [t for t, one in enumerate(given) if one.are_detected]
     found = {t: one.calibration for t, one in enumerate(given)}
     cameras = {t: one.camera for t, one in found.items() if one.camera is not None}
     strips = _strips(images, cameras, markings)
-    best = {t: Refined(one, _support(strips[t]) if t in strips else np.nan) for t, one in found.items()}
+    best = {
+        t: Refined(one, _support(strips[t], _lines(strips[t], markings, labelled[t])) if t in strips else np.nan)
+        for t, one in found.items()
+    }
     for search_range in search_ranges:
         in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
@@ -255,7 +261,9 @@ def _in_passes(
         else:
             labels |= _without_stray(task.object_segments, cameras, {t: labels[t] for t in detected if t in cameras})
         lines = [
-            with_replaced(labels[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)))
+            with_replaced(
+                labels[t], pixels_of_lines(markings, one.profiles, _lines(one, markings, labelled[t], search_range))
+            )
             for t, one in strips.items()
         ]
         again = calibrate_on_lines(in_this_pass, lines, size, list(cameras.values()))
@@ -263,9 +271,12 @@ def _in_passes(
         cameras = {t: one.required_camera for t, one in found.items()}
         strips = _strips(images, cameras, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
-        support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
+        narrow = one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES))
+        offset = _lines(narrow, markings, labelled[t])
+        support = _support(narrow, offset)
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
-            best[t] = Refined(found[t], support, evidence_of(Ridges.across(one), markings))
+            evidence = evidence_of(Ridges.across(one), markings)
+            best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, offset, labelled[t]))
     return [
         replace(one, paint=paint_evidence(images[t], one.calibration.camera, markings))
         if one.paint is None and one.calibration.camera is not None
@@ -303,9 +314,16 @@ def _without_stray(
     return {t: one.take(is_near[one.label]) for (t, one), is_near in zip(labels.items(), near, strict=True)}
 
 
-def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
-    """`line_support` of the camera whose projected markings the strips cross."""
-    offset = strips.lines(search_range)[~strips.is_black]
+def _lines(
+    strips: Strips, markings: Markings, labelled: Mapping[str, Array], search_range: float = SEARCH_RANGES[-1]
+) -> Array:
+    """Signed distances (n,) of lines from the markings, NaN for none; those that a person labelled are traced."""
+    return with_traced(strips, strips.lines(search_range), markings, labelled)
+
+
+def _support(strips: Strips, lines: Array, search_range: float = SEARCH_RANGES[-1]) -> float:
+    """`line_support` of the camera whose projected markings the strips cross, with lines (n,) that far from these."""
+    offset = lines[~strips.is_black]
     share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * strips.unit), 0.0)
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
@@ -332,4 +350,5 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     search_range : float
         Pixels of a 960 x 540 image.
     """
-    return _support(Strips.of(image, profiles_along(camera, markings), search_range), search_range)
+    strips = Strips.of(image, profiles_along(camera, markings), search_range)
+    return _support(strips, strips.lines(search_range), search_range)

@@ -17,7 +17,8 @@ from typing import Self
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
 from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator

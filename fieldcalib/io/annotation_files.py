@@ -31,7 +31,7 @@ SOCCERNET_BEGINNING = re.compile(rb'\s*\{\s*(\}|"[^"]*"\s*:\s*\[\s*(\]|\{\s*"[xy
 BEGINNING_BYTES = 256
 KEYS = {"labelme": {"shapes", "imagePath"}, "coco": {"images", "annotations"}, "labelstudio": {"data"}}
 FILE_PER_IMAGE = "labelme"  # the tool that writes a file for each image
-NO_SIZE = "SoccerNet's annotations do not say the size of their images: give it by --size"
+NO_SIZE = "SoccerNet's annotations do not say the size of their images: give it (image_size=, --size)"
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,9 @@ def parse_frame(
         raise BrokenFileError(f"{which}{annotation.problem}")
     size = annotation.image_size or image_size
     if size is None:
-        raise BrokenFileError(f"{which}nothing is annotated that would say the size of the image: give it by --size")
+        raise BrokenFileError(
+            f"{which}nothing is annotated that would say the size of the image: give it (image_size=, --size)"
+        )
     if image_size not in (None, size):
         given, came = ("{} x {}".format(*one) for one in (image_size or size, size))
         raise BrokenFileError(f"{which}is of an image of {came}, not of {given}: leave the size out, or mend it")

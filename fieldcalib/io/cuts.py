@@ -73,6 +73,20 @@ class Cut:
     end: Position | None = None
     step: int = 1
 
+    def beyond(self, count: int, frames_per_second: float | None = None) -> str:
+        """Message if the end is beyond that of an input of `count` frames; empty otherwise.
+
+        Examples
+        --------
+        >>> Cut(end=Position(seconds=60.0)).beyond(175, 25.0)
+        'ends at 7 s (175 frames), before 60 s: times are in seconds, and 60f is a frame'
+        >>> Cut(end=Position(frame=400)).beyond(175)
+        'ends after 175 frames, before frame 400'
+        """
+        if self.end is None or self.end.number(frames_per_second) <= count:
+            return ""
+        return ends_before(self.end, count, frames_per_second)
+
     def numbers(self, frames_per_second: float | None = None) -> range:
         """The numbers of its frames, those after the end of the input included; images have no frames per second.
 
@@ -91,6 +105,16 @@ class Cut:
         if end <= start:
             raise ValueError(f"there is no frame from {self.start} to {self.end}")
         return range(start, end, self.step)
+
+
+def ends_before(place: Position, count: int, frames_per_second: float | None = None) -> str:
+    """Message that an input of `count` frames ends before a place."""
+    frames = f"{count} frame{'s' * (count != 1)}"
+    if place.seconds is None or frames_per_second is None:
+        return f"ends after {frames}, before frame {place.frame}"
+    whole = place.seconds == int(place.seconds)
+    hint = f": times are in seconds, and {place}f is a frame" if whole else ""
+    return f"ends at {count / frames_per_second:.3g} s ({frames}), before {place} s{hint}"
 
 
 WHOLE = Cut()

@@ -24,6 +24,9 @@ LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a f
 TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
 READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack each part as a whole, however large it becomes
 
+# Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
+WRONG_RECORD = (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError)
+
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
 
@@ -49,6 +52,11 @@ class FrameFile:
     """Path of the file; in a zip the path of the zip, then that of the member."""
     zipped: Zipped | None = None
     """The open zip and the member of it."""
+
+    @property
+    def on_disk(self) -> Path:
+        """The file itself, or the zip that it lies in."""
+        return self.path if self.zipped is None else Path(str(self.zipped[0].filename))
 
     def read(self, most_bytes: float = MOST_BYTES) -> bytes:
         """Read the content.
@@ -104,6 +112,20 @@ class FrameFile:
             return FrameFile, (self.id, self.path)
         archive, member = self.zipped
         return _of_zip, (self.id, self.path, archive.filename, member.filename)
+
+
+def can_name_files(id: str) -> bool:
+    """Whether the results of a frame may be named after its id: it leads to no other folder, and is not too long.
+
+    Examples
+    --------
+    >>> can_name_files("00001"), can_name_files("../00001"), can_name_files("1" * 300), can_name_files("")
+    (True, False, False, False)
+    """
+    try:
+        return Path(id).name == id != "" and "\0" not in id and len(os.fsencode(id)) <= LONGEST_ID
+    except UnicodeEncodeError:
+        return False
 
 
 def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
@@ -166,7 +188,7 @@ def _read_all(file: IO[bytes], most_bytes: float) -> bytes:
 
 def _check_bytes(count: int, most_bytes: float) -> None:
     if count > most_bytes:
-        raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes allows more")
+        raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes of a command allows more")
 
 
 def find_files(

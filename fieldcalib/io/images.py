@@ -26,6 +26,8 @@ JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 
 AHEAD = 6  # images that are read while others are worked on
 
+NO_IMAGE = "is no image that OpenCV can read: expected a JPEG, PNG, BMP, TIFF or WebP"
+
 Item = TypeVar("Item")
 
 
@@ -43,7 +45,7 @@ def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
     >>> parse_image(b"no image")
     Traceback (most recent call last):
         ...
-    fieldcalib.io.files.BrokenFileError: is no image that OpenCV can read
+    fieldcalib.io.files.BrokenFileError: is no image that OpenCV can read: expected a JPEG, PNG, BMP, TIFF or WebP
     """
     import cv2
 
@@ -52,14 +54,14 @@ def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
         raise BrokenFileError("is cut off: the end of the JPEG is missing")
     size = stored_size(content)
     if size is None:
-        raise BrokenFileError("is no image that OpenCV can read")
+        raise BrokenFileError(NO_IMAGE)
     check_pixels(size, most_pixels)
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:  # dimensions that no image has
         image = None
     if image is None:
-        raise BrokenFileError("is no image that OpenCV can read")
+        raise BrokenFileError(NO_IMAGE)
     return np.asarray(image, dtype=np.uint8)
 
 
@@ -68,7 +70,8 @@ def check_pixels(size: tuple[int, int], most_pixels: float) -> None:
     width, height = size
     if width * height > most_pixels:
         raise BrokenFileError(
-            f"has {width} x {height} pixels, more than {most_pixels / 1e6:g} million; --max-megapixels allows more"
+            f"has {width} x {height} pixels, more than {most_pixels / 1e6:g} million; --max-megapixels of a command "
+            f"allows more"
         )
     if max(size) > LONGEST_SIDE:
         raise BrokenFileError(f"has {width} x {height} pixels: OpenCV's functions take up to {LONGEST_SIDE} a side")

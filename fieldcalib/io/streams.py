@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import socket
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from urllib.parse import urlsplit
 
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError
@@ -11,8 +15,16 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"
-URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/@]*@)?(.+)", re.IGNORECASE)
+URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/]*@)?(.+)", re.IGNORECASE)  # a password may have an @
 WAITING = ("http", "https")  # schemes of servers that wait for the reader
+SECRET = re.compile(r"(?<=[?&])(?P<name>(?:pass\w*|pwd|token|key|secret|auth|sig\w*)=)[^&#]*", re.IGNORECASE)
+PORTS: Mapping[str, int] = MappingProxyType({"http": 80, "https": 443, "rtsp": 554, "rtsps": 322, "rtmp": 1935})
+"""Usual ports of schemes whose servers listen for connections by TCP."""
+ANSWER = 5.0  # seconds in which a server must answer to count as reachable
+NO_ANSWER = "is the address right, does the server run, and can this machine reach it (network, VPN, firewall)?"
+NO_STREAM = (
+    "answers, but sends no video that can be read: are the path of the address, the user and the password right?"
+)
 STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 
@@ -34,11 +46,17 @@ class Stream:
         return text == STDIN or URL.fullmatch(text) is not None
 
     def __str__(self) -> str:
-        """Format for messages, without user and password."""
+        """Format for messages, without user, password and keys.
+
+        Examples
+        --------
+        >>> str(Stream("rtsp://user:p@ss@host:554/live?token=123&low"))
+        'rtsp://host:554/live?token=...&low'
+        """
         if self.location == STDIN:
             return "standard input"
         found = URL.fullmatch(self.location)
-        return self.location if found is None else f"{found[1]}://{found[2]}"
+        return SECRET.sub(r"\g<name>...", self.location if found is None else f"{found[1]}://{found[2]}")
 
     @property
     def name(self) -> str:
@@ -58,6 +76,33 @@ class Stream:
         """Whether the source is live: frames that are not read in time are dropped."""
         found = URL.fullmatch(self.location)
         return found is not None and found[1].lower() not in WAITING
+
+
+def why_closed(stream: Stream) -> str:
+    """Reason and advice for a URL that cannot be opened, without user and password.
+
+    Its server is asked for a connection, where that is one by TCP: a wrong name, a network that does not reach it and
+    a server without such a stream are told apart.
+
+    Examples
+    --------
+    >>> why_closed(Stream("udp://:1234"))
+    'is the address right, does the server run, and can this machine reach it (network, VPN, firewall)?'
+    """
+    try:
+        parts = urlsplit(stream.location)
+        port = parts.port or PORTS.get(parts.scheme.lower())
+    except ValueError:
+        return f"expected an address as rtsp://host:554/path: {NO_ANSWER}"
+    if parts.hostname is None or port is None:
+        return NO_ANSWER
+    try:
+        socket.create_connection((parts.hostname, port), timeout=ANSWER).close()
+    except socket.gaierror:
+        return f"the name {parts.hostname} is not known: {NO_ANSWER}"
+    except OSError as error:
+        return f"nothing answers at {parts.hostname}, port {port} ({error.strerror or error}): {NO_ANSWER}"
+    return f"{parts.hostname} {NO_STREAM} If they are: {STREAMABLE}"
 
 
 class StreamReader(FrameReader):
@@ -81,7 +126,9 @@ class StreamReader(FrameReader):
         except BrokenFileError as error:
             if NO_VIDEO not in str(error):
                 raise
-            raise BrokenFileError(f"{error}; {STREAMABLE}") from None
+            if stream.location == STDIN:
+                raise BrokenFileError(f"{error}; {STREAMABLE}") from None
+            raise BrokenFileError(f"{stream} cannot be opened: {why_closed(stream)}") from None
 
     def end(self) -> str:
         """Message if the stream ended before its cut; empty otherwise."""

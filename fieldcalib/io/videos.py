@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, replacement
 from fieldcalib.io.image import Image, size_of
@@ -82,7 +82,7 @@ class FrameReader:
             if not self._grab(1):
                 raise BrokenFileError(NO_VIDEO)
             if not self._grab(self.numbers.start):
-                raise BrokenFileError(f"has no frame {self.numbers.start}, the first that is asked for")
+                raise BrokenFileError(self._no_start(cut))
             self._has_frame, self._frame = self._capture.retrieve()
         except BrokenFileError as error:
             self._capture.release()
@@ -107,6 +107,15 @@ class FrameReader:
                 self._has_frame = self._grab(self.numbers.step)
                 if self._has_frame:
                     self._has_frame, self._frame = self._capture.retrieve()
+
+    def _no_start(self, cut: Cut) -> str:
+        """Message that there is no frame at the start of a cut."""
+        import cv2
+
+        count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if not 0 < count <= self.numbers.start:  # a stream does not say it, nor does a file that is cut off
+            return f"has no frame {self.numbers.start}, the first that is asked for"
+        return f"{ends_before(cut.start, count, self._rate)}: there is no frame to begin with"
 
     def _grab(self, count: int) -> bool:
         """Skip `count` frames; return whether there are so many."""
@@ -139,6 +148,8 @@ class VideoReader(FrameReader):
 
     count: int
     """Number of frames that are read, as the file says: often right; 0 if it does not say."""
+    beyond: str
+    """Message if the end of the cut lies beyond that of the video; empty otherwise."""
 
     def __init__(
         self, path: Path, most_pixels: float = MOST_PIXELS, *, cut: Cut = WHOLE, threads: int | None = None
@@ -150,6 +161,7 @@ class VideoReader(FrameReader):
         self._path = path
         super().__init__(str(path), str(path), most_pixels, cut, threads)
         self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        self.beyond = self._beyond(cut)
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
 
     def _grab(self, count: int) -> bool:
@@ -166,6 +178,11 @@ class VideoReader(FrameReader):
         self._capture.release()  # its times are not regular, or it has no index
         self._capture, self._number = _opened(self._location, self._threads), -1
         return super()._grab(number + 1)
+
+    def _beyond(self, cut: Cut) -> str:
+        is_sure = self._path.suffix.lower() in WITH_COUNT or self.numbers.stop > self._announced + self._rate
+        beyond = cut.beyond(self._announced, self._rate) if self._announced and is_sure else ""
+        return f"{self._path} {beyond}" if beyond else ""
 
     def loss(self) -> str:
         """Message if announced frames cannot be read, empty otherwise; to be called after all others were read."""

@@ -82,7 +82,7 @@ def _in_front(x: Array) -> Array:
 
 def homography_of(prediction: Prediction) -> Array:
     """The (3, 3) homography from the field to the image; the distortion of a camera is ignored."""
-    return prediction.homography if isinstance(prediction, Camera | RationalCamera) else prediction
+    return prediction.pinhole_homography if isinstance(prediction, Camera | RationalCamera) else prediction
 
 
 def inverse_up_to_scale(H: Array) -> Array:

@@ -1,7 +1,6 @@
 from . import collection as collection
 from . import entry as entry
 from . import frames as frames
-from . import homographies as homographies
 from . import inputs as inputs
 from . import reading as reading
 from . import saving as saving
@@ -9,5 +8,4 @@ from . import sources as sources
 from . import tables as tables
 from .collection import Results as Results
 from .entry import calibrate as calibrate
-from .homographies import FieldHomography as FieldHomography
 from .reading import read as read

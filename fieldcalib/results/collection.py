@@ -15,18 +15,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import encode_image
-from fieldcalib.results.frames import FrameStore, Lazy, LazyList
-from fieldcalib.results.homographies import FieldHomography, field_homography
+from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
 from fieldcalib.results.sources import Pictures
 from fieldcalib.results.tables import short_table, whole_table
 
@@ -80,7 +81,12 @@ class Results(Mapping[str, Calibration]):
         return {id: number for number, id in enumerate(self.frames.ids) if id not in broken}
 
     def __getitem__(self, id: str) -> Calibration:
-        return self.frames.calibration(self._numbers[id])
+        return self.frames.calibration(self._number(id))
+
+    def _number(self, id: str) -> int:
+        if id not in self._numbers:
+            raise NoFrameError(id, self._numbers, self.broken)
+        return self._numbers[id]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers)
@@ -133,7 +139,7 @@ class Results(Mapping[str, Calibration]):
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
         """The verdict on each frame by id: "good", "check" or "reject"."""
-        return {line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if "verdict" in line}
+        return ById({line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if "verdict" in line})
 
     @property
     def basis(self) -> Mapping[str, str]:
@@ -203,11 +209,7 @@ class Results(Mapping[str, Calibration]):
         if frame is None and len(ids) != 1:
             raise ValueError(f"say which frame: there are {len(ids)}, as {', '.join(map(repr, ids[:3]))}")
         found = frame if isinstance(frame, str) else ids[frame or 0]
-        if found in self.broken:
-            raise KeyError(f"frame {found!r} could not be read: {self.broken[found]}")
-        if found not in self:
-            near = ", ".join(map(repr, list(self)[:3]))
-            raise KeyError(f"there is no frame {found!r}; frames are as {near or 'none'}")
+        self._number(found)
         return found
 
     def _field(self, calibration: Calibration) -> Field:
@@ -297,7 +299,7 @@ class Results(Mapping[str, Calibration]):
 
     def line(self, id: str) -> Mapping[str, Any]:
         """Everything that is kept of a frame, see `lines`."""
-        return self.frames.line(self._numbers[id])
+        return self.frames.line(self._number(id))
 
     def _repr_html_(self) -> str:
         """A table for notebooks, and a picture where one can be made."""

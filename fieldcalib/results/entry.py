@@ -50,7 +50,7 @@ def calibrate(
 
     The frames of a video are calibrated together (`calibrate_video`), pictures one by one (`calibrate_from_images`), as
     `fieldcalib run` does; labelled pixels as `fieldcalib calibrate` does. Files that cannot be read are in
-    `Results.broken`.
+    `Results.broken`, unless none can.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def calibrate(
     Raises
     ------
     FileNotFoundError, BrokenFileError
-        If there is no input, or a video cannot be read.
+        If there is no input, or a video or every picture cannot be read.
     ValueError
         If the source is none of these, or a stream without an `end`; or as the functions above.
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from functools import cached_property, lru_cache
+from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
@@ -15,6 +18,7 @@ from fieldcalib.run_folder.outcome import calibration_line
 
 EQ3 = "loss_ndc_eq3"  # key of the paper's loss
 MOST_OPEN = 1000  # frames whose calibrations are kept as they are
+SHOWN, MOST_COMPARED = 3, 2000  # ids that errors name, and that are compared with the one that was asked for
 CACHED = 256  # calibrations that are kept once they were made or parsed: up to 100 kB each
 
 Value = TypeVar("Value")
@@ -170,6 +174,34 @@ class StoredFrames:
         return self._calibration(number)
 
 
+class NoFrameError(KeyError):
+    """Error on asking for a frame that is not there: it says which ones are, and which may be meant."""
+
+    def __init__(self, id: object, known: Collection[str], broken: Mapping[str, str] = MappingProxyType({})) -> None:
+        super().__init__(id)
+        self._id, self._known, self._broken = id, known, broken
+
+    def __str__(self) -> str:
+        if isinstance(self._id, str) and self._id in self._broken:
+            return f"frame {self._id!r} could not be read: {self._broken[self._id]}"
+        if not self._known:
+            return f"there is no frame {self._id!r}: no frame has a calibration"
+        text = str(self._id)
+        likely = [one for one in (f"{text:0>6}", Path(text).stem) if one in self._known]
+        likely = likely or get_close_matches(text, islice(self._known, MOST_COMPARED), n=1, cutoff=0.8)
+        some = ", ".join(map(repr, islice(self._known, SHOWN)))
+        more = f" and {len(self._known) - SHOWN} more" if len(self._known) > SHOWN else ""
+        hint = f"did you mean {likely[0]!r}? " if likely else ""
+        return f"there is no frame {self._id!r}: {hint}ids are {some}{more}"
+
+
+class ById(dict[str, Value]):
+    """A dict by the ids of frames, which says what ids there are when another one is asked for."""
+
+    def __missing__(self, id: object) -> Value:
+        raise NoFrameError(id, self.keys())
+
+
 class Lazy(Mapping[str, Value]):
     """A mapping of ids to values that are made when they are asked for."""
 
@@ -177,6 +209,8 @@ class Lazy(Mapping[str, Value]):
         self._numbers, self._value = numbers, value
 
     def __getitem__(self, id: str) -> Value:
+        if id not in self._numbers:
+            raise NoFrameError(id, self._numbers)
         return self._value(self._numbers[id])
 
     def __iter__(self) -> Iterator[str]:

@@ -15,13 +15,14 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.progress import Progress, progress_bar
+from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount, calibrate_video
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
@@ -33,7 +34,7 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.annotated import paper_losses
-from fieldcalib.run_folder.clip_input import ClipInput
+from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
 from fieldcalib.run_folder.images import Frame, ReadImage, accepted, checked_frames, pixels_of
 from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.units import grouped, unit_size, units_of
@@ -230,6 +231,8 @@ class OneByOne:
                 bar.update(len(part))
         if not collected.ids:
             raise ValueError(f"{EXPECTED}, got nothing")
+        if len(collected.broken) == len(collected.ids):
+            raise BrokenFileError(_none_is_readable(collected.broken, self.pictures))
         return Results(collected.frames(), self.pictures)
 
     def _frames(self) -> tuple[Iterator[Frame], int | None]:
@@ -239,10 +242,19 @@ class OneByOne:
             chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
             named = zip(numbers, chosen, strict=False)
             return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
+        _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
         if source is not None:
             return iter(source), source.count or None
         return map(ReadImage(), self.pictures.files), len(self.pictures.files)
+
+
+def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
+    """Message about the first of files none of which can be read."""
+    id, problem = next(iter(broken.items()))
+    names = {file.id: file.path.name for file in pictures.files}
+    others = f"; nor can the other {len(broken) - 1} be read" if len(broken) > 1 else ""
+    return f"{names.get(id, id)}: {problem}{others}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,9 +266,11 @@ class Clip:
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
         method.check(clip=True)
+        _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
-        found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
+        with solving(SOLVING, method.progress):
+            found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
@@ -295,3 +309,9 @@ class LiveStream:
 def _warn(message: str) -> None:
     """Warn the caller of `fieldcalib.calibrate`."""
     warnings.warn(message, stacklevel=2)
+
+
+def _warn_of(message: str) -> None:
+    """Warn the caller, unless there is nothing to say."""
+    if message:
+        _warn(message)

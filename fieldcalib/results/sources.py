@@ -8,17 +8,13 @@ from functools import cached_property
 from pathlib import Path
 
 from fieldcalib.io.clips import in_order
-from fieldcalib.io.cuts import WHOLE, Cut, Position
-from fieldcalib.io.files import FrameFile, named_in_errors
+from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.videos import VideoReader
-from fieldcalib.run_folder.clip_input import ArrayFrames, Frames, ImageFrames, VideoFrames
-from fieldcalib.run_folder.images import MOST_BYTES, in_cut
-
-
-def _nothing(message: str) -> None:
-    """Tell nobody."""
+from fieldcalib.run_folder.clip_input import ArraysClip, ClipSource, FilesClip, VideoClip
+from fieldcalib.run_folder.images import ignored, in_cut
+from fieldcalib.run_folder.numbered_frames import NumberedFiles, NumberedVideo
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +38,24 @@ class Pictures:
         """Files of the pictures, or of the video."""
         if self.is_video:
             return [FrameFile(self.paths[0].stem, self.paths[0])]
-        found = IMAGES.find(self.paths) if self.paths else []
-        return in_cut(in_order(found) if self.is_clip else found, self.cut) if found else []
+        return in_cut(self._found, self.cut, ignored) if self._found else []
 
     @cached_property
-    def _by_id(self) -> dict[str, FrameFile]:
-        return {file.id: file for file in self.files}
+    def _found(self) -> Sequence[FrameFile]:
+        """Files of pictures, those outside the cut included."""
+        found = IMAGES.find(self.paths) if self.paths else []
+        return in_order(found) if self.is_clip else found
+
+    def beyond(self) -> str:
+        """Message if the end of the cut lies beyond the last picture; empty otherwise, and for a video."""
+        count = 0 if self.is_video else len(self.images) or len(self._found)
+        said = self.cut.beyond(count) if count else ""
+        return f"the input {said}" if said else ""
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        """Numbers of the files of pictures, by id."""
+        return {file.id: number for number, file in enumerate(self.files)}
 
     def has(self, id: str) -> bool:
         """Whether the picture of a frame can be read again."""
@@ -56,7 +64,7 @@ class Pictures:
         if self.is_video:
             return self.paths[0].is_file()
         try:
-            return id in self._by_id
+            return id in self._numbers
         except (OSError, ValueError):  # moved, or no pictures
             return False
 
@@ -75,17 +83,23 @@ class Pictures:
         if len(self.images):
             return checked_image(self.images[int(id)])
         if self.is_video:
-            cut = Cut(Position(frame=int(id)), Position(frame=int(id) + 1))
-            with VideoReader(self.paths[0], cut=cut) as video:
-                return next(iter(video))
-        file = self._by_id[id]
-        with named_in_errors(file.path):
-            return IMAGES.read(file.read(MOST_BYTES))
+            return self._video.frame(int(id))
+        number = self._numbers[id]
+        return next(self._files.each(number, number + 1))
 
-    def frames(self, tell: Callable[[str], object] = _nothing) -> Frames:
+    @cached_property
+    def _files(self) -> NumberedFiles:
+        return NumberedFiles(self.files)
+
+    @cached_property
+    def _video(self) -> NumberedVideo:
+        """The video, which stays open to be read at any place."""
+        return NumberedVideo(self.paths[0])
+
+    def frames(self, tell: Callable[[str], object] = ignored) -> ClipSource:
         """The pictures one after the other, again and again; `tell` gets a message about lost frames of a video."""
         if len(self.images):
-            return ArrayFrames(self.images, self.cut)
+            return ArraysClip(self.images, self.cut)
         if self.is_video:
-            return VideoFrames(self.paths[0], self.cut, tell=tell)
-        return ImageFrames(self.files, tell=_nothing)
+            return VideoClip(self.paths[0], self.cut, tell=tell)
+        return FilesClip(self.files, tell=ignored)

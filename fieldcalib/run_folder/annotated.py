@@ -13,7 +13,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.console.program import counted, say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
@@ -247,7 +248,7 @@ def calibrate_files(
                 if complaint:
                     say(complaint)
                     return 1
-    with open_camera_folder(run, record, began) as results:
+    with open_camera_folder(run, record, began, files) as results:
         work(run, results, files, size, method, len(files))
     return results.exit_code
 

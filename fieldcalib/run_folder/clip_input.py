@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -16,10 +17,11 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import DEFAULT_RATE
-from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, image_files, in_cut
+from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, ignored, image_files, in_cut
 
 PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip is calibrated, in this order
 AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
+SOLVING = "solving the clip"  # between them
 READ = ReadImage()
 
 
@@ -28,7 +30,7 @@ def whole_frame(image: Image) -> Placement:
     return Placement(size_of(image), size_of(image), None)
 
 
-class Frames(Protocol):
+class ClipSource(Protocol):
     """Frames that can be read again and again."""
 
     @property
@@ -55,7 +57,7 @@ class Frames(Protocol):
         """The frames in order."""
 
 
-class VideoFrames:
+class VideoClip:
     """The frames of a video; `tell` gets a message about announced frames that cannot be read, once."""
 
     def __init__(
@@ -71,20 +73,22 @@ class VideoFrames:
         self.frames_per_second = DEFAULT_RATE
         self.count = 0
         self.broken: dict[str, str] = {}
-        self.loss = ""
+        self.loss = self._beyond = ""
         next(iter(self))  # what is wrong with it shows before anything is written
+        if self._beyond:
+            tell(self._beyond)
 
     def __iter__(self) -> Iterator[Frame]:
         path, most = self._path, self._read.most_pixels
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
-            self.frames_per_second, self.count = video.frames_per_second, video.count
+            self.frames_per_second, self.count, self._beyond = video.frames_per_second, video.count, video.beyond
             yield from checked_frames(path, video, self._read.check)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
                 self._tell(loss)
 
 
-class ImageFrames:
+class FilesClip:
     """Images of files, all of one size; `tell` gets what is wrong with one, once."""
 
     def __init__(self, files: Sequence[FrameFile], read: ReadImage = READ, tell: Callable[[str], object] = say) -> None:
@@ -110,7 +114,7 @@ class ImageFrames:
 
 
 @dataclass(frozen=True)
-class ArrayFrames:
+class ArraysClip:
     """Images in memory, whose ids are their numbers with six digits."""
 
     images: Sequence[Image]
@@ -127,17 +131,16 @@ class ArrayFrames:
         """Number of frames."""
         return len(self._numbers)
 
-    @property
-    def _numbers(self) -> range:
-        numbers = self.cut.numbers()
-        return range(len(self.images))[numbers.start : numbers.stop : numbers.step]
+    @cached_property
+    def _numbers(self) -> Sequence[int]:
+        return in_cut(range(len(self.images)), self.cut, ignored)
 
     def __iter__(self) -> Iterator[Frame]:
         for number in self._numbers:
             yield Frame(f"{number:06d}", checked_image(self.images[number]))
 
 
-def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int | None = None) -> Frames:
+def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int | None = None) -> ClipSource:
     """The frames of a video, or of files of images in the order of the numbers in their names.
 
     Raises
@@ -146,15 +149,15 @@ def clip_frames(paths: Sequence[Path], cut: Cut, read: ReadImage, threads: int |
         As `fieldcalib.run_folder.images.opened`.
     """
     if VIDEOS.recognises(paths[0]):
-        return VideoFrames(paths[0], cut, read, threads)
-    return ImageFrames(in_cut(in_order(image_files(paths)), cut), read)
+        return VideoClip(paths[0], cut, read, threads)
+    return FilesClip(in_cut(in_order(image_files(paths)), cut, say), read)
 
 
 class ClipInput:
     """The images of a clip as parts of their frames; they can be read several times, with progress."""
 
     def __init__(
-        self, source: Frames, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
+        self, source: ClipSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
     ) -> None:
         self.source, self._placement, self._progress = source, placement, progress
         self.ids: list[str] = []

@@ -13,7 +13,7 @@ from fieldcalib.console.inputs import Input
 from fieldcalib.console.options import option
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
-from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
@@ -118,10 +118,12 @@ def opened(
         As `find_files`, `in_cut` and `VideoReader`, and as `check` for the frames of a video.
     """
     if not VIDEOS.recognises(inputs[0]):
-        files = in_cut(image_files(inputs), cut)
+        files = in_cut(image_files(inputs), cut, say)
         yield Source(files, len(files))
         return
     with VIDEOS.read(inputs[0], most_pixels, cut=cut, threads=threads) as video:
+        if video.beyond:
+            say(video.beyond)
         frames = checked_frames(inputs[0], video, check)
         file = FrameFile(inputs[0].stem, inputs[0])
         yield Source([file], video.count, frames, video.frames_per_second, video.loss)
@@ -134,8 +136,8 @@ def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
     return files
 
 
-def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
-    """Select the images in a cut.
+def in_cut(images: Sequence[T], cut: Cut, tell: Callable[[str], object]) -> Sequence[T]:
+    """Select the images in a cut; `tell` gets a message if its end lies beyond the last one.
 
     Raises
     ------
@@ -143,10 +145,16 @@ def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
         If there is none, or the cut is one of times.
     """
     numbers = cut.numbers()
-    found = list(files[numbers.start : numbers.stop : numbers.step])
+    found = images[numbers.start : numbers.stop : numbers.step]
     if not found:
-        raise ValueError(f"there are {len(files)} images, the first that is asked for is {cut.start}")
+        raise ValueError(f"the input {ends_before(cut.start, len(images))}: there is no frame to begin with")
+    if beyond := cut.beyond(len(images)):
+        tell(f"the input {beyond}")
     return found
+
+
+def ignored(message: str) -> None:
+    """Tell nobody."""
 
 
 def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:

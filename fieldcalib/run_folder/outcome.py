@@ -12,7 +12,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration, concerns_of
+from fieldcalib.assess.result import Calibration, concerns_of
+from fieldcalib.assess.result_record import ANGLE_NAMES
 from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS

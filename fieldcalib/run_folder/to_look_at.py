@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.remedies import Tool, how
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.program import counted
 
 NAMED = 5  # number of stretches that are named
@@ -46,6 +47,9 @@ class ToLookAt:
     >>> print(seen.message("out/cameras.jsonl"))
     2 frames to look at (all reasons and remedies: out/cameras.jsonl):
       000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
+    >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand")
+    >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
+      what would help: more markings in view, or labelled by hand (fieldcalib open)
     """
 
     stretches: list[Stretch] = attribute(default_factory=list)
@@ -54,9 +58,11 @@ class ToLookAt:
     """Number of all such frames."""
     named: int = 0
     """Number of frames in `stretches`."""
+    remedies: dict[str, None] = attribute(default_factory=dict)
+    """Remedies of the frames in `stretches`, in their order."""
     _is_next: bool = False
 
-    def add(self, id: str, verdict: str, reason: str) -> None:
+    def add(self, id: str, verdict: str, reason: str, remedy: str = "") -> None:
         """Add the next frame; a frame without a verdict, which could not be read, is skipped."""
         if not verdict or verdict == Verdict.GOOD:
             self._is_next = False
@@ -72,6 +78,8 @@ class ToLookAt:
             return
         self._is_next = True
         self.named += 1
+        if remedy:
+            self.remedies[remedy] = None
 
     def message(self, *where: str) -> str:
         """Message with the frames, and where all are to be found; empty if all are good."""
@@ -79,7 +87,12 @@ class ToLookAt:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
-        return "\n  ".join([head, *map(str, self.stretches), *rest])
+        help = [f"what would help: {remedy}{_in_brackets(how(remedy, Tool.COMMAND))}" for remedy in self.remedies]
+        return "\n  ".join([head, *map(str, self.stretches), *rest, *help])
+
+
+def _in_brackets(text: str) -> str:
+    return f" ({text})" if text else ""
 
 
 def _without_numbers(text: str) -> str:

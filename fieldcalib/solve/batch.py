@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import (

@@ -17,8 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.shared import ReducedSystem
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.problem.evaluation import Evaluation

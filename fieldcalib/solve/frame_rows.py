@@ -14,7 +14,6 @@ from fieldcalib.assess.frame_table import (
     ACCEPTED,
     BASES,
     IMPROBABLE,
-    LARGEST_ERROR,
     STATUSES,
     Basis,
     FrameTable,
@@ -22,6 +21,7 @@ from fieldcalib.assess.frame_table import (
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.field import tolerance_of
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.solve.from_segments import NO_PIXELS
 from fieldcalib.solve.shared_parameters import SharedParameters
@@ -47,7 +47,7 @@ def solved_rows(
     shared: SharedParameters,
     solved: SolvedFrames,
     alone: Mapping[int, Calibration] = NOTHING,
-    largest_error: float = LARGEST_ERROR,
+    largest_error: float | None = None,
 ) -> FrameTable:
     """Make rows of B solved frames.
 
@@ -56,8 +56,8 @@ def solved_rows(
     alone : mapping of int to Calibration
         Calibrations of some of the B frames by themselves, by row: they give the suspect labels and, unless a frame is
         tied, its status.
-    largest_error : float
-        Metres over the field in view: cameras with larger errors are not accepted.
+    largest_error : float, optional
+        Metres over the field in view: cameras with larger errors are not accepted. By default the field's tolerance.
     """
     evaluation, errors, is_tied = solved
     rows = table_without_cameras(shared, len(evaluation.theta))
@@ -69,6 +69,7 @@ def solved_rows(
         for suspect in one.suspect_labels:
             column = rows.labels.index(suspect.label)
             label_errors[k, column], label_counts[k, column] = suspect.error_px, one.pixel_counts[suspect.label]
+    largest_error = tolerance_of(shared.options.field) if largest_error is None else largest_error
     metres = ground_errors(evaluation.theta, errors, shared.considered, shared.options.field)
     status = np.full(len(rows), ACCEPTED)
     for k, one in alone.items():

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import disagreement, implausibilities
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer

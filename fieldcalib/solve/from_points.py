@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status, Verdict
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
+from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution
@@ -88,7 +89,8 @@ def calibrate_from_points(
     -------
     Calibration
         `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... in the given order, without
-        points of weight 0. Without an initial camera there is no camera. If the verdict is not good and the points of a
+        points of weight 0. Suspects are searched among up to 200 points; among more the robust loss alone stands
+        against wrong ones. Without an initial camera there is no camera. If the verdict is not good and the points of a
         field fill only a part of the image, or lie beyond it, the message asks whether they are of an image of another
         size.
 

@@ -20,9 +20,10 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
-from fieldcalib.assess.result import Calibration, Status, SuspectLabel
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
+from fieldcalib.assess.words import Status, SuspectLabel
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate

@@ -14,7 +14,8 @@ keeps it is much more expensive; its frame is then calibrated again with the lab
 
 Only frames are examined whose camera misses a segment by more than the cost of another label. Further cameras, each
 without one of the segments, are tried only if the present one explains its frame worse than giving up a segment would.
-The cameras of all such frames are solved together.
+The cameras of all such frames are solved together. Frames with more than `MOST_LABELS` labels are not examined: each
+label is compared with every other one, and among so many the robust loss suffices against a few wrong ones.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
+from fieldcalib.assess.words import SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -42,6 +43,7 @@ LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))
 OVERSHOOT = 1.0 / 40.0  # of the scale: how far annotators draw beyond the end of a segment, 1 m on a soccer field
 ROUNDS = 3  # of solving without the mislabelled segments and searching for these again
 ITERATIONS, TOLERANCE = 20, 1e-4  # of these solutions: good enough to compare; the last one is solved to the end
+MOST_LABELS = 200  # of a frame that is examined: time and memory grow with the square; fields have fewer
 PIXELS = 8  # of a segment, compared with all other labels: more pixels add nothing
 
 
@@ -93,7 +95,8 @@ def without_mislabels(evaluation: Evaluation, prior: GaussianPrior, options: Opt
     """
     costs = _Costs.of(evaluation, options)
     suspects: list[tuple[SuspectLabel, ...]] = [()] * len(evaluation.theta)
-    doubtful = np.flatnonzero(np.any(costs.of_given(evaluation) > costs.renamed, axis=1))
+    is_small = np.sum(evaluation.problem.observations.rank >= 0, axis=1) <= MOST_LABELS
+    doubtful = np.flatnonzero(is_small & np.any(costs.of_given(evaluation) > costs.renamed, axis=1))
     if len(doubtful):
         search = _Search(costs, evaluation.take(doubtful), options)
         for t, its_suspects in zip(doubtful, search.suspects(), strict=True):

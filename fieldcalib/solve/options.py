@@ -18,6 +18,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
+from fieldcalib.fields.traits import LineLook
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, Layout
 from fieldcalib.problem.losses import RobustLoss
@@ -29,7 +30,7 @@ Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
 CERTAIN = float(np.log(20.0))  # log odds from which on evidence counts as certain: right in 19 of 20 cases
-PAINT = 0.03  # m: standard deviation of the position of a painted line, a quarter of its width
+PAINT = 0.25  # of the width of a painted line: standard deviation of its position
 APPROACH_TOLERANCE = 3e-2  # relative decrease of the cost at which the stages before the last end
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-6)
@@ -41,6 +42,21 @@ NOISE = 1.0  # px: standard deviation of pixels that annotators and networks lab
 WIDE_SCALE = 20.0  # px: far from the solution a narrow loss has no gradient
 # AC@5 / @10 on SoccerNet's annotations are 84.9 / 94.2 with 3 px, 85.6 / 94.5 with 6, 85.6 / 94.3 with 12.
 NARROW_SCALE = 6.0
+
+
+def paint_sigma(object_segments: ObjectSegments) -> float:
+    """Standard deviation of the position of a painted line, metres: a quarter of the width of the field's lines.
+
+    Of an object that is no `Field` it is that of a soccer pitch.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> from fieldcalib.fields import badminton
+    >>> paint_sigma(soccer()), paint_sigma(badminton())
+    (0.03, 0.01)
+    """
+    return PAINT * (object_segments.lines if isinstance(object_segments, Field) else LineLook()).width
 
 
 class CalibrationFlags(IntFlag):

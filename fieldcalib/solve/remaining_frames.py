@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.frame_table import LARGEST_ERROR, FrameTable
+from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.words import Status
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import CHUNK
@@ -47,14 +48,14 @@ def with_remaining_frames(
     table = table_without_cameras(shared, len(problem))
     done = np.zeros(len(problem), dtype=bool)
     if problem.is_linked:
-        table = table.replaced(joint.index, solved_rows(shared, _each(joint, shared), largest_error=LARGEST_ERROR))
+        table = table.replaced(joint.index, solved_rows(shared, _each(joint, shared)))
         done[joint.index] = True
     initial = _initial_frames(problem, shared, table, done, before)
     if problem.moves:
         initial = _on_path(initial, KnownCentres.of(table, done, shared.considered))
     unlinked = {t: c for t, c in initial.alone.items() if not initial.known[t]}
     # if nothing links the frames, one that is accepted by itself is done
-    table = with_frames_alone(table, shared, unlinked, LARGEST_ERROR if problem.is_linked else np.inf)
+    table = with_frames_alone(table, shared, unlinked, None if problem.is_linked else np.inf)
     while len(layer := _next(problem, done, initial.known)):
         for part in np.array_split(layer, -(-len(layer) // CHUNK)):
             table = table.replaced(part, _followed(problem, shared, table, done, initial, part))
@@ -107,7 +108,7 @@ def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFram
 
 
 def with_frames_alone(
-    table: FrameTable, shared: SharedParameters, alone: Mapping[int, Calibration], largest_error: float
+    table: FrameTable, shared: SharedParameters, alone: Mapping[int, Calibration], largest_error: float | None
 ) -> FrameTable:
     """The table with untied frames filled in as they were calibrated by themselves."""
     table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
@@ -152,7 +153,7 @@ def _followed(
     solved = shared.solved(theta, pixels, pairs, prior)
     errors = shared.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
     is_tied = np.isin(np.arange(len(part)), pairs.second)
-    return solved_rows(shared, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
+    return solved_rows(shared, SolvedFrames(solved, errors, is_tied), alone)
 
 
 def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:

@@ -15,7 +15,7 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import checked_batch
-from fieldcalib.solve.options import PAINT, CalibrationFlags, Prior, default_flags
+from fieldcalib.solve.options import CalibrationFlags, Prior, default_flags, paint_sigma
 from fieldcalib.solve.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.task import Task
@@ -33,7 +33,7 @@ def calibrate_sequence(
     trust_labels: bool = False,
     weights: Iterable[Weights] | None = None,
     shared: Sequence[str] = SHARED,
-    paint: float = PAINT,
+    paint: float | None = None,
     matches: Matched | None = None,
     start: SequenceCalibration | None = None,
 ) -> SequenceCalibration:
@@ -56,8 +56,9 @@ def calibrate_sequence(
         prior; without a zoom law no parameter follows the zoom, and a size that is not shared is the given one, with
         its prior uncertainty. Without the centre the camera moves on a smooth path: the frames must be in order, evenly
         spaced in time, at about 25 per second.
-    paint : float
-        Standard deviation, in metres, of the position of a painted line as a whole, the same in all frames.
+    paint : float, optional
+        Standard deviation, in metres, of the position of a painted line as a whole, the same in all frames. By default
+        a quarter of the width of the field's lines, 3 cm on a soccer pitch.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
         `fieldcalib.match_background`; None for a pair without matches. They tie frames without labels to those that
@@ -97,6 +98,7 @@ def calibrate_sequence(
     >>> found.values[1:3].round()  # y and z of the tripod
     array([ 66., -16.])
     """
+    paint = paint_sigma(object_segments) if paint is None else paint
     task = Task(object_segments, flags=flags, prior=prior, loss=loss, paint=paint, trust_labels=trust_labels)
     if flags is None:
         task = replace(task, flags=default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2)

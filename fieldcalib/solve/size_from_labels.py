@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.assess.solved import Solved
+from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate

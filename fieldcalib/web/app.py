@@ -29,7 +29,7 @@ from fieldcalib.io.images import encode_image
 from fieldcalib.web.edits import apply
 from fieldcalib.web.guard import Guard, TooLargeError
 from fieldcalib.web.job import ClipJob
-from fieldcalib.web.pictures import LARGEST, Pictures
+from fieldcalib.web.pictures import LARGEST, ShownPictures
 from fieldcalib.web.records import field_record
 from fieldcalib.web.state import error_map, frames_state
 from fieldcalib.web.worker import Worker
@@ -63,7 +63,7 @@ class Page:
         self.editor = editor
         self.worker = Worker(editor)
         self.job = ClipJob(editor)
-        self.pictures = Pictures(editor.frames)
+        self.pictures = ShownPictures(editor.frames)
         self.files = page_files()
         if len(editor):
             self.worker.state(0)  # the first frame is calibrated before the browser asks for it
@@ -137,6 +137,7 @@ class Page:
                 "version": editor.version,
                 "can_save": editor.stored is not None,
                 "unsaved": editor.unsaved,
+                "has_results": editor.stored is not None and len(editor.stored.ids) > 0,
                 "sports": list(FIELDS),
                 "cuts": editor.cuts,
             }

@@ -8,19 +8,19 @@ from threading import Lock
 
 import numpy as np
 
-from fieldcalib.editor.sources import Frames
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import at_most_wide
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 
 QUALITY = 88  # of the JPEGs
 CACHE_BYTES = 48_000_000  # of the JPEGs in memory
 LARGEST = 8192  # px: width of what is sent
 
 
-class Pictures:
+class ShownPictures:
     """JPEGs of the frames of an editor; those that were asked for last are kept."""
 
-    def __init__(self, frames: Frames) -> None:
+    def __init__(self, frames: NumberedFrames) -> None:
         self._frames = frames
         self._kept: OrderedDict[tuple[int, ...], bytes] = OrderedDict()
         self._lock = Lock()

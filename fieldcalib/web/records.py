@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.remedies import Tool, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.fields.field import Field
@@ -90,6 +91,7 @@ def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]
         "verdict": str(calibration.verdict),
         "reason": calibration.reason,
         "remedy": calibration.remedy,
+        "here": how(calibration.remedy, Tool.PAGE),
         "probability": _probability(calibration),
         "camera": None,
         "curves": [],

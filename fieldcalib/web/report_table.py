@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from dataclasses import replace as changed
 from typing import Any
 
-from fieldcalib.assess.result import ANGLE_NAMES, Verdict
+from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

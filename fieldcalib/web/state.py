@@ -11,7 +11,7 @@ from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.editor import Editor
-from fieldcalib.editor.fitting import is_stray, mark_errors
+from fieldcalib.editor.fitting import is_left_out, is_stray, mark_errors
 from fieldcalib.editor.frame import LENSES, FrameEditor, Known
 from fieldcalib.io.image import size_of
 from fieldcalib.web.records import calibration_record
@@ -47,7 +47,15 @@ def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
     """What the page is told of a frame whose image cannot be read."""
-    said = {"status": "broken file", "message": problem, "verdict": "", "reason": problem, "remedy": "", "basis": ""}
+    said = {
+        "status": "broken file",
+        "message": problem,
+        "verdict": "",
+        "reason": problem,
+        "remedy": "",
+        "here": "",
+        "basis": "",
+    }
     return {
         "number": number,
         "id": editor.ids[number],
@@ -61,6 +69,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
         **dict.fromkeys(("can_undo", "can_redo", "by_hand", "gets_marks"), False),
         "automatic": True,
         **said,
+        **dict.fromkeys(("remedy", "here"), ""),
         **NOTHING,
         "next": None,
         "milliseconds": 0.0,
@@ -68,7 +77,10 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
 
 
 def _marks(one: FrameEditor) -> list[dict[str, Any]]:
-    """The marks of a frame, each with its distance from its marking, and whether the others contradict its label."""
+    """The marks of a frame, each with its distance from its marking, and whether the others contradict its label.
+
+    Marks of a network that lie beside it are left out of the camera: pixels are only fitted where they agree with it.
+    """
     calibration, marks = one.calibration, one.marks
     suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}
     return [
@@ -78,6 +90,7 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
             "y": round(mark.y, 2),
             "by_hand": mark.by_hand,
             "suspect": mark.label in suspects or (mark.by_hand and is_stray(error, size_of(one.image))),
+            "left_out": not mark.by_hand and mark.label not in suspects and is_left_out(error, size_of(one.image)),
             "error": to_json(round(error, 2)),
             "fits": suspects.get(mark.label),
         }

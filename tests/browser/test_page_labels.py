@@ -53,7 +53,8 @@ SHOW_VERDICT = """async () => {
     const card = new VerdictCard(document.getElementById("verdict"), { canMend: true });
     const before = card.root.clientHeight;
     card.show({ number: 0, verdict: "check", camera: {}, reason: "a reason, ".repeat(40),
-                remedy: "give --field-length and --field-width ".repeat(9), marks: [] });
+                remedy: "give the known length and width of the field ".repeat(9),
+                here: "type the size of the field in the tab Camera", marks: [] });
     const cut = [...card.root.children].filter((one) => one.scrollHeight > one.clientHeight + 1).length;
     card.root.scrollTop = 1e4;
     const last = card.root.lastElementChild.getBoundingClientRect().bottom;
@@ -68,6 +69,28 @@ def test_a_long_reason_is_shown_whole(labelled):
     assert seen["beyond"] <= 0.0
     assert seen["text"].lower().count("a reason") == 40
     assert "Here: type the size of the field in the tab Camera." in seen["text"]
+
+
+SHOW_LEFT_OUT = """async () => {
+    const load = (name) => import(new URL(`static/${name}.js`, document.baseURI));
+    const [{ VerdictCard }, { MarkList }] = [await load("verdict"), await load("marks")];
+    const mark = (label, error, left_out) => ({ label, error, left_out, x: 9, y: 9, by_hand: false, suspect: false });
+    const marks = [mark("Side line top", 12.4, true), mark("Side line top", 1.0, false),
+                   mark("Middle line", 0.5, false), mark("Circle left", 9.1, true)];
+    const frame = { number: 0, verdict: "good", camera: {}, reason: "rms 0.99 px over 8 segments", marks };
+    const actions = { select() {}, choose() {}, remove() {} };
+    new VerdictCard(document.getElementById("verdict")).show(frame);
+    new MarkList(document.getElementById("marks"), actions).show(frame, new Set(), null);
+    return [document.getElementById("verdict").innerText, document.getElementById("marks").innerText];
+}"""
+
+
+def test_labels_that_were_left_out_are_named(labelled):
+    card, marks = labelled.page.evaluate(SHOW_LEFT_OUT)
+    assert "Left out of the camera as stray: Side line top (1 of 2 marks, 12 px off), Circle left (9 px off)." in card
+    assert "The rms is of the pixels that it was fitted to." in card
+    assert marks.count("Left out of the camera as stray") == 2
+    assert "Left out of the camera as stray: 1 of 2." in marks
 
 
 def test_clicks_snap_to_the_paint_unless_a_key_says_no(serve, window, picture):

@@ -91,7 +91,7 @@ def test_an_edit_of_a_frame_that_another_window_changed_is_refused(serve, window
 def test_what_is_saved_is_said(serve, window, picture):
     server = serve(picture)
     one = window(server)
-    assert one.text("#top-save button") == "Saved"
+    assert one.text("#top-save button") == "Save"  # nothing has been saved yet
     one.label_by_clicks(LABELS[:4])
     one.page.get_by_role("button", name="Save 1 frame").wait_for()
     assert one.page.title().startswith("• ")

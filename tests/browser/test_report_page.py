@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import fieldcalib
 from fieldcalib import Camera
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.web.report import write_report
 
 SIZE = (1280, 720)
 # a picture, or that there is none
@@ -124,6 +126,20 @@ def test_the_worst_frames_come_first_and_every_column_sorts(pictures_report, ope
     page.get_by_role("button", name="Pan").click()
     assert rows(page)[0] == "right"
     assert rows(page, "pan")[-3:] == ["–"] * 3  # what has no value comes last
+
+
+def test_a_report_of_good_frames_names_the_least_sure_one(opened, tmp_path):
+    truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    pixels = {label: truth.project(soccer()[label].sample(9.0)).round() for label in labels}
+    fewer = {label: xy + 0.5 for label, xy in pixels.items() if label != "Circle right"}
+    results = fieldcalib.calibrate({"many": pixels, "fewer": fewer}, image_size=(960, 540), progress=False)
+    assert set(results.verdicts.values()) == {"good"}
+    write_report(results, tmp_path / "report.html")
+    least = min(results, key=lambda id: results[id].probability())
+    sure = int(100 * round(results[least].probability(), 3))
+    said = opened(tmp_path / "report.html").locator(".report-reasons").inner_text()
+    assert said == f"All frames are good. The least sure one is {least}, {sure} % within 1 m."
 
 
 def test_a_picture_its_map_and_its_numbers_are_shown(pictures_report, opened):

@@ -3,6 +3,7 @@ from . import blender as blender
 from . import colmap as colmap
 from . import frames as frames
 from . import freed as freed
+from . import homography as homography
 from . import nerfstudio as nerfstudio
 from . import opencv as opencv
 from . import soccernet as soccernet

@@ -20,7 +20,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.axes import camera_to_world
-from fieldcalib.io.exports.frames import FrameCameras, farthest_shift, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 
 SAME_ASPECT = 1e-9  # relative
 FIRST_FRAME = 1  # Blender's number of a film's first frame
@@ -139,7 +139,7 @@ def blender_files(frames: FrameCameras, fps: float = 25.0, sensor_width: float =
 
 def blender_error(camera: Camera) -> float:
     """Largest displacement of a point of the image, pixels, without the lens, which Blender's camera lacks."""
-    return farthest_shift(camera, camera.K)
+    return camera.lens_shift
 
 
 def _frame_numbers(frames: FrameCameras) -> dict[str, int]:

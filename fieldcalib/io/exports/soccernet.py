@@ -46,7 +46,9 @@ def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] |
     with_cameras(frames)
     lines = about or {}
     records = [
-        TVCalibRecord(id) if camera is None else TVCalibRecord(id, camera, camera.homography, _loss(lines.get(id, {})))
+        TVCalibRecord(id)
+        if camera is None
+        else TVCalibRecord(id, camera, camera.pinhole_homography, _loss(lines.get(id, {})))
         for id, camera in frames.items()
     ]
     return {"per_sample_output.json": format_per_sample_output(records).encode()}

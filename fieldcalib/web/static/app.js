@@ -453,7 +453,7 @@ class App {
 
   showSaved() {
     const unsaved = Math.max(this.project?.unsaved ?? 0, this.waiting ? 1 : 0);
-    const words = unsaved ? `Save ${counted(unsaved, "frame")}` : "Saved";
+    const words = unsaved ? `Save ${counted(unsaved, "frame")}` : this.project?.has_results ? "Saved" : "Save";
     this.saveButton.querySelector("span").textContent = words;
     this.saveButton.setAttribute("aria-label", words);
     this.saveButton.classList.toggle("primary", unsaved > 0);

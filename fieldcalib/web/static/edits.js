@@ -80,7 +80,7 @@ function applied(state, { body }) {
     case "move":
       return { ...state, marks: marks.map((mark, number) => (number in body.to ? { ...mark, x: body.to[number][0], y: body.to[number][1], pending: true } : mark)) };
     case "relabel":
-      return { ...state, marks: marks.map((mark, number) => (body.numbers.includes(number) ? { ...mark, label: body.label, suspect: false, pending: true } : mark)) };
+      return { ...state, marks: marks.map((mark, number) => (body.numbers.includes(number) ? { ...mark, label: body.label, suspect: false, left_out: false, pending: true } : mark)) };
     case "remove":
       return { ...state, marks: marks.filter((_, number) => !body.numbers.includes(number)) };
     case "clear":

@@ -18,7 +18,7 @@ export class MarkList {
       this.root.replaceChildren(
         element("div", { class: "empty" },
           element("p", { text: "No marks yet." }),
-          element("p", { class: "dim", text: "Choose a marking on the map or by its key, then click along it in the picture. Five or six markings are enough." }),
+          element("p", { class: "dim", text: "Choose a marking on the map or by its key, then click along it in the picture. Seven clicks on three or four markings are enough for a good camera of most pictures." }),
           frame.gets_marks ? element("p", { class: "dim", text: "With the first one the marks that the network finds appear here too, with less weight: remove those that are wrong." }) : null,
         ),
       );
@@ -31,12 +31,13 @@ export class MarkList {
     const numbers = marks.map(({ number }) => number);
     const suspect = marks.find((mark) => mark.suspect);
     const errors = marks.map(({ error }) => error).filter(Number.isFinite);
+    const leftOut = marks.filter((mark) => mark.left_out).length;
     const off = errors.length ? `${shownNumber(Math.max(...errors), 1)} px` : "";
     const isSelected = numbers.every((number) => selected.has(number));
     const choose = element(
       "button",
       { type: "button", class: "mark-name", "aria-pressed": String(isSelected), "data-tip": "Select these marks; twice: choose the marking", on: { click: (event) => (event.detail === 2 ? this.actions.choose(label) : this.actions.select(numbers)) } },
-      element("span", { class: `mark-dot${suspect ? " suspect" : ""}` }),
+      element("span", { class: `mark-dot${suspect ? " suspect" : leftOut === marks.length ? " left-out" : ""}` }),
       element("span", { class: "mark-label", text: label }),
       element("span", { class: "dim", text: `× ${marks.length}` }),
       element("span", { class: `push ${suspect ? "warn" : "dim"}`, text: off }),
@@ -48,6 +49,7 @@ export class MarkList {
       choose,
       remove,
       suspect ? element("p", { class: "warn small", text: suspect.fits ? `In doubt: it fits ${suspect.fits}.` : "In doubt: the other labels contradict it." }) : null,
+      leftOut ? element("p", { class: "dim small", text: `Left out of the camera as stray${leftOut < marks.length ? `: ${leftOut} of ${marks.length}` : ""}.` }) : null,
     );
   }
 }

@@ -206,11 +206,11 @@ export class Picture {
       const { x, y } = this.view.toBox(mark.x, mark.y);
       const selected = this.selected.has(number);
       const colour = mark.suspect ? "--reject" : selected || mark.label === this.emphasized ? "--accent" : "--mark";
-      this.drawMark(context, x, y, { colour, selected, suspect: mark.suspect, pending: mark.pending, faint: mark.by_hand === false });
+      this.drawMark(context, x, y, { colour, selected, suspect: mark.suspect, leftOut: mark.left_out, pending: mark.pending, faint: mark.by_hand === false });
     });
   }
 
-  drawMark(context, x, y, { colour, selected = false, suspect = false, pending = false, faint = false }) {
+  drawMark(context, x, y, { colour, selected = false, suspect = false, leftOut = false, pending = false, faint = false }) {
     const unit = this.unit;
     const outline = new Path2D();
     if (suspect) {
@@ -218,6 +218,12 @@ export class Picture {
       outline.lineTo(x + 7 * unit, y + 5 * unit);
       outline.lineTo(x - 7 * unit, y + 5 * unit);
       outline.closePath();
+    } else if (leftOut) {
+      const arm = 4.5 * unit;
+      outline.moveTo(x - arm, y - arm);
+      outline.lineTo(x + arm, y + arm);
+      outline.moveTo(x - arm, y + arm);
+      outline.lineTo(x + arm, y - arm);
     } else {
       outline.arc(x, y, (faint ? 4 : 5.5) * unit, 0, 2 * Math.PI);
     }

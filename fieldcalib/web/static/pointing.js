@@ -167,7 +167,7 @@ export class Pointing {
     if (number >= 0) {
       const mark = frame.marks[number];
       const off = Number.isFinite(mark.error) ? `, ${mark.error.toFixed(1)} px off` : "";
-      return mark.suspect ? `${mark.label}?${mark.fits ? ` Fits ${mark.fits}` : " The others contradict it"}${off}` : mark.label + off;
+      return mark.suspect ? `${mark.label}?${mark.fits ? ` Fits ${mark.fits}` : " The others contradict it"}${off}` : mark.label + (mark.left_out ? ", left out as stray" : "") + off;
     }
     if (next) return `A mark here helps most: ${next}, −${Math.round(100 * frame.next.gain)} % error`;
     return label;

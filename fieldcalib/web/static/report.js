@@ -150,8 +150,20 @@ class Report {
         element("span", {}, element("span", { class: "report-why", text: sentence(text) }), element("span", { class: "dim", text: ` ${sentence(remedy)}` })),
       );
     });
-    const none = element("p", { class: "dim", text: "All frames are good: there is nothing to look at." });
+    const none = element("p", { class: "dim", text: this.allGood() });
     this.parts.reasons.replaceChildren(...(rows.length ? rows : [none]));
+  }
+
+  /** What is said where no frame has a reason to be looked at: the least sure one is named with its probability. */
+  allGood() {
+    const { id, probability } = this.frames;
+    const known = probability.flatMap((value, number) => (value === null ? [] : [number]));
+    if (!known.length) return "All frames are good.";
+    const least = known.reduce((a, b) => (probability[b] < probability[a] ? b : a));
+    const sure = `${Math.floor(100 * probability[least])} %`;
+    return known.length === 1
+      ? `The frame is good: ${sure} sure within 1 m.`
+      : `All frames are good. The least sure one is ${id[least]}, ${sure} within 1 m.`;
   }
 
   /** Show a frame. */

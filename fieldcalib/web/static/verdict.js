@@ -35,12 +35,6 @@ export function paintVerdict(context, name, x, y, size, colour) {
   context.restore();
 }
 
-/** What to do on the page where a remedy names something, mostly by options of the command line. */
-const ON_PAGE = [
-  [/--field-(length|width|size)/, "Here: type the size of the field in the tab Camera."],
-  [/what is known of the camera/, "Here: the tab Camera has focal length, position and lens, each with a lock."],
-];
-
 /** The card that says whether a camera can be used, why, and what would help: of one height, scrolled where that is too little. */
 export class VerdictCard {
   constructor(root, { canMend = false } = {}) {
@@ -67,8 +61,9 @@ export class VerdictCard {
     const reason = frame.problem || frame.reason || frame.message;
     if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
     if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
-    const here = this.canMend && name !== "good" ? ON_PAGE.find(([words]) => words.test(frame.remedy ?? "")) : null;
-    if (here) rows.push(element("p", { class: "verdict-remedy verdict-here", text: here[1] }));
+    if (this.canMend && frame.here && name !== "good") rows.push(element("p", { class: "verdict-remedy verdict-here", text: `Here: ${frame.here}.` }));
+    const leftOut = leftOutWords(frame);
+    if (leftOut) rows.push(element("p", { class: "verdict-left-out", text: leftOut }));
     const facts = basisWords(frame);
     if (facts) rows.push(element("p", { class: "dim small", text: facts }));
     this.root.replaceChildren(...rows);
@@ -92,6 +87,20 @@ function basisWords(frame) {
   else if (frame.basis) facts.push(frame.basis);
   if (suspects) facts.push(`${counted(suspects, "label")} in doubt`);
   return sentence(facts.join(", "));
+}
+
+/** Which labels of the network the camera does not follow; they have no part in the rms that its reason says. */
+function leftOutWords(frame) {
+  const labels = new Map();
+  for (const mark of frame.marks ?? []) {
+    const seen = labels.get(mark.label) ?? { count: 0, left: 0, error: 0 };
+    const left = mark.left_out ? 1 : 0;
+    labels.set(mark.label, { count: seen.count + 1, left: seen.left + left, error: Math.max(seen.error, left * (mark.error ?? 0)) });
+  }
+  const said = [...labels]
+    .filter(([, { left }]) => left)
+    .map(([label, { count, left, error }]) => `${label} (${left < count ? `${left} of ${counted(count, "mark")}, ` : ""}${shownNumber(error, 0)} px off)`);
+  return said.length ? `Left out of the camera as stray: ${said.join(", ")}. The rms is of the pixels that it was fitted to.` : "";
 }
 
 /** Words as a sentence: a capital letter first, a full stop last. */

@@ -1,4 +1,4 @@
-"""The frames that an editor shows: pictures in files, the frames of a video, or arrays; each is read on demand."""
+"""Frames by their numbers, each read on demand: pictures in files, the frames of a video, or arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fieldcalib.run_folder.images import MOST_BYTES
 CACHE_BYTES = 160_000_000  # of the images in memory: 25 of 1920 x 1080
 
 
-class Frames(ABC):
+class NumberedFrames(ABC):
     """Frames by their numbers, from 0. Reading is safe from several threads; the images last read are kept."""
 
     ids: Sequence[str]
@@ -82,18 +82,18 @@ class Frames(ABC):
         """End reading."""
 
 
-class Arrays(Frames):
-    """Images in memory."""
+class NumberedArrays(NumberedFrames):
+    """Images in memory, checked when they are read; their ids are their numbers with six digits."""
 
     def __init__(self, images: Sequence[Image]) -> None:
         super().__init__([f"{number:06d}" for number in range(len(images))])
-        self._images = [checked_image(image) for image in images]
+        self._images = images
 
     def _read(self, number: int) -> Image:
-        return self._images[number]
+        return checked_image(self._images[number])
 
 
-class Pictures(Frames):
+class NumberedFiles(NumberedFrames):
     """Pictures in files, or in zips."""
 
     def __init__(self, files: Sequence[FrameFile]) -> None:
@@ -112,7 +112,7 @@ class Pictures(Frames):
         return self._files[number].path.name
 
 
-class VideoFrames(Frames):
+class NumberedVideo(NumberedFrames):
     """Frames of a video, whose ids are their numbers with six digits.
 
     Parameters
@@ -137,7 +137,20 @@ class VideoFrames(Frames):
             self._kept[0] = self._video.first
 
     def _read(self, number: int) -> Image:
-        wanted = self._numbers[number]
+        return self._decoded(self._numbers[number])
+
+    def frame(self, wanted: int) -> Image:
+        """Read a frame by its number in the video, whether it is one of `numbers` or not; it is not kept.
+
+        Raises
+        ------
+        BrokenFileError
+            If it cannot be read.
+        """
+        with self._lock:
+            return self._decoded(wanted)
+
+    def _decoded(self, wanted: int) -> Image:
         image = self._video.read(wanted)
         if image is None:
             raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")

@@ -47,7 +47,8 @@ class FieldHomography:
 def field_homography(camera: Camera, field: Field) -> FieldHomography:
     """The homographies of a camera, and what its lens leaves over the part of the field in view."""
     xy, X = _in_view(camera, field)
-    exact = camera.inverse_homography / camera.inverse_homography[2, 2]
+    exact = np.asarray(np.linalg.inv(camera.pinhole_homography))
+    exact = exact / exact[2, 2]
     if not np.any(camera.dist):
         return FieldHomography(exact, exact, 0.0, 0.0, 0.0, 0.0)
     fitted = _fitted(X, xy)

@@ -1,0 +1,124 @@
+"""`fieldcalib undistort`: pictures or a video without the distortion of the lens, where homographies are exact."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.console.arguments import add_most_bytes
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.program import counted
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.files import named_in_errors
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.images import write_image
+from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.run_folder.images import say_note
+from fieldcalib.run_folder.inputs import files_read
+
+PICTURE, VIDEO = ".png", ".mp4"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command and add its arguments, which `run` takes."""
+    parser.description = (
+        "Pictures or a video without the distortion of the lens: the homographies from undistorted pixels that "
+        "`export --format homography` writes are exact for them."
+    )
+    add_inputs(parser, "images, folders or zips of them, or one video")
+    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="PATH",
+        help=f"a folder for <id>{PICTURE}; of a video a video ({VIDEO})",
+    )
+    add_most_bytes(parser)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Write the pictures; returns the exit code."""
+    cameras = Cameras(options.cameras)
+    if VIDEOS.recognises(options.input[0]):
+        done, left = _video(options.input, cameras, options.out)
+        rest = f", {counted(left, 'frame')} without an accepted camera left as they are" if left else ""
+    else:
+        done, left = _pictures(options.input, cameras, options.out, options.most_bytes)
+        rest = f", {counted(left, 'image')} without an accepted camera left out" if left else ""
+    print(f"{options.out}: {counted(done, 'frame')} without distortion{rest}")
+    return 0
+
+
+def without_lens(image: Image, camera: Camera) -> Image:
+    """An image without the distortion of its lens, with the same K; beyond its border it is black.
+
+    Raises
+    ------
+    ValueError
+        If the image has not the size of the camera's.
+    """
+    if size_of(image) != camera.image_size:
+        (width, height), (expected, rows) = size_of(image), camera.image_size
+        raise ValueError(
+            f"the image has {width}x{height} pixels, and its camera is of {expected}x{rows}: are they of one clip?"
+        )
+    _, _, K, dist = camera.to_opencv()
+    return np.asarray(cv2.undistort(image, K, dist), dtype=np.uint8)
+
+
+def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: float) -> tuple[int, int]:
+    """Write the pictures that have a camera; counts them, and the others."""
+    if out.suffix:
+        raise ValueError(f"{out}: expected a folder, for pictures are written as <id>{PICTURE}")
+    accepted, files = set(cameras.accepted), IMAGES.find(inputs)
+    chosen = [file for file in files if file.id in accepted]
+    if not chosen:
+        raise ValueError(f"no image that is given has an accepted camera in {cameras.path}")
+    targets = {out / f"{file.id}{PICTURE}": file for file in chosen}
+    check_targets(targets, files_read(inputs))
+    out.mkdir(parents=True, exist_ok=True)
+    for path, file in targets.items():
+        with named_in_errors(file.path):
+            image = IMAGES.read(file.read(most_bytes))
+            write_image(path, without_lens(image, _camera(cameras, file.id)))
+    return len(chosen), len(files) - len(chosen)
+
+
+def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, int]:
+    """Write the video; counts the frames with a camera, and the others."""
+    if len(inputs) > 1:
+        raise ValueError(f"expected one video, got {len(inputs)} inputs")
+    if out.suffix.lower() != VIDEO:
+        raise ValueError(f"{out}: expected a name that ends with {VIDEO}, for the input is a video")
+    check_targets([out], inputs)
+    ids = {int(id): id for id in cameras.ids if id.isdecimal()}
+    accepted = set(cameras.accepted)
+    if accepted.isdisjoint(ids.values()):
+        raise ValueError(f"expected numbers as the ids of frames in {cameras.path}: are they of this video?")
+    first, *others = sorted(ids)
+    cut = Cut(Position(frame=first), Position(frame=max(ids) + 1), others[0] - first if others else 1)
+    done = left = 0
+    with VideoReader(inputs[0], cut=cut) as reader, VideoWriter(out, reader.frames_per_second) as video:
+        for number, image in zip(reader.numbers, reader, strict=False):
+            if ids.get(number) in accepted:
+                image, done = without_lens(image, _camera(cameras, ids[number])), done + 1
+            else:
+                left += 1
+            video.write(image)
+    say_note(out, video)
+    return done, left
+
+
+def _camera(cameras: Cameras, id: str) -> Camera:
+    found = cameras.of(id)
+    assert found is not None  # it is accepted
+    return found.required_camera

@@ -1,0 +1,77 @@
+"""Pictures of which no camera can be made: too small, showing nothing, or perhaps another sport; results say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Status
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.images.pictures import Method
+from fieldcalib.io.image import Image, size_of
+
+LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
+FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
+LOOKED_AT = 128  # rows and columns of a picture that are compared, about
+FEW_LINES = "the image has few lines at the projected markings"
+DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
+
+
+def said_plainly(
+    calibrate: Method, object_segments: ObjectSegments, images: Sequence[Image], *, by_network: bool
+) -> list[Calibration]:
+    """Calibrate pictures; those that are too small, or show nothing, get no camera, and a reason.
+
+    Where a network for soccer has seen next to nothing of a soccer field, the reason asks whether it is one.
+    """
+    large = [min(size_of(image)) >= LEAST_SIDE for image in images]
+    some = [image for image, is_large in zip(images, large, strict=True) if is_large]
+    found = iter(calibrate(some) if some else ())
+    judged = [
+        _judged(image, next(found)) if is_large else _too_small(image)
+        for image, is_large in zip(images, large, strict=True)
+    ]
+    is_asked = by_network and _may_be_soccer(object_segments)
+    return [_asked(one) if is_asked else one for one in judged]
+
+
+def clip_notes(found: VideoCalibration, object_segments: ObjectSegments) -> tuple[str, ...]:
+    """Note of a clip in which a network for soccer has found no camera that can be used: is it soccer?"""
+    if not len(found) or any(np.any(tripod.accepted) for tripod in found.tripods):
+        return ()
+    return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.capitalize()}",) * _may_be_soccer(
+        object_segments
+    )
+
+
+def _may_be_soccer(object_segments: ObjectSegments) -> bool:
+    return object_segments.keys() >= soccer().keys()
+
+
+def _too_small(image: Image) -> Calibration:
+    width, height = size_of(image)
+    reason = f"too small: the picture has only {width} x {height} pixels, and no side may have less than {LEAST_SIDE}"
+    return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, f"{reason}; give it in its original size")
+
+
+def _judged(image: Image, calibration: Calibration) -> Calibration:
+    """The calibration; none where a rejected camera is of a picture without any contrast."""
+    step = max(min(size_of(image)) // LOOKED_AT, 1)
+    if calibration.accepted or int(np.ptp(image[::step, ::step])) > FLAT:
+        return calibration
+    return Calibration.without_camera(
+        Status.TOO_FEW_SEGMENTS, "the picture shows nothing: all of its pixels are nearly alike"
+    )
+
+
+def _asked(calibration: Calibration) -> Calibration:
+    """The calibration; a rejected one, of which hardly anything was seen, asks whether it is soccer."""
+    if calibration.status not in DOUBTED and FEW_LINES not in calibration.message:
+        return calibration
+    return calibration if calibration.accepted else replace(calibration, message=f"{calibration.message}; {ASK_SPORT}")

@@ -1,0 +1,10 @@
+from . import files as files
+from . import json_lists as json_lists
+from . import rows as rows
+from . import tables as tables
+from . import yolo as yolo
+from .files import open_boxes as open_boxes
+from .rows import Box as Box
+from .rows import BoxRow as BoxRow
+from .rows import BoxTable as BoxTable
+from .rows import foot_points as foot_points

@@ -1,0 +1,76 @@
+"""Advice on cameras: in words of no tool, and how each tool follows it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from networks import Blind
+
+from fieldcalib import calibrate, soccer
+from fieldcalib.assess.datum import in_words
+from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
+from fieldcalib.assess.words import REMEDIES
+from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_video import calibrate_video
+
+SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
+ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, *SIZES]
+
+
+@pytest.mark.parametrize("remedy", ALL)
+def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
+    assert "--" not in remedy
+    assert "clip" not in remedy
+    assert "flag" not in remedy
+
+
+@pytest.mark.parametrize("tool", Tool)
+def test_each_tool_says_how(tool):
+    said = {remedy: how(remedy, tool) for remedy in ALL}
+    assert len([one for one in said.values() if one]) >= len(ALL) - 2  # of checking labels there is no more to say
+    for words, ways in HOW.items():
+        assert any(words in remedy for remedy in ALL)
+        assert ways[tool]
+    assert ("--" in how(in_words(np.diag([0.5, 0.5]), np.array([2.5, 2.8])), tool)) == (tool is Tool.COMMAND)
+
+
+def test_the_docs_have_them_all():
+    docs = (Path(__file__).parents[1] / "docs" / "results.md").read_text(encoding="utf-8").replace("`", "")
+    for words, ways in HOW.items():
+        assert words in docs
+        for way in ways.values():
+            assert way in docs
+
+
+def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():
+    noise = np.random.default_rng(0).integers(0, 255, (270, 480, 3), np.uint8)
+    (found,) = calibrate_from_images(soccer(), [noise], Blind())
+    assert found.reason.endswith("; is this soccer?")
+    assert found.remedy.endswith(NOT_SOCCER)
+    assert all(name in found.remedy for name in FIELDS if name != "soccer")
+    assert "--field tennis" in how(found.remedy, Tool.COMMAND)
+
+
+def test_a_clip_without_any_camera_may_be_of_another_sport():
+    noise = np.random.default_rng(0).integers(0, 255, (2, 270, 480, 3), np.uint8)
+    found = calibrate_video(soccer(), list(noise), Blind())
+    assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.capitalize()}",)
+
+
+@pytest.mark.parametrize("size", [(2, 3), (31, 480), (270, 31)])
+def test_a_picture_that_is_too_small_says_so(size):
+    results = calibrate(np.zeros((*size, 3), np.uint8), progress=False)
+    found = results["000000"]
+    height, width = size
+    assert found.camera is None
+    assert found.verdict == "reject"
+    assert found.reason.startswith(f"too small: the picture has only {width} x {height} pixels")
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_a_picture_of_one_colour_has_no_camera(level):
+    found = calibrate(np.full((270, 480, 3), level, np.uint8), progress=False)["000000"]
+    assert (found.camera, found.verdict) == (None, "reject")
+    assert found.reason.startswith("the picture shows nothing")
+    assert not found.suspect_labels

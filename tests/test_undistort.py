@@ -1,0 +1,73 @@
+"""`fieldcalib undistort`: pixels of the pictures that it writes are those of the pinhole."""
+
+import json
+
+import cv2
+import numpy as np
+
+from fieldcalib import Calibration, Camera, Status, soccer
+from fieldcalib.cli.main import main
+from fieldcalib.draw import render_field
+from fieldcalib.io.videos import VideoReader, VideoWriter
+
+FIELD = soccer()
+SIZE = (640, 360)
+BENT = Camera.from_angles(0.1, np.radians(78), 0.01, 700.0, (0.0, 62.0, -18.0), SIZE, k=(-0.3, 0.0))
+PINHOLE = Camera(BENT.K, BENT.R, BENT.C, BENT.image_size)
+
+
+def results(folder, cameras):
+    folder.mkdir()
+    lines = []
+    for id, camera in cameras.items():
+        status = Status.TOO_FEW_SEGMENTS if camera is None else Status.ACCEPTED
+        found = (
+            Calibration.without_camera(status, "") if camera is None else Calibration(camera, status, "", 0.0, 0.0, {})
+        )
+        lines.append({"id": id, **found.to_dict()})
+    (folder / "cameras.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return str(folder)
+
+
+def difference(picture, camera):
+    """Share of the pixels that differ by more than a mark of paint does."""
+    return float(np.mean(np.abs(picture.astype(int) - render_field(camera, FIELD).astype(int)).max(axis=-1) > 60))
+
+
+def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
+    for id in ("a", "b"):
+        cv2.imwrite(str(tmp_path / f"{id}.png"), render_field(BENT, FIELD))
+    inputs = [str(tmp_path / "a.png"), str(tmp_path / "b.png")]
+    command = ["undistort", *inputs, "--cameras", results(tmp_path / "out", {"a": BENT, "b": None}), "--out"]
+    assert main([*command, str(tmp_path / "flat")]) == 0
+    assert "1 frame without distortion, 1 image without an accepted camera left out" in capsys.readouterr().out
+    assert [path.name for path in (tmp_path / "flat").iterdir()] == ["a.png"]
+    picture = cv2.imread(str(tmp_path / "flat" / "a.png"))
+    inside = picture.any(axis=-1)
+    picture[~inside] = render_field(PINHOLE, FIELD)[~inside]
+    assert difference(picture, PINHOLE) < 0.25 * difference(picture, BENT)
+    assert main([*command, str(tmp_path / "flat")]) == 2
+    assert "a.png is there already: give another --out" in capsys.readouterr().err
+
+
+def test_a_video_keeps_its_frames(tmp_path, capsys):
+    with VideoWriter(tmp_path / "clip.mp4", 25.0) as video:
+        for _ in range(6):
+            video.write(render_field(BENT, FIELD))
+    cameras = {f"{n:06d}": BENT if n != 3 else None for n in range(1, 5)}
+    command = ["undistort", str(tmp_path / "clip.mp4"), "--cameras", results(tmp_path / "out", cameras), "--out"]
+    assert main([*command, str(tmp_path / "flat.mp4")]) == 0
+    assert "3 frames without distortion, 1 frame without an accepted camera left as they are" in capsys.readouterr().out
+    with VideoReader(tmp_path / "flat.mp4") as reader:
+        frames = list(reader)
+    assert len(frames) == 4
+    assert difference(frames[0], PINHOLE) < difference(frames[2], PINHOLE)
+    assert main([*command, str(tmp_path / "clip.mp4")]) == 2
+    assert main([*command, str(tmp_path / "flat")]) == 2
+
+
+def test_a_picture_of_another_size_is_refused(tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((90, 160, 3), np.uint8))
+    command = ["undistort", str(tmp_path / "a.png"), "--cameras", results(tmp_path / "out", {"a": BENT})]
+    assert main([*command, "--out", str(tmp_path / "flat")]) == 2
+    assert "160x90 pixels, and its camera is of 640x360" in capsys.readouterr().err
