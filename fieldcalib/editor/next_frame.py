@@ -29,13 +29,13 @@ def next_frame(frames: NumberedFrames, rows: Sequence[Row], field: Field, networ
     if not stretches:
         return None
     mended = np.array([n for n, row in enumerate(rows) if row.by_hand])
-    far = [n for n in stretches[0] if not len(mended) or np.min(np.abs(mended - n)) > BESIDE_MENDED]
+    far: list[int] = [n for n in stretches[0] if not len(mended) or np.min(np.abs(mended - n)) > BESIDE_MENDED]
     candidates = far or [*stretches[0]]
-    middle = candidates[len(candidates) // 2]
+    middle: int = candidates[len(candidates) // 2]
     if network is None:
         return middle
     spread = np.linspace(0, len(candidates) - 1, min(len(candidates), LOOKED_AT)).round().astype(int)
-    counts = {candidates[k]: _markings(frames, candidates[k], field, network) for k in spread.tolist()}
+    counts: dict[int, int] = {candidates[k]: _markings(frames, candidates[k], field, network) for k in spread.tolist()}
     return max(counts, key=lambda n: (counts[n], -abs(n - middle)))
 
 

@@ -86,7 +86,7 @@ def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabel
         kept = {t: one for t, one in near.items() if one is not None}
         if _pixel_counts(kept) == _pixel_counts(before):
             break
-        cameras = _cameras(replace(keyframes, labels=rest | kept | held))
+        cameras = _cameras(replace(keyframes, labels={**rest, **kept, **held}))
     labels = rest | kept
     told = {int(number[t]) for t, one in labels.items() if one.accepted}
     sure = {t: replace(one, accepted=one.accepted or int(number[t]) in told) for t, one in held.items()}
