@@ -11,17 +11,18 @@ from zlib import crc32
 
 import numpy as np
 
+from fieldcalib._checks import CAMERA, expect
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, add_minimap
-from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves, text_size
+from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.problem.labelled_pixels import ImageSegments
+from fieldcalib.problem.labelled_pixels import ImageSegments, check_object
 
 MAGENTA: Colour = (220, 40, 255)
 ORANGE: Colour = (0, 140, 255)  # markings that lie beside their paint
@@ -99,20 +100,22 @@ def draw_field(
     """
     import cv2
 
-    picture = np.array(checked_image(image, camera.image_size), order="C")
+    picture = np.array(checked_image(image, expect(camera, (Camera, RationalCamera), CAMERA).image_size), order="C")
+    check_object(object_segments)
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label
         for label in object_segments
         if isinstance(object_segments, Field) and not object_segments.paint_of(label).is_along
     ]
-    for label in sorted(object_segments, key=rows.__contains__, reverse=True):  # lines over rows
-        segment, shade = object_segments[label], colours.get(label, dark if label in rows else colour)
+    labels = sorted(object_segments, key=rows.__contains__, reverse=True)  # lines over rows
+    segments = [object_segments[label] for label in labels]
+    for label, segment, curves in zip(labels, segments, image_curves_of(camera, segments), strict=True):
+        shade = colours.get(label, dark if label in rows else colour)
         if not (segment.is_curve or segment.is_point):
             for xy in camera.project(segment.sample()):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
-            curves = list(image_curves(camera, segment))
             parts = [part for curve in curves for part in dashes(curve, DASH * thickness)] if dashed else curves
             cv2.polylines(picture, [fixed_point(part) for part in parts], False, shade, thickness, cv2.LINE_AA, SHIFT)
     return picture
@@ -210,6 +213,8 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # the status is written below
     False
     """
+    expect(calibration, Calibration, "that of calibrate_from_segments")
+    check_object(field)
     picture = np.array(checked_image(image), order="C")
     height, camera, accepted = picture.shape[0], calibration.camera, calibration.accepted
     if camera is not None:

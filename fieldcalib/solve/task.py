@@ -8,6 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -76,21 +77,24 @@ class Task:
         """Add flags to those of the task."""
         return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
 
-    def options(self, image_size: tuple[int, int]) -> Options:
+    def options(self, image_size: tuple[int, int], start: Camera | None = None) -> Options:
         """The options for frames of one size; a ValueError names arguments that do not fit together.
 
-        Without a prior, initial cameras come from the stands of the field or, if it has none, from all sides.
+        Without a prior, initial cameras come from the stands of the field or, if it has none, from all sides. An
+        initial camera `start` takes the place of given values.
         """
         image_size = checked_image_size(image_size)
         flags = _checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
-        layout = _layout(image_size, self.given.dist_coeffs, flags, self._size_block)
+        dist_coeffs = self.given.dist_coeffs if start is None else start.dist
+        layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
                 "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
                 "of CALIB_FIX_FOCAL_LENGTH, CALIB_FIX_POSITION and CALIB_FIX_ROTATION"
             )
-        _check_given(self.given, flags)
-        known = _known_parameters(layout, self.given, flags)
+        if start is None:
+            _check_given(self.given, flags)
+        known = _known_parameters(layout, self.given, flags) if start is None else layout.theta(start)
         max_iterations, tolerance = _checked_criteria(self.criteria)
         distributions = self._distributions
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):
@@ -133,6 +137,11 @@ class Task:
 
 
 def _checked_flags(flags: int) -> CalibrationFlags:
+    if not isinstance(flags, int | np.integer) or isinstance(flags, bool):
+        raise ValueError(
+            f"flags must be a combination of CalibrationFlags, as CALIB_FIX_K1 | CALIB_FIX_K2, got {flags!r}"
+        )
+    flags = int(flags)
     if flags & ~SUPPORTED:
         raise ValueError(
             f"flags {flags & ~SUPPORTED:#x} are not supported: expected a combination of "
@@ -147,7 +156,9 @@ def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
     """Number of iterations, and relative decrease of the cost at which they end."""
     try:
         kind, max_count, eps = criteria
-    except (TypeError, ValueError):
+        if not all(map(is_number, (kind, max_count, eps))) or kind != int(kind):
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"criteria must be cv2's (type, max_count, eps), got {criteria!r}") from None
     if not (0 < kind <= COUNT + EPS) or (kind & COUNT and max_count < 1) or (kind & EPS and not eps > 0.0):
         raise ValueError(
