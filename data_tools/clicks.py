@@ -132,7 +132,7 @@ def next_click(editor: FrameEditor, markings: Mapping[str, Array], plan: Iterato
     """What a person does next: drag a mark that the page shows as stray, follow the advice, or go on by `plan`."""
     camera, marks = editor.calibration.camera, editor.marks
     if camera is not None and editor.calibration.accepted:
-        errors = mark_errors(editor.calibration.field or editor.field, marks, camera)
+        (errors,) = mark_errors(editor.calibration.field or editor.field, marks, [camera])
         number = int(np.argmax(errors))
         if is_stray(errors[number], camera.image_size):
             mark = marks.all[number]

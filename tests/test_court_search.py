@@ -238,13 +238,16 @@ def test_pictures_without_a_field_have_no_court(seed):
 def test_images_without_a_network_are_searched():
     image = picture(TENNIS, tennis())
     boxed = np.pad(image[:, 40:-40], ((0, 0), (80, 80), (0, 0)))  # a pillarbox
-    found = calibrate_from_images(tennis(), [image, boxed, np.zeros_like(image)])
-    assert [one.accepted for one in found] == [True, True, False]
+    shaded = np.broadcast_to(np.linspace(40, 90, image.shape[0]).astype(np.uint8)[:, None, None], image.shape).copy()
+    found = calibrate_from_images(tennis(), [image, boxed, shaded, np.zeros_like(image)])
+    assert [one.accepted for one in found] == [True, True, False, False]
     assert Truth(TENNIS, tennis()).distance(found[0].required_camera) < 1.0
     shown = found[1].required_camera.cropped((40, 0), SIZE)
     assert Truth(TENNIS, tennis()).distance(shown) < 1.0
     assert found[2].camera is None
     assert "two lines across" in found[2].message
+    assert found[3].camera is None
+    assert "the picture shows nothing" in found[3].message
 
 
 @pytest.mark.slow

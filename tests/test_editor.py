@@ -230,6 +230,17 @@ def test_twenty_steps_back_and_forth(image):
         assert editor.marks == marks
 
 
+def test_the_camera_follows_from_the_marks_however_they_came(image):
+    editor = FrameEditor.of(image)
+    for label, xy in ends_of().items():
+        editor = editor.mark(label, xy)
+        _ = editor.calibration  # as after each click
+    editor = editor.move({0: editor.marks.all[0][1:3] + np.array([3.0, 2.0])}, snap=False).undo().remove([1]).undo()
+    cold = FrameEditor.of(image, pixels=editor.marks.pixels)
+    assert editor.calibration.camera == cold.calibration.camera
+    assert editor.calibration.reason == cold.calibration.reason
+
+
 def test_marks_are_mended(image):
     pixels = ends_of()
     editor = FrameEditor.of(image, FIELD, {**pixels, "Middle line": pixels["Side line left"]})

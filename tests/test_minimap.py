@@ -115,8 +115,9 @@ def test_colours_by_any_column(folder, capsys):
 def test_trails_go_back_so_many_frames_of_the_clip(folder):
     path = table(folder, ROWS)
     for frames, reach in ((1, 12.0), (5, 10.0)):
-        assert command("minimap", folder, path, "--out", folder / "maps", "--trails", frames) == 0
-        picture = cv2.imread(str(folder / "maps" / "minimap_000002.png"))
+        maps = folder / f"maps {frames}"
+        assert command("minimap", folder, path, "--out", maps, "--trails", frames) == 0
+        picture = cv2.imread(str(maps / "minimap_000002.png"))
         trail = [(x, -5.0) for x in np.arange(reach, 14.5, 2.0)]
         expected = draw_minimap(
             None, soccer(), size=(672, 456), points=[(14.0, -5.0)], colours=RED, trails=[[*trail[:-1], (14.0, -5.0)]]

@@ -260,7 +260,7 @@ def test_what_is_malformed_in_a_game_state_is_named(tmp_path, cameras, capsys, r
 def test_the_file_of_the_boxes_is_not_overwritten(tmp_path, cameras, capsys):
     path = written(tmp_path / "players.csv", [[0, 1, 2, 3, 4]], ["frame", "x", "y", "width", "height"])
     assert main(["project", str(path), "--cameras", str(cameras), "--out", str(path)]) == 2
-    assert "give the table another name" in capsys.readouterr().err
+    assert "players.csv is read by this command" in capsys.readouterr().err
     assert path.read_text().startswith("frame,x")
 
 

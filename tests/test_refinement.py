@@ -96,6 +96,18 @@ def test_a_right_camera_stays_right(truth):
     assert distance(refined.camera, truth) < 0.5
 
 
+@any_view
+def test_the_first_pass_may_be_left_out_near_the_lines(truth):
+    image, start = picture(truth), calibrated(truth)
+    near, far = (replace(start, camera=moved(truth, px)) for px in (1.0, 8.0))
+    quick, full = (refine_on_image(FIELD, image, near, quick=quick).camera for quick in (True, False))
+    assert quick != full
+    assert distance(quick, full) < 0.3
+    assert distance(quick, truth) < 0.5
+    quick, full = (refine_on_image(FIELD, image, far, quick=quick).camera for quick in (True, False))
+    assert quick == full  # the first pass was needed
+
+
 def test_segments_that_nobody_labelled_are_used():
     truth = VIEWS["penalty area"]
     labels = ("Side line top", "Big rect. right main", "Big rect. right top", "Circle right")
@@ -288,7 +300,7 @@ def test_a_homography_becomes_a_camera_with_a_lens(truth):
     width, height = truth.image_size
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     moved_corners = corners + np.random.default_rng(3).normal(scale=3.0, size=(4, 2)).astype(np.float32)
-    H = cv2.getPerspectiveTransform(corners, moved_corners) @ truth.homography
+    H = cv2.getPerspectiveTransform(corners, moved_corners) @ truth.pinhole_homography
     start = calibrate_from_homography(H, truth.image_size)
     refined = refine_homography_on_image(FIELD, image, H)
     assert refined.accepted
@@ -299,22 +311,22 @@ def test_a_homography_becomes_a_camera_with_a_lens(truth):
 
 def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
     truth, other = VIEWS["penalty area"], VIEWS["midfield"]
-    kept = refine_homography_on_image(FIELD, picture(truth), other.homography)
-    assert kept.camera == calibrate_from_homography(other.homography, other.image_size).camera
+    kept = refine_homography_on_image(FIELD, picture(truth), other.pinhole_homography)
+    assert kept.camera == calibrate_from_homography(other.pinhole_homography, other.image_size).camera
     assert kept.message.endswith("not refined: the image shows too few lines at its markings")
     nothing = refine_homography_on_image(FIELD, picture(truth), np.diag([10.0, 1.0, 1.0]))
     assert nothing.camera is None
     with pytest.raises(ValueError, match="image is None"):
-        refine_homography_on_image(FIELD, None, other.homography)
+        refine_homography_on_image(FIELD, None, other.pinhole_homography)
 
 
 def test_a_homography_in_yards_is_told_by_the_image():
     truth = VIEWS["close"]
-    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    found = refine_homography_on_image(FIELD, picture(truth), truth.pinhole_homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert found.message.endswith("if H maps yards: then give H @ np.diag([1.09361, 1.09361, 1])")
 
 
 def test_a_homography_in_yards_is_mended_where_the_paint_is_near():
     truth = VIEWS["penalty area"]
-    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    found = refine_homography_on_image(FIELD, picture(truth), truth.pinhole_homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert distance(found.camera, truth) < 1.0

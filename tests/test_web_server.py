@@ -94,7 +94,7 @@ def labelled(client):
     for label in LINES:
         answer = client.edit("mark", label=label, xy=ends(label))
         assert answer.status_code == 200, answer.text
-    return answer.json()
+    return client.state()
 
 
 # --- what is answered ---
@@ -138,6 +138,32 @@ def test_a_frame_is_labelled_from_nothing(client):
     assert client.edit("automatic").json()["automatic"]
 
 
+def test_an_edit_is_drawn_before_its_verdict_is_known(client):
+    before = labelled(client)
+    drawn = client.edit("remove", numbers=[0]).json()
+    assert not drawn["judged"]
+    assert "verdict" not in drawn
+    state = client.state()
+    assert state["judged"]
+    assert {name: state[name] for name in drawn if name not in ("judged", "milliseconds")} == {
+        name: drawn[name] for name in drawn if name not in ("judged", "milliseconds")
+    }
+    assert drawn["curves"] != before["curves"]
+    assert drawn["milliseconds"] > state["milliseconds"] > 0.0  # the fit is not made again
+
+    version = client.editor.version
+    client.edit("remove", numbers=[0])  # and if no page asks for the verdict
+    wait_until(lambda: client.editor.version > version)
+    assert client.editor.table.rows[0].verdict
+
+
+def test_an_edit_that_leaves_no_camera_is_answered_with_all_that_is_known(client):
+    labelled(client)
+    state = client.edit("clear").json()
+    assert (state["judged"], state["camera"], state["curves"]) == (True, None, [])
+    assert state["message"]
+
+
 def test_labels_of_a_network_that_the_camera_does_not_follow_are_said_to_be_left_out(picture, tmp_path):
     editor = Editor(picture, out=tmp_path / "out")
     found = {label: np.array(ends(label)) for label in LINES}
@@ -156,7 +182,8 @@ def test_labels_of_a_network_that_the_camera_does_not_follow_are_said_to_be_left
 
 def test_known_values(client):
     labelled(client)
-    state = client.edit("know", values={"focal_length": 1650.0, "position": [0.0, 68.0, -17.0], "lens": "none"}).json()
+    client.edit("know", values={"focal_length": 1650.0, "position": [0.0, 68.0, -17.0], "lens": "none"})
+    state = client.state()
     assert state["known"]["focal_length"] == 1650.0
     assert state["camera"]["focal_length"] == 1650.0
     assert state["camera"]["position"] == [0.0, 68.0, -17.0]

@@ -45,7 +45,7 @@ class Status(StrEnum):
 REMEDIES: Mapping[Status, str] = MappingProxyType(
     {
         Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
-        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}, would help",
+        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}",
         Status.TOO_FEW_SEGMENTS: f"more markings in view, or {BY_HAND}",
         Status.DEGENERATE: f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others",
         Status.NOT_CONVERGED: "check the labels; more iterations may help (criteria, in Python)",

@@ -10,11 +10,11 @@ import numpy as np
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
-from fieldcalib.console.network import load_network, or_search
+from fieldcalib.console.network import digest_of, load_network, or_search
 from fieldcalib.console.program import say
 from fieldcalib.console.progress import solving
 from fieldcalib.images.from_video import PART, calibrate_video
-from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
+from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
@@ -37,7 +37,10 @@ class KeptParts:
         path = self._path(index)
         if not path.exists():
             return None
-        return VideoCalibration.from_dict(parse_json_object(read_regular_file(path, most_bytes=np.inf), "a part"))
+        try:
+            return VideoCalibration.from_dict(parse_json_object(read_regular_file(path, most_bytes=np.inf), "a part"))
+        except WRONG_RECORD as error:
+            raise BrokenFileError(f"{path}: is no part of a clip: {error}; remove it, for it is made again") from None
 
     def __setitem__(self, index: int, part: VideoCalibration) -> None:
         write_text(self._path(index), json.dumps(part.to_dict()))
@@ -61,8 +64,8 @@ def run_clip(request: RunRequest) -> int:
     source = clip_frames(request.paths, request.cut, options.read, options.network.video_threads)
     clip = ClipInput(source, options.placement)
     keywords = options.keywords((0, 0) if options.known.intrinsics is None else clip.frame_size())
-    record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES)
-    with open_camera_folder(run, record, began) as results:
+    record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))
+    with open_camera_folder(run, record, began, source.files) as results:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from inspect import signature
 from pathlib import Path
@@ -25,6 +25,8 @@ from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tv
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.reading import read
 
@@ -100,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.folder}: {error}") from error
     base = options.folder if options.folder.is_dir() else options.folder.parent
     out = options.out or base / options.format
-    _write(files, out, options.overwrite)
+    _write(files, out, [base / name for name in (LINES, SOLVER, TABLE)], overwrite=options.overwrite)
     _say(frames, out, options.format)
     return 0
 
@@ -133,15 +135,14 @@ def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argp
     return cameras
 
 
-def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
+def _write(files: Mapping[str, bytes], out: Path, reads: Iterable[Path], *, overwrite: bool) -> None:
     for name in files:
         if Path(name).name != name:
             raise ValueError(f"{name!r} is no name of a file: rename the frame, or choose a format with one file")
     with output_folder(out):
         remove_temporaries(out)
-        there = [name for name in files if (out / name).exists()]
-        if there and not overwrite:
-            raise FileExistsError(f"{out} has {there[0]} already: give --overwrite to replace it, or another --out")
+        remedy = "give --overwrite to replace it, or another --out"
+        check_targets([out / name for name in files], reads, replaces=overwrite, remedy=remedy)
         for name, content in files.items():
             write_bytes(out / name, content)
 

@@ -13,7 +13,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.results import ResultFile, lines_file
+from fieldcalib.io.results import SOLVER, ResultFile, lines_file
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
 
@@ -36,6 +36,7 @@ class Cameras:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        """As it was given."""
         self._file = ResultFile(lines_file(path) if path.is_dir() else path)
         self._numbers = {id: number for number, id in enumerate(self._file.ids)}
         numbers = [number for number in map(_number, self._numbers) if number is not None]
@@ -47,6 +48,11 @@ class Cameras:
     def ids(self) -> list[str]:
         """Ids of all frames, in the order of the run."""
         return self._file.ids
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that are read."""
+        return [self._file.path, self._file.path.with_name(SOLVER)]
 
     @cached_property
     def accepted(self) -> list[str]:

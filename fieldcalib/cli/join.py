@@ -7,26 +7,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
-from fieldcalib.cli.localize import localized_summary, write_all
+from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized, write_all
 from fieldcalib.console.arguments import PARQUET, add_format, folder_name
 from fieldcalib.console.options import add_options
-from fieldcalib.io.files import parse_json_object
+from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.results import FORMAT, LINES, joined_line, whole_line_pairs
+from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions, Shard
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
     LOCALIZED,
-    SUMMARY,
     ResultsWriter,
     finish,
     is_unfinished,
     open_run_folder,
+    read_summary,
     write_table,
 )
+
+MOST_NAMED = 20  # shards in a message
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,19 +47,25 @@ def run(options: argparse.Namespace) -> int:
     record, shards = _in_order(options.shards)
     joined = RunOptions.of(options)
     lines = LOCALIZED if record.command == "localize" else LINES
+    if lines == LOCALIZED and record.options.get("format") not in FORMATS:
+        raise BrokenFileError(
+            f"{shards[0]}: the run's format is {record.options.get('format')!r}, not one of {FORMATS}"
+        )
     if lines == LOCALIZED and joined.writes_table:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
-    summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
+    summaries = [read_summary(folder) for folder in shards]
+    check_targets([joined.out / lines], [folder / lines for folder in shards], replaces=True)
     with open_run_folder(joined, record, lines) as results:
         for folder, texts in islice(_lines(shards, lines, record.unit), results.done, None):
             results.add(_outcome(folder, texts, record))
-        results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
+        times = [summary.get("seconds", {}) for summary in summaries]
+        results.calibrating = sum(time.get("calibration", 0.0) for time in times)
         results.calibrated = results.verdicts.total()
-        seconds = sum(summary["seconds"]["total"] for summary in summaries)
+        seconds = sum(time.get("total", 0.0) for time in times)
         if lines == LOCALIZED:
             write_all(joined.out, record.options["format"])
         made = localized_summary if lines == LOCALIZED else ResultsWriter.summary
-        finish(joined.out, made(results, summaries[0]["options"], seconds))
+        finish(joined.out, made(results, summaries[0].get("options", {}), seconds))
     if lines == LINES:
         results.say(record.options)
         write_table(joined)
@@ -94,7 +102,7 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
         if is_unfinished(folder):
             raise ValueError(f"{folder}, shard {shard}, is not finished: --resume goes on with it")
         found[shard.number] = folder
-    missing = [f"{number}/{of}" for number in range(1, of + 1) if number not in found]
+    missing = [f"{k}/{of}" for k in islice((k for k in range(1, of + 1) if k not in found), MOST_NAMED)]
     if missing:
         raise ValueError(f"expected all shards of the run, missing: {', '.join(missing)}")
     assert first is not None
@@ -117,8 +125,13 @@ def _lines_of(folder: Path, log: str) -> Iterator[tuple[bytes, ...]]:
 
 
 def _outcome(folder: Path, texts: tuple[bytes, ...], record: RunRecord) -> Outcome:
-    main, *solver = (parse_json_object(text, "a frame's result") for text in texts)
-    line: dict[str, Any] = joined_line(main, solver[0]) if solver else main
-    names = [name.replace("<id>", line["id"]) for name in record.writes]
-    files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-    return Outcome(line, is_squashed(line), files)
+    with named_in_errors(folder):
+        if len(texts) > 1:
+            main, solver = parse_main(texts[0]), parse_json_object(texts[1], "the solution of a frame")
+            line = joined_line(main, solver)
+            if line["id"] != main["id"]:
+                raise BrokenFileError(f"{SOLVER} has frame {line['id']!r} where {LINES} has {main['id']!r}")
+        else:
+            line = parse_localized(texts[0])
+        names = [name for name in record.files_of(line["id"]) if (folder / name).exists()]
+        return Outcome(line, is_squashed(line), {name: read_regular_file(folder / name) for name in names})

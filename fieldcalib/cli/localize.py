@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,12 +16,12 @@ import fieldcalib
 from fieldcalib.console.arguments import add_labels, folder_name
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, load_network
+from fieldcalib.console.network import NetworkOptions, digest_of, load_network
 from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import counted
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
-from fieldcalib.io.files import FrameFile, write_text
+from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -34,7 +33,7 @@ from fieldcalib.run_folder.annotated import check_labels
 from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
@@ -42,7 +41,6 @@ LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"
 FORMATS = (SOCCERNET, *OTHER_ANNOTATIONS)
 ONE_FILE = frozenset(OTHER_ANNOTATIONS) - {FILE_PER_IMAGE}  # formats with one file for all frames
-ONE_FILE_NAME = Path(LOCALIZED).stem  # name of that file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,10 +76,12 @@ def run(options: argparse.Namespace) -> int:
     check_labels(labels, field)
     read = given(ReadImage, options)
     names = names_of(labels, field)  # a ValueError if that cannot be
-    method = ImageLocalizer(network_options, read, names, format, run.out, load_network(network_options))
+    network = load_network(network_options)
+    method = ImageLocalizer(network_options, read, names, format, run.out, network)
     with opened(options.input, options.most_pixels) as source:
-        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, "<id>")])
-        with open_run_folder(run, record, LOCALIZED) as results:
+        writes = [_file_name(format, ID)]
+        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
+        with open_run_folder(run, record, LOCALIZED, source.files) as results:
             work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             summary = localized_summary(results, run.recorded, time.perf_counter() - began)
             if run.shard is None:
@@ -100,11 +100,28 @@ def write_all(out: Path, format: str) -> None:
 
 
 def _annotations(log: Path) -> Iterator[Annotation]:
-    for line in map(json.loads, whole_lines(log)):
+    for line in map(parse_localized, whole_lines(log)):
         if line["status"] != BROKEN:
             pixels = {label: np.array(xy) for label, xy in line["pixels"].items()}
             width, height = line["image_size"]
             yield Annotation(line["id"], pixels, (width, height), line["image"])
+
+
+def parse_localized(text: bytes) -> dict[str, Any]:
+    """Parse and check the line of a frame in ``localized.jsonl``; a BrokenFileError if it is none."""
+    line = parse_json_object(text, "a frame")
+    if not all(isinstance(line.get(key), str) for key in ("id", "status")):
+        raise BrokenFileError("expected a frame with the keys 'id' and 'status', texts")
+    if not isinstance(line.get("segments", 0), int) or not isinstance(line.get("image", ""), str):
+        raise BrokenFileError(f"frame {line['id']}: expected a number of 'segments', and 'image' as a text")
+    try:
+        width, height = map(int, line.get("image_size", (1, 1)))
+        points = [np.array(xy, dtype=float).reshape(-1, 2) for xy in line.get("pixels", {}).values()]
+    except (AttributeError, TypeError, ValueError, OverflowError) as error:
+        raise BrokenFileError(f"frame {line['id']}: expected the pixels of labels and an image size: {error}") from None
+    if min(width, height) < 1 or not all(np.isfinite(xy).all() for xy in points):
+        raise BrokenFileError(f"frame {line['id']}: its pixels or its image size are none")
+    return line
 
 
 def _file_name(format: str, id: str) -> str:
@@ -116,7 +133,7 @@ def _file_name(format: str, id: str) -> str:
 
 def localized_summary(results: ResultsWriter, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
     """Content of summary.json; `seconds` is how long everything took."""
-    lines = map(json.loads, whole_lines(results.out / LOCALIZED))
+    lines = map(parse_localized, whole_lines(results.out / LOCALIZED))
     return {
         "frames": results.done,
         "annotations": results.done - results.statuses[BROKEN],

@@ -12,8 +12,10 @@ from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import counted
 from fieldcalib.draw import draw_minimap
+from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
 
@@ -59,6 +61,14 @@ def run(options: argparse.Namespace) -> int:
     if suffix == PICTURE and len(ids) > 1:
         raise ValueError(f"{options.out} is one picture, and there are {len(ids)} frames: give a folder or {VIDEO}")
 
+    is_file = suffix in (PICTURE, VIDEO)
+    unnamed = next((id for id in ids if not can_name_files(id)), None)
+    if not is_file and unnamed is not None:
+        raise ValueError(f"frame {unnamed!r} cannot name a file: give a video ({VIDEO})")
+    pictures = {id: options.out if is_file else options.out / f"minimap_{id}{PICTURE}" for id in ids}
+    own = [options.players] if options.players is not None else []
+    check_targets(dict.fromkeys(pictures.values()), [*cameras.files, *own], replaces=is_file)
+
     def maps() -> Iterator[tuple[str, Image]]:
         for id in ids:
             found = cameras.of(id)
@@ -75,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
         if suffix != PICTURE:
             options.out.mkdir(parents=True, exist_ok=True)
         for id, picture in maps():
-            write_image(options.out if suffix == PICTURE else options.out / f"minimap_{id}{PICTURE}", picture)
+            write_image(pictures[id], picture)
     print(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
     if players.legend:
         print(players.legend)

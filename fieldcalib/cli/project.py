@@ -30,6 +30,7 @@ from fieldcalib.io.boxes.rows import Box, BoxRow, foot_points
 from fieldcalib.io.coordinates import check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.images import in_parts
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.players import POINT, SYSTEM
 
 FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
@@ -64,9 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Project; returns the exit code."""
     check_system(options.system, soccer())
-    if options.out.exists() and options.out.samefile(options.boxes):
-        raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
-    projection = given(Projection, options, cameras=Cameras(options.cameras))
+    cameras = Cameras(options.cameras)
+    check_targets([options.out], [options.boxes, *cameras.files], replaces=True)
+    projection = given(Projection, options, cameras=cameras)
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
         print(f"{count} boxes in {options.out}, {placed} on the pitch")

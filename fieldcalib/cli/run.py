@@ -23,12 +23,12 @@ from fieldcalib.cli.several import run_several
 from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, load_network, or_search
+from fieldcalib.console.network import NetworkOptions, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.files import FrameFile
+from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -97,6 +97,8 @@ def _run(request: RunRequest) -> int:
 
 
 def _calibrate(request: RunRequest) -> int:
+    if request.is_clip or request.is_video or request.is_stream:
+        check_utf8(request.run.out)  # of the overlay, before the work
     if request.is_stream:
         return run_stream(request)
     request.check()
@@ -107,7 +109,8 @@ def _run_one_by_one(request: RunRequest) -> int:
     """Calibrate images, or the frames of a video, one by one."""
     began = time.perf_counter()
     run, options = request.run, request.calibration
-    method = ImageCalibrator(options, or_search(lambda: load_network(options.network)))
+    network = or_search(lambda: load_network(options.network))
+    method = ImageCalibrator(options, network)
     with opened(
         request.paths,
         options.most_pixels,
@@ -118,8 +121,8 @@ def _run_one_by_one(request: RunRequest) -> int:
         if source.frames_per_second is not None and run.shard is not None:
             raise ValueError("--shard is of images: give every machine some of the videos")
         writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
-        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes)
-        with open_camera_folder(run, record, began) as results:
+        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
+        with open_camera_folder(run, record, began, source.files) as results:
             if is_finished(run.out):
                 return results.exit_code
             if request.same_field:

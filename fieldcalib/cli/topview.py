@@ -23,7 +23,9 @@ from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.inputs import files_read
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
@@ -66,6 +68,8 @@ def run(options: argparse.Namespace) -> int:
     if options.out.suffix.lower() not in PICTURES:
         raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
     cameras = Cameras(options.cameras)
+    own = [options.players] if options.players is not None else []
+    check_targets([options.out], [*files_read(options.input), *cameras.files, *own], replaces=True)
     field = field_of(cameras)
     players = PlayersOnMaps(options.players, cameras, field, given(PlayerOptions, options))
     overhead = overhead_camera(field, options.metres_per_pixel, options.margin)

@@ -19,8 +19,10 @@ from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import write_image
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.run_folder.images import say_note
+from fieldcalib.run_folder.inputs import files_read
 
 PICTURE, VIDEO = ".png", ".mp4"
 
@@ -82,9 +84,7 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
     if not chosen:
         raise ValueError(f"no image that is given has an accepted camera in {cameras.path}")
     targets = {out / f"{file.id}{PICTURE}": file for file in chosen}
-    for path in targets:
-        if path.exists():
-            raise FileExistsError(f"{path} is there already: give another --out")
+    check_targets(targets, files_read(inputs))
     out.mkdir(parents=True, exist_ok=True)
     for path, file in targets.items():
         with named_in_errors(file.path):
@@ -99,8 +99,7 @@ def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, in
         raise ValueError(f"expected one video, got {len(inputs)} inputs")
     if out.suffix.lower() != VIDEO:
         raise ValueError(f"{out}: expected a name that ends with {VIDEO}, for the input is a video")
-    if out.exists():
-        raise FileExistsError(f"{out} is there already: give another --out")
+    check_targets([out], inputs)
     ids = {int(id): id for id in cameras.ids if id.isdecimal()}
     accepted = set(cameras.accepted)
     if accepted.isdisjoint(ids.values()):

@@ -13,7 +13,7 @@ from fieldcalib.console.interrupts import interrupts_end_the_process
 from fieldcalib.console.options import given, option
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
-from fieldcalib.localize import SegmentationNetwork
+from fieldcalib.localize import Network, SegmentationNetwork
 from fieldcalib.localize.grid import BACKGROUND, classes_without_segment
 from fieldcalib.localize.network import CPU
 
@@ -53,6 +53,12 @@ def or_search(load: Callable[[], SegmentationNetwork]) -> SegmentationNetwork | 
     except OtherFieldError:
         say("the network that comes with fieldcalib knows soccer fields only: courts are found by search")
         return None
+
+
+def digest_of(network: Network | None) -> str:
+    """Digest of a network of one's own and its JSON; empty for that of the package, which is of its version."""
+    source = network.source if isinstance(network, SegmentationNetwork) else None
+    return "" if source is None or source.model is None else source.digest
 
 
 def load_network(options: NetworkOptions) -> SegmentationNetwork:

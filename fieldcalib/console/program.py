@@ -15,6 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from fieldcalib.console.interrupts import Terminated, requests_to_end_interrupt
+from fieldcalib.processes.streams import open_closed_streams
 
 if TYPE_CHECKING:
     import argparse
@@ -58,6 +59,7 @@ def log_on_stderr() -> Iterator[None]:
 
 def exit_code(work: Callable[[], int]) -> int:
     """Do some work that returns an exit code; an error that a user can mend becomes a line on stderr, and code 2."""
+    open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work

@@ -15,7 +15,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, add_minimap
-from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves, text_size
+from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -106,13 +106,14 @@ def draw_field(
         for label in object_segments
         if isinstance(object_segments, Field) and not object_segments.paint_of(label).is_along
     ]
-    for label in sorted(object_segments, key=rows.__contains__, reverse=True):  # lines over rows
-        segment, shade = object_segments[label], colours.get(label, dark if label in rows else colour)
+    labels = sorted(object_segments, key=rows.__contains__, reverse=True)  # lines over rows
+    segments = [object_segments[label] for label in labels]
+    for label, segment, curves in zip(labels, segments, image_curves_of(camera, segments), strict=True):
+        shade = colours.get(label, dark if label in rows else colour)
         if not (segment.is_curve or segment.is_point):
             for xy in camera.project(segment.sample()):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
-            curves = list(image_curves(camera, segment))
             parts = [part for curve in curves for part in dashes(curve, DASH * thickness)] if dashed else curves
             cv2.polylines(picture, [fixed_point(part) for part in parts], False, shade, thickness, cv2.LINE_AA, SHIFT)
     return picture

@@ -6,12 +6,14 @@ other modules of `fieldcalib.draw`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
@@ -130,7 +132,8 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
         return
     highest = min(s.sample()[:, 2].min() for s in raised.values())
     crossbars = [s for label, s in raised.items() if _is_crossbar(label, s, highest)]
-    nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
+    strands = [strand for bar in crossbars for strand in _net(bar)]
+    nets = [curve for curves in image_curves_of(camera, strands) for curve in curves]
     if nets:
         mix(picture, WHITE, 0.8 * _coverage(camera.image_size, nets, filled=False))
     bars: dict[str, list[Array]] = {}
@@ -194,30 +197,60 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
 # Curves in the image
 
 
-def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[Array]:
+def image_curves(camera: Camera | RationalCamera, segment: Segment) -> list[Array]:
     """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
-    import cv2
+    return image_curves_of(camera, [segment])[0]
 
-    if segment.is_point:
-        return
-    X = segment.polyline(SAMPLE_SPACING)
+
+def image_curves_of(camera: Camera | RationalCamera, segments: Iterable[Segment]) -> list[list[Array]]:
+    """`image_curves` of each of some segments, which are projected together.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.sports.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> of_middle, of_goal = image_curves_of(camera, [soccer()["Middle line"], soccer()["Goal left crossbar"]])
+    >>> len(of_middle), len(of_goal)
+    (1, 0)
+    """
+    X, begin = _sampled(tuple(segments))
     xy = camera.project(X)
     # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
     size = np.array(camera.image_size)
     near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
+    pixels: Float32 = xy.astype(np.float32)
+    return [
+        _visible(pixels[part], near[part], drawable[part]) if np.any(near[part]) else []
+        for part in (slice(*ends) for ends in pairwise(begin))
+    ]
+
+
+@lru_cache(maxsize=32)
+def _sampled(segments: tuple[Segment, ...]) -> tuple[Array, list[int]]:
+    """Points (N, 3) along segments, and where those of each segment begin, with their end; points have none."""
+    X = [np.zeros((0, 3)) if one.is_point else one.polyline(SAMPLE_SPACING) for one in segments]
+    joined = np.concatenate([np.zeros((0, 3)), *X])
+    joined.flags.writeable = False
+    return joined, [0, *np.cumsum([len(one) for one in X]).tolist()]
+
+
+def _visible(xy: Float32, near: BoolArray, drawable: BoolArray) -> list[Array]:
+    """The parts of a curve through pixels (N, 2) that are `near` the image, as polylines."""
+    import cv2
+
     shown = near.copy()  # and the first points outside, so that curves reach the border
     shown[1:] |= near[:-1]
     shown[:-1] |= near[1:]
-    shown = np.flatnonzero(shown & drawable)
-    for run in np.split(xy[shown].astype(np.float32), np.flatnonzero(np.diff(shown) > 1) + 1):
-        if not len(run):
-            continue
+    at = np.flatnonzero(shown & drawable)
+    found = []
+    for run in np.split(xy[at], np.flatnonzero(np.diff(at) > 1) + 1):
         # approxPolyDP simplifies against the chord, which a closed curve does not have: split it into halves
         middle = len(run) // 2 if np.max(np.abs(run[0] - run[-1])) < 1.0 else 0
         halves = (run[: middle + 1], run[middle:])
         simple = [cv2.approxPolyDP(half[:, None], 0.1, False).reshape(-1, 2) for half in halves]
-        yield np.concatenate([simple[0][:-1], simple[1]])
+        found.append(np.concatenate([simple[0][:-1], simple[1]]))
+    return found
 
 
 def dashes(curve: Array, length: float) -> Iterator[Array]:

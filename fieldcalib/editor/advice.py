@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
-from fieldcalib.draw.scene import image_curves
+from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
@@ -41,7 +41,8 @@ def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[st
     if camera is None:
         return list(field.markings)
     click = np.asarray(xy, dtype=float)
-    near = {label: nearest_on(list(image_curves(camera, segment)), click) for label, segment in field.markings.items()}
+    curves = dict(zip(field.markings, image_curves_of(camera, field.markings.values()), strict=True))
+    near = {label: nearest_on(of_label, click) for label, of_label in curves.items()}
     return sorted(near, key=lambda label: np.inf if (of_label := near[label]) is None else of_label.distance)
 
 
@@ -171,14 +172,17 @@ def _ground_in_view(camera: Camera, field: Field) -> Array:
 def _places(camera: Camera, field: Field, marks: Mapping[str, Array]) -> PixelTable:
     """Places on lines and arcs in view where a mark may be set, away from those that are set."""
     size, apart = np.array(camera.image_size), NEAR * pixel_unit(camera.image_size)
-    frame = {}
-    for label, segment in field.markings.items():
-        if label in field.half_labels or not (segment.is_straight or segment.is_arc):
-            continue
-        xy = camera.project(segment.samples(PLACES))
-        free = np.all((xy > BORDER * size) & (xy < (1.0 - BORDER) * size), axis=1)  # false for NaN
+    samples = {
+        label: segment.samples(PLACES)
+        for label, segment in field.markings.items()
+        if label not in field.half_labels and (segment.is_straight or segment.is_arc)
+    }
+    member = np.repeat(np.arange(len(samples)), [len(X) for X in samples.values()])
+    xy = camera.project(np.concatenate([np.zeros((0, 3)), *samples.values()]))
+    free = np.all((xy > BORDER * size) & (xy < (1.0 - BORDER) * size), axis=1)  # false for NaN
+    for index, label in enumerate(samples):
         for mark in marks.get(label, ()):
-            free &= np.linalg.norm(xy - mark, axis=1) > apart
-        if np.any(free):
-            frame[label] = xy[free]
-    return PixelTable.of(field, [frame])
+            free &= (member != index) | (np.linalg.norm(xy - mark, axis=1) > apart)
+    member, xy = member[free], xy[free]
+    weight = 1.0 / np.bincount(member, minlength=len(samples))[member]
+    return PixelTable(tuple(samples), 1, np.zeros(len(member), np.intp), member, xy, weight)

@@ -223,18 +223,25 @@ class Editor:
             id = self.ids[number]
             self.stored.versions.expect([label_file(id), CAMERAS.file_name(id), OVERLAYS.file_name(id)])
 
-    def fitted(self, number: int) -> FrameEditor:
+    def with_camera(self, number: int) -> FrameEditor:
         """A frame with the camera that follows from its marks, which is kept until the frame changes."""
-        one = self[number]
         revision = self.revision(number)
+        one = self[number]
         found = one.calibration
         with self.lock:
             state = self._states[number]
-            if state.edits.revision == revision:
-                if not one.is_automatic:
-                    state.found = found
-                basis = self._basis(number, one)
-                self._set_row(number, Row.of(found, basis, by_hand=not one.is_automatic))
+            if state.edits.revision == revision and not one.is_automatic:
+                state.found = found
+        return one
+
+    def fitted(self, number: int) -> FrameEditor:
+        """A frame `with_camera`, whose verdict is then in the table."""
+        revision = self.revision(number)
+        one = self.with_camera(number)
+        row = Row.of(one.calibration, self._basis(number, one), by_hand=not one.is_automatic)
+        with self.lock:
+            if self.revision(number) == revision:
+                self._set_row(number, row)
         return one
 
     def _basis(self, number: int, one: FrameEditor) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -16,6 +16,7 @@ from fieldcalib.assess.words import BESIDE, Status
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import common_lens
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.image import Image, size_of
@@ -115,20 +116,27 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
     if not by_marks.accepted:
         return by_marks
-    return _with_strays(field, marks, _refined(field, image, marks, by_marks, flags, prior))
+    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
+    return _agreeing(field, marks.only_by_hand, by_marks, refined)
 
 
-def _refined(field: Field, image: Image, marks: Marks, by_marks: Calibration, flags: int, prior: Prior) -> Calibration:
-    """The camera of marks refined on the image, unless it is then farther from the marks of the person."""
-    size = size_of(image)
-    pixels, weights = marks.pixels, _weights(marks, size)
-    refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior)
-    if refined is by_marks or refined.camera is None or by_marks.camera is None:
-        return by_marks
-    before, after = (_distance(field, marks, camera) for camera in (by_marks.camera, refined.camera))
-    if after > before + max(FARTHER * pixel_unit(size), FARTHER_CLICKS):
-        return by_marks
-    return replace(refined, suspect_labels=by_marks.suspect_labels)
+def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Calibration) -> Calibration:
+    """The refined camera of marks, or that of the marks alone if the refined one is farther from those of the person.
+
+    It complains of marks of the person that lie far from their markings.
+    """
+    if refined is by_marks:
+        (errors,) = mark_errors(field, by_hand, [by_marks.required_camera])
+        return _with_strays(by_hand, by_marks, errors)
+    errors, after = mark_errors(field, by_hand, [by_marks.required_camera, refined.required_camera])
+    farther = max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
+    if len(by_hand) and _rms(after) > _rms(errors) + farther:
+        return _with_strays(by_hand, by_marks, errors)
+    return _with_strays(by_hand, replace(refined, suspect_labels=by_marks.suspect_labels), after)
+
+
+def _rms(errors: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def click_unit(image_size: tuple[int, int]) -> float:
@@ -146,33 +154,30 @@ def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
     return error > BESIDE * pixel_unit(image_size)
 
 
-def _with_strays(field: Field, marks: Marks, calibration: Calibration) -> Calibration:
-    """A calibration that complains of marks of a person that lie far from their markings."""
-    camera, by_hand = calibration.camera, marks.only_by_hand
-    if camera is None:
-        return calibration
+def _with_strays(by_hand: Marks, calibration: Calibration, errors: Array) -> Calibration:
+    """A calibration that complains of marks of a person that lie far from their markings; `errors` (N,) are theirs."""
+    size = calibration.required_camera.image_size
     worst: dict[str, float] = {}
-    for mark, error in zip(by_hand.all, mark_errors(field, by_hand, camera).tolist(), strict=True):
-        if is_stray(error, camera.image_size):
+    for mark, error in zip(by_hand.all, errors.tolist(), strict=True):
+        if is_stray(error, size):
             worst[mark.label] = max(error, worst.get(mark.label, 0.0))
     said = (f"{label!r} is marked {error:.0f} px beside its projection" for label, error in worst.items())
     return with_complaints(calibration, (*complaints_of(calibration), *said))
 
 
-def mark_errors(field: Field, marks: Marks, camera: Camera) -> Array:
-    """Distance (N,) of each mark from the projection of its segment, pixels."""
-    if not marks.all:
-        return np.zeros(0)
-    table = PixelTable.of(field, [{one.label: np.array([[one.x, one.y]])} for one in marks.all])  # one in a frame
-    layout = Layout.of(camera.image_size, camera.lens)
-    problem = Problem(Observations.of(field, table, camera.image_size), layout, RobustLoss("linear", 1.0))
-    return rms_of_labels(evaluate(problem, np.repeat(layout.theta(camera)[None], len(marks), axis=0)))
-
-
-def _distance(field: Field, marks: Marks, camera: Camera) -> float:
-    """Root mean square distance of the marks that a person set, pixels; 0 without any."""
-    errors = mark_errors(field, marks.only_by_hand, camera)
-    return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else 0.0
+def mark_errors(field: Field, marks: Marks, cameras: Sequence[Camera]) -> Array:
+    """Distances (C, N) of N marks from the projections of their segments by C cameras of one image size, pixels."""
+    if not len(marks):
+        return np.zeros((len(cameras), 0))
+    size, count = cameras[0].image_size, len(cameras) * len(marks)
+    labels = tuple(field)
+    label = np.tile([labels.index(one.label) for one in marks.all], len(cameras))
+    xy = np.tile([(one.x, one.y) for one in marks.all], (len(cameras), 1))
+    table = PixelTable(labels, count, np.arange(count), label, xy, np.ones(count))  # one in a frame
+    layout = Layout.of(size, common_lens([one.lens for one in cameras]))
+    problem = Problem(Observations.of(field, table, size), layout, RobustLoss("linear", 1.0))
+    theta = np.repeat([layout.theta(one) for one in cameras], len(marks), axis=0)
+    return np.asarray(rms_of_labels(evaluate(problem, theta)).reshape(len(cameras), -1))
 
 
 def _weights(marks: Marks, image_size: tuple[int, int]) -> Weights | None:

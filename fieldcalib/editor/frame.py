@@ -241,7 +241,7 @@ class FrameEditor:
     def _direction(self, segment: Segment, label: str, xy: Array) -> Array | None:
         """Direction of a marking in the image near a pixel: by the camera or, of a straight one, by its other marks."""
         if self.calibration:
-            near = nearest_on(list(image_curves(self.calibration.required_camera, segment)), xy)
+            near = nearest_on(image_curves(self.calibration.required_camera, segment), xy)
             if near is not None and near.distance < NEAR * pixel_unit(size_of(self.image)):
                 return near.direction
         others = self.marks.pixels.get(label)

@@ -116,7 +116,7 @@ def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> Across
     if not np.isfinite(x):
         return None
     half = (calibration.field or field).width / 2.0
-    return AcrossLine(x, list(image_curves(camera, Line((x, -half, 0.0), (x, half, 0.0)))))
+    return AcrossLine(x, image_curves(camera, Line((x, -half, 0.0), (x, half, 0.0))))
 
 
 def draw_line_across(image: Image, calibration: Calibration, field: Field, xy: ArrayLike) -> Image:

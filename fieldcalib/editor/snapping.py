@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import Array, Float32, IntArray
 from fieldcalib.io.image import Image
 from fieldcalib.solve.options import pixel_unit
 
@@ -18,6 +18,7 @@ REACH = 8.0  # px of a 960 x 540 image: clicks are nearer than that
 WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones near by
 LEAST_CONTRAST = 6.0  # grey values by which the strongest line stands out, in its blurred second derivative
 NEAR_MIDDLE = 0.75  # px from the middle of a line to a pixel that belongs to it
+MARGIN = 4  # px around these: `NEAR_MIDDLE`, and the neighbours of two differences
 LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
 LARGEST_TURN = np.sin(np.radians(25.0))  # between a line and the direction that it is expected to have
 # px of such an image: standard deviation of clicks, by which near lines are preferred to strong ones. Of clicks 2 px
@@ -54,16 +55,18 @@ def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Arra
     height, width = image.shape[:2]
     unit = pixel_unit((width, height))
     reach = REACH * unit
-    margin = int(np.ceil(reach + 4.0 * max(WIDTHS) * unit))
-    corner = np.floor(click).astype(int) - margin
-    low, high = np.maximum(corner, 0), np.minimum(corner + 2 * margin + 2, (width, height))
-    if np.any(high - low < 3):
+    near, end = _box(click, reach + MARGIN, (width, height))
+    if np.any(end - near < 3):
         return click
+    low, high = _box(click, reach + 4.0 * max(WIDTHS) * unit, (width, height))  # what the blur needs
     grey = cv2.cvtColor(image[low[1] : high[1], low[0] : high[0]], cv2.COLOR_BGR2GRAY).astype(np.float32)
-    pixels = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
+    pixels = np.stack(np.meshgrid(np.arange(near[0], end[0]), np.arange(near[1], end[1])), axis=-1)
+    rows, columns = (slice(near[axis] - low[axis], end[axis] - low[axis]) for axis in (1, 0))
     best, place = 0.0, click
     for scale in WIDTHS:
-        middle, normal, strength = _ridge(grey, max(scale * unit, LEAST_BLUR))
+        sigma = max(scale * unit, LEAST_BLUR)
+        blurred = np.asarray(cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE), np.float32)
+        middle, normal, strength = _ridge(blurred[rows, columns], sigma)
         distance = np.linalg.norm(pixels + middle - click, axis=-1)
         is_line = (np.linalg.norm(middle, axis=-1) < NEAR_MIDDLE) & (strength > LEAST_CONTRAST) & (distance <= reach)
         if along is not None:
@@ -78,11 +81,18 @@ def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Arra
     return place
 
 
-def _ridge(grey: Float32, sigma: float) -> tuple[Array, Array, Array]:
-    """The middle of a light line from each pixel (h, w, 2), its normal (h, w, 2), and its strength in grey values."""
-    import cv2
+def _box(xy: Array, reach: float, size: tuple[int, int]) -> tuple[IntArray, IntArray]:
+    """First pixel, and the one after the last, (2,) each, of the part of an image around a place."""
+    margin = int(np.ceil(reach))
+    corner = np.floor(xy).astype(int) - margin
+    return np.maximum(corner, 0), np.minimum(corner + 2 * margin + 2, size)
 
-    blurred = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+
+def _ridge(blurred: Float32, sigma: float) -> tuple[Array, Array, Array]:
+    """The middle of a light line from each pixel (h, w, 2), its normal (h, w, 2), and its strength in grey values.
+
+    `sigma` is the standard deviation of the blur.
+    """
     gy, gx = np.gradient(blurred)
     gyy, gyx = np.gradient(gy)
     gxx = np.gradient(gx, axis=1)

@@ -10,6 +10,7 @@ camera, z down, so that a crossbar is at z = -2.44.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
@@ -128,6 +129,8 @@ class Field(Mapping[str, Segment]):
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise ValueError(f"a Field needs a positive {name} in metres, got {value}")
+            if name in ("length", "width") and not math.isfinite(value):
+                raise ValueError(f"a Field needs a finite {name} in metres, got {value}")
         names = [stand.name for stand in (*self.stands, *self.more_stands)]
         if len(set(names)) < len(names):
             raise ValueError(f"the stands of a Field need different names, got {names}")

@@ -123,7 +123,7 @@ def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:
     """The parsed value; messages of errors begin with its name."""
     try:
         return parse(value)
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:  # OverflowError: of very long integers
         raise ValueError(f"{name}: {error}") from None
 
 
@@ -140,7 +140,7 @@ def _check_keys(record: Mapping[str, Any], needed: Iterable[str], more: Iterable
 
 def _number(value: Any) -> float:
     number = from_json(value)
-    if number.ndim:
+    if number.ndim or isinstance(value, bool):
         raise ValueError(f"expected a number, got {value!r}")
     return float(number)
 
@@ -153,7 +153,7 @@ def _boolean(value: Any) -> bool:
 
 def _builder(name: str, record: Mapping[str, Any]) -> Build:
     """The builder of a name, with the parameters of a record."""
-    if name not in BUILDERS:
+    if not isinstance(name, str) or name not in BUILDERS:
         raise ValueError(f"expected a field that is one of {', '.join(BUILDERS)}, got {name!r}")
     build = BUILDERS[name]
     given = {one: _named(one, _number, record[one]) for one in _parameters(build) if one in record}
@@ -165,12 +165,14 @@ def _parameters(build: Build) -> list[str]:
 
 
 def _by_label(parse: Callable[[Any], T], records: Any) -> dict[str, T]:
+    if not isinstance(records, Mapping):
+        raise ValueError(f"expected labels with values, got a {type(records).__name__}")
     return {str(label): _named(str(label), parse, one) for label, one in records.items()}
 
 
 def _segment(record: Any) -> Segment:
     _check_keys(record, ("kind",), record)
-    if record["kind"] not in SEGMENTS:
+    if not isinstance(record["kind"], str) or record["kind"] not in SEGMENTS:
         raise ValueError(f"expected a kind that is one of {', '.join(SEGMENTS)}, got {record['kind']!r}")
     return _from_attributes(SEGMENTS[record["kind"]], {name: value for name, value in record.items() if name != "kind"})
 

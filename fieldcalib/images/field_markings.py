@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -42,8 +43,12 @@ class Markings:
     def of(cls, object_segments: ObjectSegments) -> Markings:
         """The markings painted along the segments of an object; of a circle and its halves the circle only.
 
-        An object that is no `Field` gets the default `LineLook`.
+        An object that is no `Field` gets the default `LineLook`. Those of the last fields are kept.
         """
+        return _of_field(object_segments) if isinstance(object_segments, Field) else cls._along(object_segments)
+
+    @classmethod
+    def _along(cls, object_segments: ObjectSegments) -> Markings:
         look, scale = LineLook(), SOCCER_SCALE
         paint_of: Callable[[str], Paint] = dict.fromkeys(object_segments, Paint(width=look.width)).__getitem__
         if isinstance(object_segments, Field):
@@ -75,6 +80,15 @@ class Markings:
             np.array([segment.is_arc for segment in markings.values()], dtype=bool),
             look,
         )
+
+
+@lru_cache(maxsize=16)
+def _of_field(field: Field) -> Markings:
+    markings = Markings._along(field)
+    for values in vars(markings).values():
+        if isinstance(values, np.ndarray):
+            values.flags.writeable = False
+    return markings
 
 
 def _along(member: IntArray, X: Array) -> Array:

@@ -20,6 +20,7 @@ from . import label_studio as label_studio
 from . import labelme as labelme
 from . import line_log as line_log
 from . import output_folder as output_folder
+from . import overwriting as overwriting
 from . import parquet as parquet
 from . import players as players
 from . import pnlcalib as pnlcalib
@@ -29,3 +30,5 @@ from . import streams as streams
 from . import tvcalib as tvcalib
 from . import videos as videos
 from . import wc14 as wc14
+from . import yaml_text as yaml_text
+from . import zips as zips

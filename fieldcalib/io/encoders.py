@@ -131,7 +131,12 @@ def _has_x264() -> bool:
 @contextmanager
 def _no_messages() -> Iterator[None]:
     """Silence stderr for libraries in C, which print long messages there."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        kept = os.dup(2)
+    except OSError:  # it is closed
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:
         yield

@@ -17,12 +17,17 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
+from fieldcalib.io.zips import open_member
+
 HIDDEN = re.compile(r"\.")
 YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
 TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
-READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack each part as a whole, however large it becomes
+READ_AT_ONCE = 4096  # bytes: LZMA unpacks each part as a whole, to 7000 times that at most
+
+# Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
+WRONG_RECORD = (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError)
 
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
@@ -50,6 +55,11 @@ class FrameFile:
     zipped: Zipped | None = None
     """The open zip and the member of it."""
 
+    @property
+    def on_disk(self) -> Path:
+        """The file itself, or the zip that it lies in."""
+        return self.path if self.zipped is None else Path(str(self.zipped[0].filename))
+
     def read(self, most_bytes: float = MOST_BYTES) -> bytes:
         """Read the content.
 
@@ -66,19 +76,22 @@ class FrameFile:
         archive, member = self.zipped
         _check_bytes(member.file_size, most_bytes)
         try:
-            with archive.open(member) as file:
-                return _read_all(file, most_bytes)
+            with open_member(archive, member) as file:
+                content = _read_all(file, most_bytes)
         except BrokenFileError:
             raise
         except Exception as error:  # the decompressors' errors have no class in common
             raise BrokenFileError(f"cannot be read: {str(error) or type(error).__name__}") from error
+        if len(content) != member.file_size:
+            raise BrokenFileError(f"has {len(content)} bytes, and its zip states {member.file_size}")
+        return content
 
     def read_beginning(self, count: int) -> bytes:
         """Read the first bytes; none if it cannot be read."""
         try:
             if self.zipped is not None:
                 archive, member = self.zipped
-                with archive.open(member) as file:
+                with open_member(archive, member) as file:
                     return file.read(count)
             if not stat.S_ISREG(self.path.stat().st_mode):
                 return b""
@@ -106,6 +119,20 @@ class FrameFile:
         return _of_zip, (self.id, self.path, archive.filename, member.filename)
 
 
+def can_name_files(id: str) -> bool:
+    """Whether the results of a frame may be named after its id: it leads to no other folder, and is not too long.
+
+    Examples
+    --------
+    >>> can_name_files("00001"), can_name_files("../00001"), can_name_files("1" * 300), can_name_files("")
+    (True, False, False, False)
+    """
+    try:
+        return Path(id).name == id != "" and "\0" not in id and len(os.fsencode(id)) <= LONGEST_ID
+    except UnicodeEncodeError:
+        return False
+
+
 def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
     opened = _opened(archive)
     return FrameFile(id, path, (opened, opened.getinfo(member)))
@@ -115,6 +142,26 @@ def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
 def _opened(archive: str) -> zipfile.ZipFile:
     """Open the zip of a pickled file, once for all of its members."""
     return zipfile.ZipFile(archive)
+
+
+def check_utf8(path: object) -> None:
+    """Check that a name is in UTF-8, as libraries in C take it: OpenCV ends the process at others.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is not; the message begins with the name.
+
+    Examples
+    --------
+    >>> check_utf8(Path("clip.mp4"))
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise BrokenFileError(
+            f"{path}: videos need names in UTF-8, in all folders of their path: rename it, or make a link to it"
+        ) from None
 
 
 def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
@@ -265,7 +312,7 @@ def parse_json(content: bytes | str) -> Any:
         If it is no JSON, or if an object in it has a key twice.
     """
     try:
-        return json.loads(content, object_pairs_hook=_without_repeats)
+        return json.loads(content, object_pairs_hook=without_repeats)
     except BrokenFileError:
         raise
     except (ValueError, RecursionError) as error:
@@ -299,18 +346,15 @@ def read_json_or_yaml(path: Path) -> Any:
     BrokenFileError
         If it cannot be read, or is neither.
     """
-    import yaml
-
     content = read_regular_file(path)
     if path.suffix.lower() not in YAML:
         return parse_json(content)
-    try:
-        return yaml.safe_load(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise BrokenFileError(f"is no YAML: {error}") from None
+    from fieldcalib.io.yaml_text import parse_yaml  # imports PyYAML
+
+    return parse_yaml(content)
 
 
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Make a dict of a JSON object; Python's parser would let the last of equal keys replace the others."""
     value = dict(pairs)
     if len(value) < len(pairs):

@@ -35,7 +35,9 @@ class LineLog:
     """
 
     def __init__(self, path: Path, count: int | None = None, *, durable: bool = False) -> None:
-        self._durable = durable
+        if path.is_symlink():  # the file that it leads to is not of this log
+            raise FileExistsError(f"{path} is a link: remove it, or choose another folder")
+        self.path, self._durable = path, durable
         self._file = path.open("ab", buffering=0)
         try:
             size = sum(len(line) for index, line in enumerate(whole_lines(path)) if count is None or index < count)

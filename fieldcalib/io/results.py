@@ -111,9 +111,12 @@ def parse_main(text: bytes) -> dict[str, Any]:
         raise BrokenFileError(f"is no JSON: {error}") from error
     if not isinstance(line, dict):
         raise BrokenFileError(f"expected a JSON object of a frame's result, got {type(line).__name__}")
-    for key in ("id", "status", "message"):
-        if not isinstance(line.get(key), str):
+    for key, default in (("id", None), ("status", None), ("message", None), ("verdict", ""), ("reason", "")):
+        if not isinstance(line.get(key, default), str):
             raise BrokenFileError(f"a result needs the key {key!r} with a text")
+    size = line.get("image_size")
+    if size is not None and not (isinstance(size, list) and len(size) == 2 and all(map(_is_count, size))):
+        raise BrokenFileError(f"'image_size': expected two numbers of pixels, got {size!s:.100}")
     version = line.get("version")
     if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
         raise BrokenFileError(
@@ -121,6 +124,10 @@ def parse_main(text: bytes) -> dict[str, Any]:
             f"them, use that or calibrate again"
         )
     return line
+
+
+def _is_count(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
 class ResultFile:
@@ -149,6 +156,7 @@ class ResultFile:
         """Ids of all frames, in order."""
         self.broken: set[int] = set()
         """Numbers of the frames whose files could not be read."""
+        self._numbers: dict[str, int] = {}
         begins = [0]
         for number, text in enumerate(self._main_texts()):
             self._add(number, text)
@@ -175,6 +183,10 @@ class ResultFile:
             with self._named(number):
                 line = parse_main(text)
                 id, status = line["id"], line["status"]
+        first = self._numbers.setdefault(id, number)
+        if first != number:
+            with self._named(number):
+                raise BrokenFileError(f"frame {id!r} is there already, in line {first + 1}")
         self.ids.append(id)
         if status == BROKEN:
             self.broken.add(number)

@@ -18,7 +18,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.encoders import Encoder, open_encoder
-from fieldcalib.io.files import BrokenFileError, replacement
+from fieldcalib.io.files import BrokenFileError, check_utf8, replacement
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
 
@@ -298,6 +298,7 @@ def _opened(location: str, threads: int | None, options: str = "") -> Any:
     """OpenCV's reader of a video, with that many threads for decoding, and options of FFmpeg."""
     import cv2
 
+    check_utf8(location)
     parameters = [] if threads is None else [cv2.CAP_PROP_N_THREADS, threads]
     with _OPENING, _environment(CAPTURE_OPTIONS, options):
         return cv2.VideoCapture(location, cv2.CAP_ANY, parameters)
@@ -350,6 +351,8 @@ class VideoWriter:
 
     Raises
     ------
+    BrokenFileError
+        If the path is not in UTF-8.
     OSError
         At the end, if not every image is in the file, as when the disk is full.
     """
@@ -358,6 +361,7 @@ class VideoWriter:
     """Note about the file for the user, to follow its name; empty until there is an image."""
 
     def __init__(self, path: Path, frames_per_second: float, *, threads: int | None = None) -> None:
+        check_utf8(path)
         self._path, self._frames_per_second, self._threads = path, frames_per_second, threads
         self._replacement = ExitStack()
         self._encoder: Encoder | None = None

@@ -1,3 +1,4 @@
 from . import jobs as jobs
 from . import other_process as other_process
+from . import streams as streams
 from . import threads as threads

@@ -19,6 +19,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, BinaryIO, ParamSpec, TypeVar
 
+from fieldcalib.processes.streams import open_closed_streams
 from fieldcalib.processes.threads import ONE_THREAD
 
 P = ParamSpec("P")
@@ -162,6 +163,7 @@ def _answer(request: bytes) -> bytes:
 
 def main() -> None:
     """Answer requests until there are no more."""
+    open_closed_streams()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     if hasattr(os, "nice"):

@@ -18,11 +18,12 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_video import PART
-from fieldcalib.io.files import whole_file
+from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.run_folder.annotated import CAMERA_FILES, WITHHELD
@@ -30,7 +31,7 @@ from fieldcalib.run_folder.clip_input import ClipInput, whole_frame
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, camera_file, is_squashed
-from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.record import ID, RECORD, RunRecord
 from fieldcalib.run_folder.results import (
     OVERLAY,
     SHARED_FILES,
@@ -52,7 +53,7 @@ def save(results: Results, out: Path, *, overwrite: bool, overlays: bool) -> Non
     began = time.perf_counter()
     run, record = _record(results, out, overwrite=overwrite)
     overlays = overlays and results.command != LABELLED
-    with _python_words(), open_run_folder(run, record) as writer:
+    with _python_words(), open_run_folder(run, record, files=results.pictures.files) as writer:
         if results.video is not None:
             _write_clip(results, results.video, writer, overlays=overlays)
         else:
@@ -79,7 +80,7 @@ def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions
     options = json.loads(json.dumps({**results.options, "input": list(pictures.paths)}, default=str))
     run = RunOptions(out, options, results.command, overwrite=overwrite)
     is_alone = results.video is None and not pictures.is_video and results.command != LABELLED
-    writes = (*CAMERA_FILES, OVERLAYS.file_name("<id>")) if is_alone else CAMERA_FILES
+    writes = (*CAMERA_FILES, OVERLAYS.file_name(ID)) if is_alone else CAMERA_FILES
     unit = IMAGES_AT_ONCE if results.video is None else PART
     return run, RunRecord.of(run, pictures.files, unit=unit, writes=writes)
 
@@ -148,8 +149,9 @@ def _broken(results: Results, id: str) -> Outcome:
 def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlays: bool) -> None:
     """Copy the files of a run, its record first and its summary last."""
     names = [RECORD, SOLVER, LINES, TABLE]
-    patterns = list(CAMERA_FILES) + ([OVERLAYS.file_name("<id>")] if overlays else [])
-    names += [pattern.replace("<id>", id) for pattern in patterns for id in results.frames.ids]
+    patterns = list(CAMERA_FILES) + ([OVERLAYS.file_name(ID)] if overlays else [])
+    ids = [id for id in results.frames.ids if can_name_files(id)]
+    names += [pattern.replace(ID, id) for pattern in patterns for id in ids]
     names += [name for name in SHARED_FILES if name != SUMMARY and (overlays or name != OVERLAY)]
     with output_folder(out):
         if out.samefile(folder):
@@ -157,8 +159,14 @@ def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlay
         there = next((name for name in (RECORD, LINES, TABLE, SUMMARY) if (out / name).exists()), None)
         if there is not None and not overwrite:
             raise _used(f"{out} holds results already, as {there}")
+        check_targets(
+            [out / name for name in (*names, SUMMARY)],
+            [folder / name for name in names],
+            replaces=overwrite,
+            remedy="give overwrite=True to replace it, or another folder",
+        )
         for name in (*names, SUMMARY):
-            if Path(name).name == name and (folder / name).is_file():
+            if (folder / name).is_file():
                 with whole_file(out / name) as copy, (folder / name).open("rb") as file:
                     shutil.copyfileobj(file, copy)
             else:

@@ -248,7 +248,7 @@ def calibrate_files(
                 if complaint:
                     say(complaint)
                     return 1
-    with open_camera_folder(run, record, began) as results:
+    with open_camera_folder(run, record, began, files) as results:
         work(run, results, files, size, method, len(files))
     return results.exit_code
 

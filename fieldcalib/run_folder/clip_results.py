@@ -16,7 +16,14 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
-from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file, write_text
+from fieldcalib.io.files import (
+    WRONG_RECORD,
+    BrokenFileError,
+    open_regular_file,
+    parse_json_object,
+    whole_file,
+    write_text,
+)
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
@@ -82,6 +89,7 @@ def _write_frames(
     readable = 0
     with VIDEOS.write(path, clip.source.frames_per_second, threads=threads) as video:
         for index, frame in enumerate(clip.frames()):
+            results.check_restored(index, frame.id)
             if frame.image is None:
                 if index >= done:  # its problem was told when it was read first
                     results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
@@ -128,7 +136,7 @@ def read_clip(path: Path) -> tuple[VideoCalibration, float]:
         with open_regular_file(path) as file:
             head, *tripods = (parse_json_object(line, "a clip") for line in file)
         return VideoCalibration.from_dict({**head, "tripods": tripods}), float(head["frames_per_second"])
-    except (ValueError, KeyError) as error:
+    except WRONG_RECORD as error:
         raise BrokenFileError(f"{path}: is no calibration of a clip: {error}") from error
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 from fieldcalib.console.inputs import Input
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.streams import Stream
@@ -22,6 +25,13 @@ def is_clip(first: Input, *, together: bool = False, alone: bool = False) -> boo
     (True, False, False)
     """
     return together or (is_video(first) and not alone)
+
+
+def files_read(inputs: Sequence[Path]) -> list[Path]:
+    """The files that are read of images, or of one video: of a zip the zip itself."""
+    if VIDEOS.recognises(inputs[0]):
+        return list(inputs)
+    return [file.on_disk for file in IMAGES.find(inputs)]
 
 
 def videos_in(one: Input) -> list[Input]:

@@ -1,7 +1,12 @@
-"""The record of a run, run.json: its options and its input, written before the work, for a run that resumes it."""
+"""The record of a run, run.json: its options and its input, written before the work, for a run that resumes it.
+
+A record may have been changed, or come from others: it is checked when it is read. The names of files in it, by which
+a run that is replaced is removed and shards are joined, are those that runs write, and lead to no other folder.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,11 +15,36 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
-from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.files import (
+    BrokenFileError,
+    FrameFile,
+    can_name_files,
+    parse_json_object,
+    read_regular_file,
+    write_text,
+)
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, OTHER_ANNOTATIONS, OVERLAYS
 from fieldcalib.io.results import FORMAT, OLD_FORMATS
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.options import RunOptions, Shard
 
 RECORD = "run.json"
+ID = "<id>"  # in the names of files, where the id of a frame comes
+ONE_FILE_NAME = "localized"  # of the file of all frames that localize writes in some formats, without its ending
+WRITTEN = frozenset(  # names of files in records
+    [CAMERAS.file_name(ID), OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
+    + [form.file_name(name) for form in OTHER_ANNOTATIONS.values() for name in (ID, ONE_FILE_NAME)]
+)
+MOST_IN_UNIT = 1_000_000  # frames
+TEXT, WHOLE_NUMBER, TEXTS = "a text", "a whole number from 0", "a list of texts"
+KINDS = {  # of the values of a record, by name
+    **dict.fromkeys(("command", "names", "contents", "version", "network"), TEXT),
+    **dict.fromkeys(("frames", "unit", "format"), WHOLE_NUMBER),
+    **dict.fromkeys(("writes", "source"), TEXTS),
+}
+OPTIONS = {  # that are read from records, by name
+    **dict.fromkeys(("start", "end", "format", "field"), TEXT),
+    "step": WHOLE_NUMBER,
+}
 NOT_COMPARED = frozenset({"input", "threads"})  # options: the input is recorded by its digests, threads change nothing
 
 
@@ -42,10 +72,19 @@ class RunRecord:
     """Version of the files that are written."""
     source: Sequence[str] = ()
     """Paths of the input, from which its frames can be read again; empty if it is no file."""
+    network: str = ""
+    """Digest of the network of one's own; empty if it was that of the package, or none."""
 
     @classmethod
     def of(
-        cls, run: RunOptions, files: Sequence[FrameFile], *, unit: int, writes: Iterable[str], more: Any = None
+        cls,
+        run: RunOptions,
+        files: Sequence[FrameFile],
+        *,
+        unit: int,
+        writes: Iterable[str],
+        more: Any = None,
+        network: str = "",
     ) -> RunRecord:
         """Record a run on some files; `more` is what its results depend on beside the options, as JSON."""
         kept = {name: value for name, value in run.recorded.items() if name not in NOT_COMPARED}
@@ -54,7 +93,9 @@ class RunRecord:
         contents = _digest([[*(file.state for file in files)], field, more])
         shard = None if run.shard is None else str(run.shard)
         source = [str(Path(one).absolute()) for one in run.recorded.get("input", ()) if Path(one).exists()]
-        return cls(run.command, kept, len(files), names, contents, unit, shard, tuple(writes), source=source)
+        return cls(
+            run.command, kept, len(files), names, contents, unit, shard, tuple(writes), source=source, network=network
+        )
 
     @classmethod
     def read(cls, folder: Path) -> RunRecord | None:
@@ -70,9 +111,14 @@ class RunRecord:
             return None
         try:
             record = parse_json_object(read_regular_file(path), "a run")
+            _check(record)
             return cls(**{"format": OLD_FORMATS[0], **record, "writes": tuple(record["writes"])})
-        except (BrokenFileError, KeyError, TypeError) as error:
+        except (BrokenFileError, KeyError, TypeError) as error:  # of keys that are missing, or unknown
             raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
+
+    def files_of(self, id: str) -> list[str]:
+        """Names of the files that a frame may have; none if its id cannot be part of a file's name."""
+        return [name.replace(ID, id) for name in self.writes] if can_name_files(id) else []
 
     def write(self, folder: Path) -> None:
         """Write it to a folder."""
@@ -89,6 +135,8 @@ class RunRecord:
         names = [name for name in {**self.options, **other.options} if self._at(name) != other._at(name)]
         if names:
             return "; ".join(f"{_option(name)} was {self._at(name)!r}, is {other._at(name)!r}" for name in names)
+        if self.network != other.network:
+            return "the network of --model has changed, its file or its JSON"
         if not of_shards and self.shard != other.shard:
             return f"--shard was {self.shard}, is {other.shard}"
         if (self.frames, self.names) != (other.frames, other.names):
@@ -99,6 +147,39 @@ class RunRecord:
 
     def _at(self, name: str) -> Any:
         return self.options.get(name)
+
+
+def _check(record: Mapping[str, Any]) -> None:
+    """Raise a BrokenFileError if a value of a record is not what it should be."""
+    _check_kinds(record, KINDS)
+    if not isinstance(record.get("options", {}), dict):
+        raise BrokenFileError(f"'options': expected an object, got {record['options']!s:.100}")
+    options = {name: value for name, value in record.get("options", {}).items() if value is not None}
+    _check_kinds(options, OPTIONS)
+    if not 1 <= record.get("unit", 1) <= MOST_IN_UNIT:
+        raise BrokenFileError(f"'unit': expected a number of frames from 1 to {MOST_IN_UNIT}, got {record['unit']}")
+    if record.get("shard") is not None:
+        try:
+            Shard.parse(str(record["shard"]))
+        except argparse.ArgumentTypeError as error:
+            raise BrokenFileError(f"'shard': {error}") from None
+    for name in record.get("writes", ()):
+        if name not in WRITTEN:
+            raise BrokenFileError(f"'writes': expected names of files that runs write, got {name!r:.100}")
+
+
+def _check_kinds(values: Mapping[str, Any], kinds: Mapping[str, str]) -> None:
+    for name in values.keys() & kinds.keys():
+        if not _is(values[name], kinds[name]):
+            raise BrokenFileError(f"{name!r}: expected {kinds[name]}, got {values[name]!s:.100}")
+
+
+def _is(value: Any, kind: str) -> bool:
+    if kind == TEXT:
+        return isinstance(value, str)
+    if kind == WHOLE_NUMBER:
+        return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    return isinstance(value, list) and all(isinstance(one, str) for one in value)
 
 
 def _digest(what: Any) -> str:

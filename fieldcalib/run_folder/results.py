@@ -8,13 +8,15 @@ again. And no file is without a line, which says what belongs to the run.
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +24,24 @@ import fieldcalib
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.console.program import counted, say
-from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
+from fieldcalib.io.files import (
+    BrokenFileError,
+    FrameFile,
+    can_name_files,
+    named_in_errors,
+    parse_json_object,
+    read_regular_file,
+    remove_temporaries,
+    whole_file,
+    write_bytes,
+    write_text,
+)
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.overwriting import ELSEWHERE, check_targets
 from fieldcalib.io.parquet import read_parquet, write_parquet
-from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, split_line, whole_line_pairs
+from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RECORD, RunRecord
@@ -40,6 +54,7 @@ LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
 REPORT = "report.html"
 SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY, REPORT)  # files that are of no single frame
+WITHOUT_PICTURES = frozenset({"calibrate", "localize"})  # commands that write no other one of these than the summary
 PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
 # Least number and share of frames with pixels that are not square, to warn of them. Of 728 annotated frames none has
 # such pixels, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.
@@ -48,7 +63,7 @@ SUSPICIOUS = 3, 0.05
 NEARLY_SQUARE = 0.9, 1.3
 DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
 ASPECT = "aspect"  # as does this one, unless its value is "estimated"
-
+OBJECT = "an object"
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
@@ -70,6 +85,8 @@ class ResultsWriter:
     """The second file of lines; None where there is only one."""
     done: int = 0
     """Frames that are written."""
+    restored: list[str] = attribute(default_factory=list)
+    """Ids of those that an earlier part of the run has written, in order."""
     statuses: Counter[str] = attribute(default_factory=Counter)
     verdicts: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
@@ -89,6 +106,8 @@ class ResultsWriter:
             say(outcome.complaint)
         self._append(outcome.line)
         for name, content in outcome.files.items():
+            if Path(name).name != name:
+                raise ValueError(f"frame {outcome.id!r} cannot name a file: give it a name without / and the like")
             write_bytes(self.out / name, content)
         self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
         self.calibrated += bool(outcome.line.get("verdict"))
@@ -101,9 +120,20 @@ class ResultsWriter:
         self.solver.append(json.dumps(solver))
         self.log.append(json.dumps(main))
 
+    def check_restored(self, number: int, id: str) -> None:
+        """Raise a BrokenFileError if an earlier part of the run has written another frame in the place of this one."""
+        if number < len(self.restored) and self.restored[number] != id:
+            raise BrokenFileError(
+                f"{self.log.path}, line {number + 1}: expected frame {id!r}, got {self.restored[number]!r}: lines are "
+                f"missing or were moved; --overwrite begins anew"
+            )
+
     def restore(self, line: Mapping[str, Any]) -> None:
         """Count a frame that an earlier part of the run has written."""
-        self._count(line, is_squashed(line), (self.out / CAMERAS.file_name(line["id"])).exists())
+        id = line["id"]
+        has_camera = can_name_files(id) and (self.out / CAMERAS.file_name(id)).exists()
+        self.restored.append(id)
+        self._count(line, is_squashed(line), has_camera)
 
     def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
         verdict = line.get("verdict", "")
@@ -178,14 +208,16 @@ class ResultsWriter:
 
 
 @contextmanager
-def open_camera_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
+def open_camera_folder(
+    run: RunOptions, record: RunRecord, began: float, files: Sequence[FrameFile] = ()
+) -> Iterator[ResultsWriter]:
     """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
 
-    `began` is the value of `time.perf_counter` at the start.
+    `began` is the value of `time.perf_counter` at the start, `files` are those of `open_run_folder`.
     """
     if run.writes_table and run.shard is not None:
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
-    with open_run_folder(run, record) as results:
+    with open_run_folder(run, record, files=files) as results:
         yield results
         finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
         results.say(run.recorded)
@@ -202,20 +234,29 @@ def write_table(run: RunOptions) -> None:
 
 
 @contextmanager
-def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterator[ResultsWriter]:
+def open_run_folder(
+    run: RunOptions, record: RunRecord, lines: str = LINES, files: Sequence[FrameFile] = ()
+) -> Iterator[ResultsWriter]:
     """Lock the folder of results and restore a run that is resumed; `lines` is the name of its log.
+
+    `files` are read by the run; those that are of one frame name its results.
 
     Raises
     ------
     UsedFolderError
         If the folder holds the results of a run and neither --resume nor --overwrite is given.
+    FileExistsError
+        If a file would be written over that is read, or that no run has written.
+    BrokenFileError
+        If the record or a line of the run to be resumed is none; the message begins with its file.
     ValueError
         If the run to be resumed had other options, or another input.
     """
     out = run.out
     with output_folder(out):
-        _restore_lines(run)
         earlier = None if run.overwrite else _earlier(out, record, resume=run.resume)
+        _check_targets(run, record, lines, files)
+        _restore_lines(run)
         if run.overwrite:
             _clear(out)
         remove_temporaries(out)
@@ -229,18 +270,56 @@ def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> I
                 log = logs.enter_context(LineLog(out / lines, kept))
                 solver = logs.enter_context(LineLog(out / SOLVER, kept)) if has_solver else None
                 results = ResultsWriter(out, log, solver)
-                for text in whole_lines(out / lines):
-                    results.restore(json.loads(text))
+                _restore(results, lines)
                 yield results
         except BaseException:
             remove_temporaries(out)  # left by an interrupt between the creation of one and its use
             if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
-                _remove_frames(out, record)
+                _remove(_files_of_frames(out, record))
                 _forget(out)
-            elif results is not None:
+            elif results is not None and not is_finished(out):
                 done = f"{counted(results.done, 'frame')} done in {out}"
                 say(f"{done}: --resume goes on with the run")
             raise
+
+
+def _check_targets(run: RunOptions, record: RunRecord, lines: str, files: Sequence[FrameFile]) -> None:
+    """Check the files that a run writes, or removes before, see `fieldcalib.io.overwriting.check_targets`."""
+    out, earlier = run.out, _record_or_none(run.out)
+    of_run = {RECORD, lines, *((SOLVER, TABLE) if lines == LINES else ()), *shared_files(run.command)}
+    of_frames = {name: file.id for file in files for name in record.files_of(file.id)}
+    taken = next(iter(sorted(of_run & of_frames.keys())), None)
+    if taken is not None:
+        raise FileExistsError(
+            f"the result of frame {of_frames[taken]!r} would be {taken}, which is a file of the run itself: rename it"
+        )
+    removed = _files_of_run(out, earlier) if run.overwrite else ()
+    reads = [file.on_disk for file in files] + ([run.field_file] if run.field_file is not None else [])
+    check_targets(
+        chain((out / name for name in (*of_frames, *of_run)), removed),
+        reads,
+        replaces=run.overwrite or earlier is not None,
+        remedy=f"no run has written it; {ELSEWHERE}, or --overwrite to replace it",
+    )
+
+
+def _restore(results: ResultsWriter, lines: str) -> None:
+    """Count the frames that an earlier part of the run has written, and check their lines."""
+    path = results.out / lines
+    texts = whole_line_pairs(results.out) if lines == LINES else zip(whole_lines(path), strict=True)
+    seen: set[str] = set()
+    for number, (main, *more) in enumerate(texts, start=1):
+        with named_in_errors(f"{path}, line {number}"):
+            line = parse_main(main) if more else parse_json_object(main, "a frame")
+            id = line.get("id")
+            if not isinstance(id, str) or not isinstance(line.get("status"), str):
+                raise BrokenFileError("expected the keys 'id' and 'status' with texts")
+            if more and parse_json_object(more[0], "the solution of a frame").get("id") != id:
+                raise BrokenFileError(f"{SOLVER} has another frame here: --overwrite begins anew")
+            if id in seen:
+                raise BrokenFileError(f"frame {id!r} is there twice: --overwrite begins anew")
+            seen.add(id)
+            results.restore(line)
 
 
 def _restore_lines(run: RunOptions) -> None:
@@ -256,6 +335,26 @@ def finish(out: Path, summary: Mapping[str, Any]) -> None:
     """Write the summary of a run, unless it was finished before."""
     if not is_finished(out):
         write_text(out / SUMMARY, json.dumps(summary, indent=2) + "\n")
+
+
+def read_summary(folder: Path) -> dict[str, Any]:
+    """The summary of a run that is finished, checked.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read or is none; the message begins with its path.
+    """
+    path = folder / SUMMARY
+    with named_in_errors(path):
+        summary = parse_json_object(read_regular_file(path), "a summary")
+        for name, kind, what in (("seconds", dict, OBJECT), ("options", dict, OBJECT), ("notes", list, "a list")):
+            if not isinstance(summary.get(name, kind()), kind):
+                raise BrokenFileError(f"{name!r}: expected {what}, got {summary[name]!s:.100}")
+        for name, value in summary.get("seconds", {}).items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise BrokenFileError(f"'seconds': expected a number as {name!r}, got {value!s:.100}")
+    return summary
 
 
 def is_finished(folder: Path) -> bool:
@@ -299,46 +398,63 @@ def _count(out: Path, lines: str) -> int:
     return sum(1 for _ in (whole_line_pairs(out) if lines == LINES else whole_lines(out / lines)))
 
 
+def _record_or_none(out: Path) -> RunRecord | None:
+    """The record of the run in a folder, None if there is none that can be read."""
+    try:
+        return RunRecord.read(out)
+    except BrokenFileError:
+        return None
+
+
+def shared_files(command: str) -> tuple[str, ...]:
+    """Names of the files of no single frame that a command may write."""
+    return (SUMMARY,) if command in WITHOUT_PICTURES else SHARED_FILES
+
+
+def _files_of_run(out: Path, record: RunRecord | None) -> Iterator[Path]:
+    """The files of frames and of all frames that the run in a folder has written; without a record, by their names."""
+    if record is not None:
+        yield from _files_of_frames(out, record)
+    else:
+        yield from chain.from_iterable(out.glob(form.file_name("*")) for form in (CAMERAS, OVERLAYS))
+    yield from (out / name for name in shared_files("" if record is None else record.command))
+
+
+def _files_of_frames(out: Path, record: RunRecord) -> Iterator[Path]:
+    """The files of the frames in the logs of a run."""
+    ids = (id for log in (LINES, LOCALIZED) for id in _ids(out / log))
+    return (out / name for id in ids for name in record.files_of(id))
+
+
 def _clear(out: Path) -> None:
     """Remove the results of an earlier run; the names of its frames and its record go last."""
-    try:
-        earlier = RunRecord.read(out)
-    except BrokenFileError:
-        earlier = None
+    earlier = _record_or_none(out)
     (out / SUMMARY).unlink(missing_ok=True)
     if earlier is not None:
         replace(earlier, contents="replaced").write(out)  # so that it cannot be resumed from here on
-        _remove_frames(out, earlier)
-    else:
-        for pattern in (CAMERAS.file_name("*"), OVERLAYS.file_name("*")):
-            for path in out.glob(pattern):
-                path.unlink(missing_ok=True)
-    for name in SHARED_FILES:
-        (out / name).unlink(missing_ok=True)
+    _remove(_files_of_run(out, earlier))
     _forget(out)
 
 
-def _remove_frames(out: Path, record: RunRecord) -> None:
-    """Remove the files of the frames that a run has written, and no others."""
-    for log in (LINES, LOCALIZED):
-        for id in _ids(out / log):
-            for name in record.writes:
-                (out / name.replace("<id>", id)).unlink(missing_ok=True)
+def _remove(paths: Iterable[Path]) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
 
 
 def _forget(out: Path) -> None:
     """Remove the log, the record and kept parts of a run."""
     remove_temporaries(out)
-    for path in (*out.glob(f"{PART_OF_CLIP}*"), *(out / name for name in (LINES, SOLVER, TABLE, LOCALIZED, RECORD))):
-        path.unlink(missing_ok=True)
+    _remove(out.glob(f"{PART_OF_CLIP}*"))
+    _remove(out / name for name in (LINES, SOLVER, TABLE, LOCALIZED, RECORD))
 
 
 def _ids(log: Path) -> Iterator[str]:
-    """The frames in a log, as far as these can name files."""
-    for text in whole_lines(log) if log.exists() else ():
-        id = json.loads(text).get("id", "")
-        if id and Path(id).name == id:
-            yield id
+    """The frames in a log; what is no line of a frame is passed over."""
+    for text in whole_lines(log) if log.is_file() else ():
+        with suppress(BrokenFileError):
+            id = parse_json_object(text, "a frame").get("id")
+            if isinstance(id, str):
+                yield id
 
 
 def is_nearly_square(line: Mapping[str, Any]) -> bool:

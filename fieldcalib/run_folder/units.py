@@ -145,7 +145,7 @@ def work(
         progress_bar(total=frames_of_shard(total, size, run.shard), unit="frame", initial=done) as progress,
     ):
         units = units_of(items, size, run.shard)
-        rest, skipped = _rest(units, done)
+        rest, skipped = _rest(_checked(units, results), done)
         rescue = None if executor is None else partial(_rescued, executor, function)
         for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):
             if result.message:
@@ -155,6 +155,16 @@ def work(
                 (write or results.add)(outcome)
                 progress.update()
             skipped = 0
+
+
+def _checked(units: Iterable[tuple[ItemT, ...]], results: ResultsWriter) -> Iterator[tuple[ItemT, ...]]:
+    """The units, whose first frames must be those that an earlier part of the run has written."""
+    number = 0
+    for unit in units:
+        for item in unit:
+            results.check_restored(number, item.id)
+            number += 1
+        yield unit
 
 
 def _rest(units: Iterable[tuple[Member, ...]], done: int) -> tuple[Iterable[tuple[Member, ...]], int]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -142,11 +141,9 @@ def calibrate_pixels(
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate checked frames of one size, from initial cameras if these are given."""
-    if cameras:
-        # the layout needs the largest lens of all cameras
-        rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
-        task = replace(task.with_flags(GUESS), given=GivenCamera(K, dist, rvec, tvec))
-    options = task.options(image_size)
+    # the layout needs the largest lens of all cameras
+    largest = max(cameras, key=lambda camera: len(camera.lens.names)) if cameras else None
+    options = (task.with_flags(GUESS) if cameras else task).options(image_size, largest)
     start = None if cameras is None else _thetas(cameras, pixels.count, options)
     found = calibrate_frames(pixels, options, given=start, executor=executor)
     return as_fixed(found, cameras or task.given, options.flags)

@@ -76,21 +76,24 @@ class Task:
         """Add flags to those of the task."""
         return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
 
-    def options(self, image_size: tuple[int, int]) -> Options:
+    def options(self, image_size: tuple[int, int], start: Camera | None = None) -> Options:
         """The options for frames of one size; a ValueError names arguments that do not fit together.
 
-        Without a prior, initial cameras come from the stands of the field or, if it has none, from all sides.
+        Without a prior, initial cameras come from the stands of the field or, if it has none, from all sides. An
+        initial camera `start` takes the place of given values.
         """
         image_size = checked_image_size(image_size)
         flags = _checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
-        layout = _layout(image_size, self.given.dist_coeffs, flags, self._size_block)
+        dist_coeffs = self.given.dist_coeffs if start is None else start.dist
+        layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
                 "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
                 "of CALIB_FIX_FOCAL_LENGTH, CALIB_FIX_POSITION and CALIB_FIX_ROTATION"
             )
-        _check_given(self.given, flags)
-        known = _known_parameters(layout, self.given, flags)
+        if start is None:
+            _check_given(self.given, flags)
+        known = _known_parameters(layout, self.given, flags) if start is None else layout.theta(start)
         max_iterations, tolerance = _checked_criteria(self.criteria)
         distributions = self._distributions
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):

@@ -157,13 +157,13 @@ class Page:
         return await asyncio.wrap_future(self.worker.state(number))
 
     async def edit(self, request: Request) -> Response:
-        """Change a frame."""
+        """Change a frame; the answer has what is drawn, and the verdict only where there is no camera."""
         number, body = self._number(request), await _body(request)
         try:
             await run_in_threadpool(apply, self.editor, number, body)
         except StaleEdit as error:
             return JSONResponse({"error": str(error), "state": await self._state(number)}, 409)
-        return JSONResponse(await self._state(number))
+        return JSONResponse(await asyncio.wrap_future(self.worker.drawn(number)))
 
     async def errors(self, request: Request) -> Response:
         """How far ground points move if the clicks are 2 px off."""

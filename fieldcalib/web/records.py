@@ -17,7 +17,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.remedies import Tool, how
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.scene import image_curves
+from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import homogenize
@@ -84,8 +84,12 @@ def _candidates(label: str) -> Iterator[str]:
 
 def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]:
     """A calibration as shown on its image: camera, verdict and reason, and what the camera projects and sees."""
-    camera = calibration.camera
-    record: dict[str, Any] = {
+    return judgement_record(calibration) | projection_record(calibration, field)
+
+
+def judgement_record(calibration: Calibration) -> dict[str, Any]:
+    """The camera of a calibration with its errors, verdict and reason."""
+    return {
         "status": str(calibration.status),
         "message": calibration.message,
         "verdict": str(calibration.verdict),
@@ -93,16 +97,16 @@ def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]
         "remedy": calibration.remedy,
         "here": how(calibration.remedy, Tool.PAGE),
         "probability": _probability(calibration),
-        "camera": None,
-        "curves": [],
-        "view": [],
-        "horizon": None,
+        "camera": None if calibration.camera is None else camera_record(calibration),
     }
+
+
+def projection_record(calibration: Calibration, field: Field) -> dict[str, Any]:
+    """What the camera of a calibration projects and sees, which does not wait for its verdict."""
+    camera, of_field = calibration.camera, calibration.field or field
     if camera is None:
-        return record
-    of_field = calibration.field or field
-    return record | {
-        "camera": camera_record(calibration),
+        return {"curves": [], "view": [], "horizon": None}
+    return {
         "curves": curves_of(camera, of_field, calibration.markings),
         "view": view_of(camera, of_field),
         "horizon": horizon_of(camera),
@@ -150,8 +154,8 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
     return [
         {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
-        for label, segment in field.markings.items()
-        for curve in image_curves(camera, segment)
+        for label, curves in zip(field.markings, image_curves_of(camera, field.markings.values()), strict=True)
+        for curve in curves
         if _is_in_view(curve, camera.image_size)
     ]
 

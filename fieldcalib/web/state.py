@@ -14,7 +14,7 @@ from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.fitting import is_left_out, is_stray, mark_errors
 from fieldcalib.editor.frame import LENSES, FrameEditor, Known
 from fieldcalib.io.image import size_of
-from fieldcalib.web.records import calibration_record
+from fieldcalib.web.records import judgement_record, projection_record
 
 ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
 NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "view": [], "horizon": None}
@@ -22,6 +22,17 @@ NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "v
 
 def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
     """All that the page shows of a frame."""
+    return {
+        **drawn_state(editor, number, one, milliseconds),
+        "judged": True,
+        "basis": editor.table.rows[number].basis,
+        **judgement_record(one.calibration),
+        "next": _next_mark(one),
+    }
+
+
+def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
+    """What the page draws over the picture of a frame, before the verdict on its camera is known."""
     width, height = size_of(one.image)
     return {
         "number": number,
@@ -37,9 +48,8 @@ def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
         "can_redo": one.history.can_redo,
         "automatic": one.is_automatic,
         "by_hand": not one.is_automatic,
-        "basis": editor.table.rows[number].basis,
-        **calibration_record(one.calibration, one.field),
-        "next": _next_mark(one),
+        "judged": False,
+        **projection_record(one.calibration, one.field),
         "milliseconds": round(milliseconds, 1),
     }
 
@@ -62,6 +72,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
         "width": 0,
         "height": 0,
         "problem": problem,
+        "judged": True,
         "marks": [],
         "known": asdict(Known()),
         "lenses": list(LENSES),
@@ -101,7 +112,7 @@ def _errors(one: FrameEditor, calibration: Calibration) -> Array:
     """Distances (N,) of the marks from their markings, pixels; NaN without a camera."""
     if calibration.camera is None:
         return np.full(len(one.marks), np.nan)
-    return mark_errors(calibration.field or one.field, one.marks, calibration.camera)
+    return np.asarray(mark_errors(calibration.field or one.field, one.marks, [calibration.camera])[0])
 
 
 def _next_mark(one: FrameEditor) -> dict[str, Any] | None:

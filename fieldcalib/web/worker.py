@@ -1,7 +1,8 @@
 """The thread that fits cameras, so that the page never waits for one. Of the edits of a frame the last wins.
 
 What a person waits for comes first: frames that are looked at, the last one first; frames of a folder that nobody has
-looked at yet are calibrated when there is nothing else to do.
+looked at yet are calibrated when there is nothing else to do. After an edit the new markings are drawn first: the
+verdict on their camera is computed when the page asks for the whole state, or a little later.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from typing import Any
 from fieldcalib.editor.editor import Editor
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.web.searches import Searches
-from fieldcalib.web.state import broken_state, frame_state
+from fieldcalib.web.state import broken_state, drawn_state, frame_state
+
+PAUSE = 0.5  # seconds after which frames that were drawn get their verdicts, if no page has asked for them
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +28,8 @@ class _Wanted:
 
     number: int
     done: Future[dict[str, Any]]
+    is_whole: bool = True
+    """Whether the verdict is wanted too."""
     is_looked_at: bool = True
 
 
@@ -34,7 +39,8 @@ class Worker:
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
         self._searches = Searches(editor)
-        self._wanted: dict[int, _Wanted] = {}  # by frame, those wanted last at the end
+        self._wanted: dict[tuple[int, bool], _Wanted] = {}  # by frame and extent, those wanted last at the end
+        self._drawn: dict[int, None] = {}  # frames without their verdict
         self._rest: Iterator[int] = iter(range(0 if editor.is_clip else len(editor)))
         self._changed = Condition()
         self._is_closed = False
@@ -43,9 +49,16 @@ class Worker:
 
     def state(self, number: int) -> Future[dict[str, Any]]:
         """The state of a frame, as soon as its camera follows from what was said before the fit began."""
+        return self._want(number, is_whole=True)
+
+    def drawn(self, number: int) -> Future[dict[str, Any]]:
+        """What is drawn over a frame, as `state`, without waiting for the verdict."""
+        return self._want(number, is_whole=False)
+
+    def _want(self, number: int, *, is_whole: bool) -> Future[dict[str, Any]]:
         with self._changed:
-            wanted = self._wanted.pop(number, None) or _Wanted(number, Future())
-            self._wanted[number] = wanted
+            wanted = self._wanted.pop((number, is_whole), None) or _Wanted(number, Future(), is_whole)
+            self._wanted[number, is_whole] = wanted
             self._changed.notify()
             return wanted.done
 
@@ -62,7 +75,7 @@ class Worker:
     def _run(self) -> None:
         while (wanted := self._next()) is not None:
             try:
-                state = self._state_of(wanted.number)
+                state = self._state_of(wanted)
             except Exception as error:  # it is raised where the state is waited for
                 if not wanted.done.cancelled():
                     wanted.done.set_exception(error)
@@ -79,17 +92,24 @@ class Worker:
                     return None
                 if self._wanted:
                     return self._wanted.popitem()[1]
+                if self._drawn:
+                    if not self._changed.wait(PAUSE) and not self._wanted:
+                        return _Wanted(self._drawn.popitem()[0], Future())
+                    continue
                 number = next(self._rest, None)
                 if number is not None:
                     return _Wanted(number, Future(), is_looked_at=False)
                 self._changed.wait()
 
-    def _state_of(self, number: int) -> dict[str, Any]:
-        start = time.perf_counter()
+    def _state_of(self, wanted: _Wanted) -> dict[str, Any]:
+        start, editor, number = time.perf_counter(), self._editor, wanted.number
         try:
-            one = self._editor.fitted(number)
-            one.calibration.verdict  # noqa: B018 - computed here, within the time that is stated
+            one = editor.fitted(number) if wanted.is_whole else editor.with_camera(number)
         except BrokenFileError as error:
-            return broken_state(self._editor, number, str(error))
-        milliseconds = 1e3 * (time.perf_counter() - start)
-        return frame_state(self._editor, number, one, milliseconds)
+            return broken_state(editor, number, str(error))
+        if not wanted.is_whole and one.calibration.camera is not None:
+            self._drawn[number] = None
+            return drawn_state(editor, number, one, 1e3 * (time.perf_counter() - start))
+        one = editor.fitted(number)
+        self._drawn.pop(number, None)
+        return frame_state(editor, number, one, 1e3 * (time.perf_counter() - start))

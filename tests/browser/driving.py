@@ -50,6 +50,15 @@ class Server:
         self.address = self.process.stdout.readline().strip()
         assert self.address.startswith("http://127.0.0.1:"), log.read_text()
 
+    @property
+    def processor_seconds(self):
+        """Processor time that it has used; NaN where the system does not tell."""
+        path = Path(f"/proc/{self.process.pid}/stat")
+        if not path.exists():
+            return float("nan")
+        numbers = path.read_text().rpartition(")")[2].split()  # after the name; see proc(5)
+        return (int(numbers[11]) + int(numbers[12])) / os.sysconf("SC_CLK_TCK")
+
     def kill(self):
         self.process.kill()
         self.process.wait()
@@ -93,10 +102,10 @@ class Window:
         )
 
     def wait_for_revision(self, revision):
-        """Until the answers to all edits are on the screen, and there were so many of them."""
+        """Until the answers to all edits are on the screen with the verdict, and there were so many of them."""
         self.wait(
             "revision => { const { dataset } = document.querySelector('.picture-lines'); "
-            "return dataset.pending === '0' && Number(dataset.revision) >= revision }",
+            "return dataset.pending === '0' && dataset.judged === 'true' && Number(dataset.revision) >= revision }",
             revision,
         )
 

@@ -9,6 +9,9 @@ import numpy as np
 from browser.driving import LABELS, along
 
 CLICKS = 30
+# Machines that test are busy, and the overlay comes two to four times as late there: the goal is measured by hand. The
+# processor time of the server for an edit is nearly the same whatever else runs.
+MOST_MEDIAN, MOST_WORK = 600.0, 160.0  # ms
 TEN = (*LABELS, "Side line bottom", "Small rect. left top", "Small rect. left main", "Circle central")
 # the time from a press in the picture until the overlay with its answer is painted
 WATCH = """() => {
@@ -123,21 +126,26 @@ def measured(one):
 
 def test_the_overlay_follows_a_click_at_once(serve, window, picture, rng, record_property):
     """1080p, ten labels: the goal is 100 ms in the median and 200 ms for 95 % on two cores that are free."""
-    one = window(serve(picture), size=(1920, 1080))
+    server = serve(picture)
+    one = window(server, size=(1920, 1080))
     one.label_by_clicks(TEN)
     one.page.evaluate(WATCH)
+    before = server.processor_seconds
     for number in range(CLICKS):
         xy = along(TEN[number % 10], count=3)[1] + rng.normal(scale=2.0, size=2)
         one.mark(TEN[number % 10], [xy])
         revision = one.revision
         one.press("Escape", "Control+z")
         one.wait_for_revision(revision + 1)
+    work = 1e3 * (server.processor_seconds - before) / (2 * CLICKS)  # each click is undone
     times = measured(one)
     median, most = np.percentile(times, (50, 95))
     record_property("median_ms", round(float(median)))
     record_property("most_ms", round(float(most)))
-    print(f"click to overlay: median {median:.0f} ms, 95 % {most:.0f} ms of {len(times)}")
-    assert median < 1000.0  # machines that test are busy; the goal is measured by hand
+    record_property("work_ms", round(work))
+    print(f"click to overlay: median {median:.0f} ms, 95 % {most:.0f} ms of {len(times)}; {work:.0f} ms of work each")
+    assert median < MOST_MEDIAN
+    assert not work > MOST_WORK
 
 
 def test_the_first_overlay_is_painted_soon(serve, window, picture, record_property):

@@ -249,10 +249,13 @@ class App {
   }
 
   edited(edits, answered) {
-    if (edits === this.edits) this.render(answered);
+    const { judged } = edits.state;
+    if (edits === this.edits && answered && !judged) this.picture.update(edits.shown); // the rest comes with the verdict
+    else if (edits === this.edits) this.render(answered);
     if (!answered) return this.showSaved();
     this.notices.offline(null);
     this.loader.forget();
+    if (!judged) return undefined;
     this.patch(edits.state);
     clearTimeout(this.asking);
     this.asking = setTimeout(() => this.poll(), 300);

@@ -1,7 +1,8 @@
 // The edits of one frame: shown at once, sent one after the other; the state that the server answers with replaces what
-// was shown. The page never waits: more edits may be made meanwhile.
+// was shown. It has what is drawn; after the last edit the whole state is fetched, with the verdict on the camera. The
+// page never waits: more edits may be made meanwhile.
 
-import { isGone, post } from "./api.js";
+import { get, isGone, post } from "./api.js";
 
 const RETRY = 1000; // ms
 const OPAQUE = new Set(["undo", "redo", "copy", "automatic"]); // edits whose result only the server knows
@@ -35,33 +36,47 @@ export class FrameEdits {
     const last = this.pending.at(-1);
     if (last && !last.sent && replaces(body, last.body)) last.body = body;
     else this.pending.push({ body, sent: false });
+    this.send(); // first: the server works while the page draws
     this.listeners.onchange(this);
-    this.send();
     return true;
   }
 
   async send() {
     if (this.sending) return;
     this.sending = true;
-    while (this.pending.length) {
+    while (this.pending.length || !this.state.judged) {
       const edit = this.pending[0];
-      edit.sent = true;
       try {
-        this.state = await post(`api/frame/${this.number}/edit`, { revision: this.state.revision, ...edit.body });
-        this.pending.shift();
+        if (edit) await this.sendFirst(edit);
+        else await this.fetchJudged();
       } catch (error) {
         if (isGone(error)) {
           this.listeners.onoffline();
           await new Promise((resolve) => setTimeout(resolve, RETRY));
           continue;
         }
-        this.pending = []; // later ones were made on what was refused
-        if (error.body?.state) this.state = error.body.state;
+        if (edit) this.pending = []; // later ones were made on what was refused
+        this.state = error.body?.state ?? { ...this.state, judged: this.state.judged || !edit };
         this.listeners.onrefused(error, this);
       }
       this.listeners.onchange(this, true);
     }
     this.sending = false;
+  }
+
+  /** Send an edit; what is not known before the verdict stays as it was. */
+  async sendFirst(edit) {
+    edit.sent = true;
+    const found = await post(`api/frame/${this.number}/edit`, { revision: this.state.revision, ...edit.body });
+    this.state = { ...this.state, ...found };
+    this.pending.shift();
+  }
+
+  async fetchJudged() {
+    const { revision, milliseconds } = this.state;
+    const found = await get(`api/frame/${this.number}`);
+    if (found.revision === revision) found.milliseconds += milliseconds; // of the fit, which was done before
+    if (!this.pending.length) this.state = found;
   }
 }
 

@@ -167,6 +167,7 @@ export class Picture {
       dataset.frame = this.frame.number;
       dataset.revision = this.frame.revision;
       dataset.pending = this.frame.pending ?? 0;
+      dataset.judged = this.frame.judged;
       dataset.view = [this.view.x, this.view.y, this.view.zoom].join();
     }
   }
