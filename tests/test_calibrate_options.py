@@ -238,7 +238,7 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsy
 @pytest.mark.parametrize(
     ("options", "is_asked"),
     [
-        ([], "(--aspect)"),
+        ([], "was squashed or cut out"),
         (["--aspect", "square"], ""),  # right wherever its principal point is
         (["--crop-of", "720x540+0+0"], ""),
         (["--aspect", "square", "--crop-of", "720x540+0+0"], ""),
@@ -251,7 +251,7 @@ def test_a_whole_picture_of_another_shape_is_asked_about_until_that_is_said(opti
     (tmp_path / "a.json").write_text(format_annotation({label: pixels[label] for label in labels}, (720, 540)))
     assert run("calibrate", tmp_path / "a.json", "--size", "720x540", *options, "--out", tmp_path / "out") == 0
     (line,) = lines_of(tmp_path / "out")
-    asked = [words for words in ("(--aspect)", "may be a part of a frame") if words in line["reason"]]
+    asked = [words for words in ("was squashed or cut out", "may be a part of a frame") if words in line["reason"]]
     assert asked == ([is_asked] if is_asked else [])
     assert ("what the picture is of" in line["remedy"]) is bool(is_asked)
 

@@ -9,6 +9,8 @@ from networks import Blind
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
 from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
+from fieldcalib.assess.verdict import LABEL_MORE
+from fieldcalib.assess.whole_picture import CUT, SHAPE
 from fieldcalib.assess.words import REMEDIES
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.from_images import calibrate_from_images
@@ -16,9 +18,10 @@ from fieldcalib.images.from_video import calibrate_video
 
 SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
 ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, *SIZES]
+REASONS = [CUT, SHAPE, LABEL_MORE]
 
 
-@pytest.mark.parametrize("remedy", ALL)
+@pytest.mark.parametrize("remedy", [*ALL, *REASONS])
 def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
     assert "--" not in remedy
     assert "clip" not in remedy

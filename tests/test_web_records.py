@@ -131,4 +131,6 @@ def test_a_frame_without_a_camera_has_its_reason():
     assert record["camera"] is record["horizon"] is None
     assert (record["curves"], record["view"]) == ([], [])
     assert record["reason"] == "no labelled pixels"
+    assert "choose a marking on the map" in record["here"]
+    assert "--" not in record["here"] + record["remedy"]
     assert "labelled by hand" in record["remedy"]

@@ -44,8 +44,8 @@ SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
 SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16:9: few pictures are changed twice
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
-CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part (--crop-of)"
-SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
+CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part it is"
+SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out"
 
 
 class Declared(StrEnum):

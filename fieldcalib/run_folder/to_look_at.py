@@ -49,7 +49,7 @@ class ToLookAt:
       000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
     >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand")
     >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
-      what would help: more markings in view, or labelled by hand (fieldcalib open)
+      what would help: more markings in view, or labelled by hand; on the command line: fieldcalib open
     """
 
     stretches: list[Stretch] = attribute(default_factory=list)
@@ -87,12 +87,13 @@ class ToLookAt:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
-        help = [f"what would help: {remedy}{_in_brackets(how(remedy, Tool.COMMAND))}" for remedy in self.remedies]
+        help = [f"what would help: {remedy}{_on_command_line(remedy)}" for remedy in self.remedies]
         return "\n  ".join([head, *map(str, self.stretches), *rest, *help])
 
 
-def _in_brackets(text: str) -> str:
-    return f" ({text})" if text else ""
+def _on_command_line(remedy: str) -> str:
+    said = how(remedy, Tool.COMMAND)
+    return f"; on the command line: {said}" if said else ""
 
 
 def _without_numbers(text: str) -> str:
