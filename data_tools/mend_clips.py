@@ -84,7 +84,7 @@ def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator
         found = calibrate_from_segments(field, pixels, first.keyframes.shots.image_size)
         if found.solved is None:
             del labels[t]
-        else:  # as `fieldcalib.images.clip_keyframes.label_keyframes` does
+        else:  # as `fieldcalib.images.clip_keyframes.labels_of` does
             evaluation = found.solved.alone.evaluation
             labels[t] = KeyframeLabels(found.solved.pixels, found.accepted, are_consistent(evaluation))
     return replace(first, keyframes=replace(first.keyframes, labels=labels))

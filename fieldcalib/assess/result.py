@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib._deprecated import deprecated
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -303,8 +304,8 @@ class Calibration:
         >>> calibration.probability(0.1) < 0.5 < calibration.probability(2.0)
         True
         """
-        if metres is not None and not metres > 0.0:
-            raise ValueError(f"metres must be positive, got {metres}")
+        if metres is not None and not (is_number(metres) and metres > 0.0):
+            raise ValueError(f"metres must be a positive number, got {metres!r}")
         if self.camera is None or not self.knows_errors:
             return 0.0 if self.camera is None else float("nan")
         if self.field is None:

@@ -16,7 +16,7 @@ from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_most_bytes, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.options import add_options
-from fieldcalib.console.program import say
+from fieldcalib.console.program import say, show
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics.scores import CompoundScore
@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
     finally:  # broken files may be why there is nothing to evaluate
         for message in broken:
             say(message)
-    print(json.dumps(report, indent=2, allow_nan=False) if options.json else table(report))
+    show(json.dumps(report, indent=2, allow_nan=False) if options.json else table(report))
     return 1 if broken else 0
 
 

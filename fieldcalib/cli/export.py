@@ -12,7 +12,7 @@ from typing import Any
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
-from fieldcalib.console.program import counted, say
+from fieldcalib.console.program import counted, say, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -149,7 +149,7 @@ def _write(files: Mapping[str, bytes], out: Path, reads: Iterable[Path], *, over
 
 def _say(frames: FrameCameras, out: Path, format: str) -> None:
     cameras = with_cameras(frames)
-    print(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
+    show(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
     if format in LOST:
         what, error = LOST[format]
         shifts = [error(camera) for camera in cameras.values()]

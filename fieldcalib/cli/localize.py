@@ -18,7 +18,7 @@ from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, digest_of, load_network
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted
+from fieldcalib.console.program import counted, show
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
                 write_all(run.out, format)
             finish(run.out, summary)
     count = summary["annotations"]
-    print(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {counted(count, 'frame')} in {run.out}")
+    show(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {counted(count, 'frame')} in {run.out}")
     return results.exit_code
 
 

@@ -10,7 +10,7 @@ from fieldcalib.cli.frame_cameras import Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted
+from fieldcalib.console.program import counted, show
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
             options.out.mkdir(parents=True, exist_ok=True)
         for id, picture in maps():
             write_image(pictures[id], picture)
-    print(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
+    show(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
     if players.legend:
-        print(players.legend)
+        show(players.legend)
     return 0

@@ -22,7 +22,7 @@ from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import say
+from fieldcalib.console.program import say, show
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes.files import KINDS, open_boxes
@@ -70,14 +70,14 @@ def run(options: argparse.Namespace) -> int:
     projection = given(Projection, options, cameras=cameras)
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
-        print(f"{count} boxes in {options.out}, {placed} on the pitch")
+        show(f"{count} boxes in {options.out}, {placed} on the pitch")
         return 0
     extents: dict[tuple[int, int], Extent] = {}
     problems = _write_table(projection, options.out, extents)
     total = problems.total()
     said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
     boxes = "1 box" if total == 1 else f"{total} boxes"
-    print(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
+    show(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:

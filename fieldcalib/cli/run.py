@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,22 +21,28 @@ from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.live import run_stream
 from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
-from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
-from fieldcalib.console.field_options import add_field
+from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, cut_of, folder_name
+from fieldcalib.console.field_options import AUTO, add_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.place_search import Place
+from fieldcalib.images.pooled_place import MOST, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
+from fieldcalib.io.streams import Stream
 from fieldcalib.localize import Network
+from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.reading import read
+from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
+from fieldcalib.run_folder.inputs import videos_in
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
@@ -73,19 +80,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cut(parser)
     add_options(parser, NetworkOptions)
     add_options(parser, DeclaredPictures)
-    add_field(parser, ESTIMATED)
+    add_field(parser, ESTIMATED, auto=True)
     add_camera(parser)
     add_options(parser, KnownCamera)
     add_options(parser, CalibrationOptions)
     add_options(parser, ReadImage)
     add_options(parser, RunOptions)
+    parser.add_argument(
+        "--same-camera",
+        action="store_true",
+        help="one camera on a tripod took all images: courts that are found in some tell where to search in the others",
+    )
     parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    if options.field == AUTO:
+        options.field = _field_shown(options)
     requests = split_request(RunRequest.of(options))
     return _run(requests[0]) if len(requests) == 1 else run_several(requests, _run)
+
+
+def _field_shown(options: argparse.Namespace) -> str:
+    """Name of the field that the first input shows."""
+    first = options.input[0]
+    if isinstance(first, Stream):
+        raise ValueError(f"--field {AUTO} is of files: a stream cannot be read twice")
+    paths = [one for one in videos_in(first)[:1] if isinstance(one, Path)]
+    name = auto_field(Pictures(paths, cut=cut_of(options), is_clip=options.clip))
+    say(f"the pictures show {name}")
+    return name
 
 
 def _run(request: RunRequest) -> int:
@@ -111,6 +136,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     run, options = request.run, request.calibration
     network = or_search(lambda: load_network(options.network))
     method = ImageCalibrator(options, network)
+    request.check_place(is_searched=network is None)
     with opened(
         request.paths,
         options.most_pixels,
@@ -127,6 +153,8 @@ def _run_one_by_one(request: RunRequest) -> int:
                 return results.exit_code
             if request.same_field:
                 method = method.on_one_field(source.files)
+            if request.same_camera:
+                method = method.on_one_tripod(source.files)
             if source.frames_per_second is None:
                 work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             else:
@@ -167,6 +195,8 @@ class ImageCalibrator:
 
     options: CalibrationOptions
     network: Network | None
+    place: Place | None = None
+    """Where the one camera stands that took all images, if that is known."""
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""
@@ -204,11 +234,25 @@ class ImageCalibrator:
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 
+    def on_one_tripod(self, files: Sequence[FrameFile]) -> ImageCalibrator:
+        """Find the place of the camera from some images together."""
+        some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), MOST)).round().astype(int)]
+        read = [image for image in (self.options.read(file).image for file in some) if image is not None]
+        images = [self.options.placement(image).image_in_frame(image) for image in read]
+        place = pooled_place(self.options.field, images, flags=self.options.known.flags, prior=self.options.prior)
+        if place is None:
+            say("the images tell no common place of their camera: each is searched by itself")
+        else:
+            say(f"the camera stands at ({place.C[0]:.1f}, {place.C[1]:.1f}, {place.C[2]:.1f}) m")
+        return replace(self, place=place)
+
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         options = self.options
 
         def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
-            return calibrate_from_images(field, some, self.network, refine=options.refine, **options.keywords(size))
+            return calibrate_from_images(
+                field, some, self.network, refine=options.refine, place=self.place, **options.keywords(size)
+            )
 
         # known intrinsics are of one size, nothing else depends on it
         is_known = options.known.intrinsics is not None

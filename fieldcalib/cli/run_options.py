@@ -128,6 +128,8 @@ class RunRequest:
     calibration: CalibrationOptions
     same_field: bool
     """Whether all images show one field."""
+    same_camera: bool
+    """Whether one camera on a tripod took all images."""
     report: bool
     """Whether a report of one file is written too."""
 
@@ -173,8 +175,17 @@ class RunRequest:
         """Raise a ValueError if options do not fit the input."""
         if self.calibration.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
+        if self.same_camera and (self.is_clip or self.is_video):
+            raise ValueError("--same-camera is of images: the frames of a clip are of one tripod anyway")
         if self.same_field and (not self.calibration.estimate_size or self.is_video):
             raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
+
+    def check_place(self, *, is_searched: bool) -> None:
+        """Raise a ValueError if images cannot be those of one camera."""
+        if self.same_camera and not is_searched:
+            raise ValueError(
+                "--same-camera is of fields that the network does not know: give the images as a clip, with --clip"
+            )
 
     def of_input(self, input: Sequence[Input], folder: str = "") -> RunRequest:
         """A copy for another input, whose results go to a folder in --out."""

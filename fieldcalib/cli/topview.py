@@ -15,7 +15,7 @@ from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import add_most_bytes, positive
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted
+from fieldcalib.console.program import counted, show
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
@@ -82,9 +82,9 @@ def run(options: argparse.Namespace) -> int:
     points, colours, trails = players.of(shown[-1])
     write_image(options.out, draw_players(picture, overhead, points, colours=colours, trails=trails))
     share = f"{100.0 * seen.mean():.0f} % of the picture seen"
-    print(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
+    show(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
     if players.legend:
-        print(players.legend)
+        show(players.legend)
     return 0
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.program import counted
+from fieldcalib.console.program import counted, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import named_in_errors
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     else:
         done, left = _pictures(options.input, cameras, options.out, options.most_bytes)
         rest = f", {counted(left, 'image')} without an accepted camera left out" if left else ""
-    print(f"{options.out}: {counted(done, 'frame')} without distortion{rest}")
+    show(f"{options.out}: {counted(done, 'frame')} without distortion{rest}")
     return 0
 
 

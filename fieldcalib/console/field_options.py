@@ -14,15 +14,15 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.solve.options import ALL, Prior
 
-SOCCER = "soccer"
+SOCCER, AUTO = "soccer", "auto"
 KNOWN = "known"
 NOMINAL = "nominal"
 FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 
-def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL) -> None:
-    """--field, --field-length, --field-width, --field-size and --same-field."""
-    add_sized_field(parser)
+def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL, *, auto: bool = False) -> None:
+    """--field, --field-length, --field-width, --field-size and --same-field; `auto` may find the field in pictures."""
+    add_sized_field(parser, auto=auto)
     parser.add_argument(
         "--field-size",
         choices=FIELD_SIZES,
@@ -35,23 +35,28 @@ def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL) -> None:
     )
 
 
-def add_sized_field(parser: argparse.ArgumentParser) -> None:
+def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:
     """--field, --field-length and --field-width."""
-    add_named_field(parser)
+    add_named_field(parser, auto=auto)
     sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
     for name, help in sizes.items():
         parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
 
 
-def add_named_field(parser: argparse.ArgumentParser) -> None:
+def add_named_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:
     """--field."""
     parser.add_argument(
         "--field",
-        type=_name,
+        type=_name_or_auto if auto else _name,
         default=SOCCER,
         metavar="NAME",
-        help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})",
+        help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})"
+        + f"; {AUTO}: all are tried on some of the pictures" * auto,
     )
+
+
+def _name_or_auto(text: str) -> str:
+    return text if text == AUTO else _name(text)
 
 
 def _name(text: str) -> str:

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn, cast
 
+from fieldcalib.console.program import printable
+
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 LIKE = 0.6  # least similarity, from 0 to 1, of a name that is suggested; difflib's default
 
@@ -49,6 +51,9 @@ class Parser(argparse.ArgumentParser):
         """Parse as `argparse` does, and keep the arguments for error messages."""
         self._given = args or ()
         return cast(tuple[argparse.Namespace, list[str]], super().parse_known_args(args, namespace))
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        super()._print_message(printable(message), file)
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong, and suggest names for options that do not exist."""

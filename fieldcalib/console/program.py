@@ -21,9 +21,27 @@ if TYPE_CHECKING:
     import argparse
 
 
+def printable(text: str) -> str:
+    """Text for a terminal: control characters, as names of files may have, are escaped; ends of lines and tabs stay.
+
+    Examples
+    --------
+    >>> printable("clip\\x1b[2J.mp4"), printable("±1 m")
+    ('clip\\\\x1b[2J.mp4', '±1 m')
+    """
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
+
+
 def say(message: str) -> None:
     """Print a line on stderr, after the name of the program."""
-    print(f"fieldcalib: {message}", file=sys.stderr, flush=True)
+    print(printable(f"fieldcalib: {message}"), file=sys.stderr, flush=True)
+
+
+def show(text: str) -> None:
+    """Print the result of a command on stdout."""
+    print(printable(text))
 
 
 def counted(number: int, noun: str) -> str:
@@ -42,11 +60,16 @@ def run_command(options: argparse.Namespace) -> int:
     return exit_code(partial(options.run, options))
 
 
+class _Formatter(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
 @contextmanager
 def log_on_stderr() -> Iterator[None]:
     """Write what the library logs to stderr."""
     handler, log = logging.StreamHandler(), logging.getLogger("fieldcalib")
-    handler.setFormatter(logging.Formatter("fieldcalib: %(message)s"))
+    handler.setFormatter(_Formatter("fieldcalib: %(message)s"))
     level = log.level
     log.addHandler(handler)
     log.setLevel(logging.INFO)

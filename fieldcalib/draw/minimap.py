@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import CAMERA, FIELD, expect
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
@@ -77,8 +78,9 @@ def draw_minimap(
     >>> draw_minimap(camera, soccer(), points=players, colours=[(0, 0, 255), (255, 0, 0)], trails=trails).shape
     (228, 336, 3)
     """
-    if not isinstance(field, Field):
-        raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
+    expect(field, Field, FIELD)
+    if camera is not None:
+        expect(camera, (Camera, RationalCamera), CAMERA)
     overhead, X, empty = _map_of(field, checked_image_size(size))
     picture = empty.copy()
     if camera is not None:

@@ -11,6 +11,7 @@ from zlib import crc32
 
 import numpy as np
 
+from fieldcalib._checks import CAMERA, expect
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
@@ -21,7 +22,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.problem.labelled_pixels import ImageSegments
+from fieldcalib.problem.labelled_pixels import ImageSegments, check_object
 
 MAGENTA: Colour = (220, 40, 255)
 ORANGE: Colour = (0, 140, 255)  # markings that lie beside their paint
@@ -99,7 +100,8 @@ def draw_field(
     """
     import cv2
 
-    picture = np.array(checked_image(image, camera.image_size), order="C")
+    picture = np.array(checked_image(image, expect(camera, (Camera, RationalCamera), CAMERA).image_size), order="C")
+    check_object(object_segments)
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label
@@ -211,6 +213,8 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # the status is written below
     False
     """
+    expect(calibration, Calibration, "that of calibrate_from_segments")
+    check_object(field)
     picture = np.array(checked_image(image), order="C")
     height, camera, accepted = picture.shape[0], calibration.camera, calibration.accepted
     if camera is not None:

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldcalib._checks import CAMERA, FIELD, expect
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
@@ -63,7 +64,8 @@ def render_field(
     >>> picture.shape, bool(picture[269, 480].min() > picture[260, 440].max())  # the centre mark, and grass
     ((540, 960, 3), True)
     """
-    width, height = camera.image_size
+    width, height = expect(camera, (Camera, RationalCamera), CAMERA).image_size
+    expect(field, Field, FIELD)
     line_width = field.lines.width if line_width is None else line_width
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)

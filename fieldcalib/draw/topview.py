@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from fieldcalib._checks import FIELD, expect, is_number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
@@ -54,6 +55,9 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
     >>> overhead.image_size, overhead.project([0.0, 0.0, 0.0])
     ((1150, 780), array([574.5, 389.5]))
     """
+    expect(field, Field, FIELD)
+    if not is_number(margin) or not (metres_per_pixel is None or is_number(metres_per_pixel)):
+        raise ValueError(f"expected numbers of metres, got {metres_per_pixel!r} and {margin!r}")
     if metres_per_pixel is None:
         metres_per_pixel = float(f"{field.scale / PIXELS_OF_SCALE:.1e}")
     if not (0.0 < metres_per_pixel < np.inf and 0.0 <= margin < np.inf):

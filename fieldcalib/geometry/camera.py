@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
 from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
@@ -366,7 +367,10 @@ class Camera:
 
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """A read-only array of finite numbers of a shape, or a ValueError that begins with its name."""
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(real_array(values))
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     if array.shape != shape or not np.all(np.isfinite(array)):
         raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(values)!r}")
     array.flags.writeable = False
@@ -375,7 +379,7 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _vectors(values: ArrayLike, size: int, what: str) -> Array:
     """Points with `size` coordinates as a float array (..., size), or a ValueError."""
-    array = np.asarray(values, dtype=float)
+    array = real_array(values)
     if array.ndim == 0 or array.shape[-1] != size:
         ground = size == 3 and array.ndim > 0 and array.shape[-1] == 2
         hint = "; points on the ground have z = 0: append a column of zeros" * ground
@@ -396,7 +400,8 @@ def _vectors_last(s: Array) -> Array:
 def checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height) as two positive integers, or a ValueError."""
     size = np.asarray(image_size)
-    if size.shape != (2,) or size.dtype.kind not in "iuf" or np.any(size != size.round()) or np.any(size <= 0):
+    is_pair = size.shape == (2,) and size.dtype.kind in "iuf" and bool(np.all(np.isfinite(size)))
+    if not is_pair or np.any(size != size.round()) or np.any(size <= 0):
         came = image_size if size.size <= 4 else f"an array of shape {size.shape}"
         hint = "; of an image array it is image.shape[1::-1]" if size.size >= 3 else ""
         raise ValueError(f"image_size must be (width, height) in whole pixels, got {came!r}{hint}")

@@ -7,6 +7,7 @@ A line l and the points x on it satisfy ``l . x = 0``. A homography H maps point
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array
 
 TINY = 1e-300  # smallest divisor, where weights or lengths may all be 0
@@ -29,9 +30,9 @@ def finite_homography(H: ArrayLike, *, batch: bool = False) -> Array:
     array([1., 0., 5.])
     """
     try:
-        array = np.asarray(H, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError("expected a homography, three rows of three numbers") from None
+        array = real_array(H)
+    except ValueError as error:
+        raise ValueError(f"expected a homography, three rows of three numbers: {error}") from None
     if array.shape[-2:] != (3, 3) or not (batch or array.ndim == 2):
         shape = "(..., 3, 3)" if batch else "(3, 3)"
         raise ValueError(f"expected a homography, three rows of three numbers: shape {shape}, got {array.shape}")

@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import window_prior
@@ -22,6 +23,7 @@ from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cell
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
+from fieldcalib.images.searched_keyframes import SearchedKeyframes
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
@@ -106,7 +108,8 @@ def read_keyframes(
     """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
 
     Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
-    searched for in these frames.
+    searched for in these frames: in each alone until some are found, then from where the tripod of these stands; in
+    the end the others are searched again from there.
     """
     begin, size = 0, (0, 0)
     piece: list[int] = []
@@ -114,11 +117,18 @@ def read_keyframes(
     matches: dict[tuple[int, int], Cells] = {}
     labels: dict[int, KeyframeLabels] = {}
     waiting: dict[int, Image] = {}  # frames that the network is to see
+    searched = SearchedKeyframes(options)
     extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
 
     def look() -> None:
-        found = label_keyframes(options, list(waiting.values()), network)
-        labels.update({t: one for t, one in zip(waiting, found, strict=True) if one is not None})
+        nonlocal searched
+        if network is None:
+            searched = searched.searched(waiting)
+            found = labels_of([searched.found[t] for t in waiting if t in searched.found])
+            seen = [t for t in waiting if t in searched.found]
+        else:
+            seen, found = list(waiting), labels_of(options.calibrate_alone(list(waiting.values()), network))
+        labels.update({t: one for t, one in zip(seen, found, strict=True) if one is not None})
         waiting.clear()
 
     for t, (image, tied) in enumerate(frames):
@@ -140,6 +150,9 @@ def read_keyframes(
             if len(waiting) == IMAGES_AT_ONCE or unsure:
                 look()
     look()
+    again = searched.searched_again().found
+    labels |= {t: one for t, one in zip(again, labels_of(list(again.values())), strict=True) if one is not None}
+    labels = dict(sorted(labels.items()))
     loose = loose_at_end(piece, linked)
     pieces = Pieces(np.array(numbered(piece, loose), dtype=np.intp))
     return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels)
@@ -156,19 +169,13 @@ class KeyframeLabels:
     """Whether that camera explains enough of the labels."""
 
 
-def label_keyframes(
-    options: ClipOptions, images: Sequence[Image], network: Network | None
-) -> list[KeyframeLabels | None]:
-    """Calibrate keyframes as single images; return the labels, None where no camera could be fitted.
-
-    Without a network the labels are lines near the camera that was found by search, so that they do not contradict it
-    where it is wrong: only those of accepted cameras are returned.
-    """
+def labels_of(calibrations: Sequence[Calibration]) -> list[KeyframeLabels | None]:
+    """Labels of keyframes that were calibrated as single images; None where no camera could be fitted."""
     return [
         None
-        if one.solved is None or (network is None and not one.accepted)
+        if one.solved is None
         else KeyframeLabels(one.solved.pixels, one.accepted, are_consistent(one.solved.alone.evaluation))
-        for one in options.calibrate_alone(images, network)
+        for one in calibrations
     ]
 
 

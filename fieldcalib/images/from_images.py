@@ -21,6 +21,7 @@ from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
+from fieldcalib.images.place_search import Place, search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -61,6 +62,7 @@ def calibrate_from_images(
     take_off_borders: bool = True,
     estimate_aspect: bool = True,
     estimate_size: bool = True,
+    place: Place | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
@@ -91,6 +93,9 @@ def calibrate_from_images(
         Whether an image that shows a field of another size than the given one is calibrated on a field of that size
         (`Calibration.field`). Only where the size is not said to be known (`size_known`), cameras are refined, and
         nothing of the camera is given.
+    place : Place, optional
+        Where the one camera stands that took all images (`fieldcalib.images.pooled_place.pooled_place`): courts are
+        searched for from there. Not with a network.
     executor : concurrent.futures.Executor, optional
         Works on the images, e.g. `Processes`, or the executor of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of the arguments. The results are the same.
@@ -120,8 +125,10 @@ def calibrate_from_images(
     ('too few segments', 'the picture shows nothing')
     """
     task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
-    of_part: Method = partial(search_courts, task)
+    of_part: Method = partial(search_courts, task) if place is None else partial(_from_place, task, place)
     if network is not None:
+        if place is not None:
+            raise ValueError("a place is of courts that are searched for: leave it or the network out")
         check_network(network)
         of_part = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
         if estimate_aspect and camera_matrix is None and prior is not None:
@@ -132,6 +139,13 @@ def calibrate_from_images(
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
+
+
+def _from_place(task: Task, place: Place, images: Sequence[Image]) -> list[Calibration]:
+    """Courts that are searched for from one place; a ValueError as from `search_courts`."""
+    search_courts(task, [])
+    assert task.field is not None
+    return [search_from(task, task.field, image, place) for image in images]
 
 
 @dataclass(frozen=True, eq=False)

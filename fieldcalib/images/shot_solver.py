@@ -18,7 +18,7 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.images.clip_keyframes import label_keyframes
+from fieldcalib.images.clip_keyframes import labels_of
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframes import KeyframePair
@@ -125,7 +125,7 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
     }
     labels = {}
     if segmented is not None:
-        (keyframe,) = label_keyframes(problem.options, [segmented.image], segmented)
+        (keyframe,) = labels_of(problem.options.calibrate_alone([segmented.image], segmented))
         if keyframe is not None and keyframe.accepted:
             labels = {shot.new: keyframe.labels}
     problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})

@@ -51,8 +51,8 @@ class StripeMaps:
     """Width and height of the picture."""
 
     @classmethod
-    def of(cls, stripes: Stripes) -> StripeMaps:
-        """Tabulate the stripes of a picture."""
+    def of(cls, stripes: Stripes, sigma: float = SIGMA) -> StripeMaps:
+        """Tabulate the stripes of a picture, for cameras that are so many pixels off."""
         import cv2
 
         width, height = stripes.size
@@ -70,7 +70,7 @@ class StripeMaps:
             np.add.at(count, (row[own], column[own]), np.float32(1.0))
             distance = np.minimum(cv2.distanceTransform(empty, cv2.DIST_L2, 3), np.float32(FARTHEST / CELL))
             mean = cv2.boxFilter(count, -1, (around, around), borderType=cv2.BORDER_REFLECT)
-            table[k] = _log_ratio(np.float32(CELL) * distance, mean / np.float32(CELL * CELL))
+            table[k] = _log_ratio(np.float32(CELL) * distance, mean / np.float32(CELL * CELL), sigma)
         return cls(table, stripes.size)
 
     def scores(self, cameras: Cameras, points: MarkingPoints) -> Array:
@@ -104,10 +104,10 @@ class StripeMaps:
         return ratio, np.asarray(weight, np.float32)
 
 
-def _log_ratio(distance: Float32, density: Float32) -> Float32:
+def _log_ratio(distance: Float32, density: Float32, sigma: float) -> Float32:
     """The logarithm at the top of the module."""
     rate = 2.0 * np.maximum(density, np.float32(SPARSEST))
-    seen = np.sqrt(2.0 / np.pi) / SIGMA * np.exp(-0.5 * np.square(distance / np.float32(SIGMA)))
+    seen = np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * np.square(distance / np.float32(sigma)))
     return np.asarray(np.log(SEEN * seen / (rate * np.exp(-rate * distance)) + (1.0 - SEEN)), np.float32)
 
 

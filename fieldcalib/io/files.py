@@ -17,7 +17,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
-from fieldcalib.io.zips import open_member
+from fieldcalib.io.zips import Readable, open_member
 
 HIDDEN = re.compile(r"\.")
 YAML = (".yaml", ".yml")
@@ -203,7 +203,7 @@ def open_regular_file(path: Path, most_bytes: float = math.inf) -> Iterator[IO[b
         raise BrokenFileError(f"cannot be read: {error}") from error
 
 
-def _read_all(file: IO[bytes], most_bytes: float) -> bytes:
+def _read_all(file: Readable, most_bytes: float) -> bytes:
     content = bytearray()
     while part := file.read(READ_AT_ONCE):
         content += part

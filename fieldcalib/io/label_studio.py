@@ -110,7 +110,8 @@ def _regions(task: Mapping[str, Any]) -> list[Any]:
         if isinstance(one, dict) and not one.get("was_cancelled")
     ]
     chosen = [one for one in made if one.get("ground_truth")] or made
-    chosen = chosen or [one for one in task.get("predictions") or [] if isinstance(one, dict)]
+    predicted = member({**task, "predictions": task.get("predictions") or []}, "predictions", list, what)
+    chosen = chosen or [one for one in predicted if isinstance(one, dict)]
     return list(member(chosen[-1], "result", list, what)) if chosen else []
 
 

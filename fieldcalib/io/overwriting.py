@@ -41,8 +41,8 @@ def check_targets(
     ...     try:
     ...         check_targets([picture], [picture], replaces=True)
     ...     except FileExistsError as error:
-    ...         print(str(error).replace(folder, "..."))
-    .../a.jpg is read by this command, which would write over it: give another --out
+    ...         print(str(error).replace(folder, "folder"))
+    folder/a.jpg is read by this command, which would write over it: give another --out
     """
     there = [path for path in targets if os.path.lexists(path)]
     if not there:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from urllib.parse import urlsplit
 
@@ -15,7 +15,8 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"
-URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/]*@)?(.+)", re.IGNORECASE)  # a password may have an @
+# A password may have @ and /: what follows "name:" up to the last @ is one, unless it begins as a port does.
+URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/]*@|[^/:@?#]+:(?!\d*(?:/|$)).*@)?(.+)", re.IGNORECASE)
 WAITING = ("http", "https")  # schemes of servers that wait for the reader
 SECRET = re.compile(r"(?<=[?&])(?P<name>(?:pass\w*|pwd|token|key|secret|auth|sig\w*)=)[^&#]*", re.IGNORECASE)
 PORTS: Mapping[str, int] = MappingProxyType({"http": 80, "https": 443, "rtsp": 554, "rtsps": 322, "rtmp": 1935})
@@ -32,7 +33,7 @@ STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first
 class Stream:
     """The source of a stream: ``-`` for standard input, or a URL that FFmpeg knows, as ``rtsp://host/path``."""
 
-    location: str
+    location: str = field(repr=False)
 
     @staticmethod
     def recognises(text: str) -> bool:

@@ -353,6 +353,8 @@ class VideoWriter:
     ------
     BrokenFileError
         If the path is not in UTF-8.
+    ValueError
+        If the frame rate is none, or larger than those of videos.
     OSError
         At the end, if not every image is in the file, as when the disk is full.
     """
@@ -362,6 +364,8 @@ class VideoWriter:
 
     def __init__(self, path: Path, frames_per_second: float, *, threads: int | None = None) -> None:
         check_utf8(path)
+        if not 0.0 < frames_per_second <= FASTEST:
+            raise ValueError(f"{path}: expected at most {FASTEST:g} frames per second, got {frames_per_second:g}")
         self._path, self._frames_per_second, self._threads = path, frames_per_second, threads
         self._replacement = ExitStack()
         self._encoder: Encoder | None = None

@@ -9,7 +9,7 @@ import yaml
 from fieldcalib.io.files import BrokenFileError, without_repeats
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Refuses aliases, a few of which stand for more values than there is memory for, and repeated keys."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:

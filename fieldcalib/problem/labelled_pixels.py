@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, check_members
@@ -23,6 +24,7 @@ PixelWeights: TypeAlias = dict[str, Array]
 
 LEAST_SLOPE = 0.05  # flatter lines have no left side in the image: the middle line seen from behind a goal
 MOST_PIXELS = 200  # of a label: more do not make its position surer, since errors of paint and lens are common to all
+LARGEST_WEIGHT = 1e9  # with larger ones rounding leaves nothing of the prior, and solvers end before a minimum
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: farther coordinates are mistakes
 
 
@@ -80,9 +82,9 @@ def check_segments(
     for raw_label, values in image_segments.items():
         label = _known_label(raw_label, object_segments)
         try:
-            xy = np.asarray(values, dtype=float)
-        except (TypeError, ValueError):
-            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {values!r}") from None
+            xy = real_array(values)
+        except ValueError as error:
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {repr(values)[:100]}: {error}") from None
         if xy.size == 0:
             continue
         if xy.ndim != 2 or xy.shape[1] != 2:
@@ -197,14 +199,21 @@ def checked_weight(name: str, values: ArrayLike, count: int, *, each: str = "pix
         A wrong length, or a weight that is negative or not finite; the message begins with `name`.
     """
     try:
-        weight = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected a weight, or one for each {each}, got {values!r}") from None
+        weight = real_array(values)
+    except ValueError as error:
+        raise ValueError(
+            f"{name}: expected a weight, or one for each {each}, got {repr(values)[:100]}: {error}"
+        ) from None
     if weight.shape not in ((), (count,)):
         raise ValueError(f"{name}: expected one weight or {count}, one for each {each}, got shape {weight.shape}")
     wrong = weight[~(np.isfinite(weight) & (weight >= 0.0))]
     if wrong.size:
         raise ValueError(f"{name}: a weight must be finite and not negative, got {wrong[0]}; 0 leaves a {each} out")
+    if weight.size and np.max(weight) > LARGEST_WEIGHT:
+        raise ValueError(
+            f"{name}: expected a weight up to {LARGEST_WEIGHT:g}, got {np.max(weight):g}: the usual weight is 1, "
+            f"divide all of them"
+        )
     return np.broadcast_to(weight, count)
 
 

@@ -1,3 +1,4 @@
+from . import auto_field as auto_field
 from . import collection as collection
 from . import entry as entry
 from . import frames as frames

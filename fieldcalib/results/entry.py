@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 
+from fieldcalib.console.field_options import AUTO
 from fieldcalib.console.progress import Progress
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
@@ -17,8 +18,9 @@ from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
+from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.collection import Results
-from fieldcalib.results.inputs import Labels, Method, input_of
+from fieldcalib.results.inputs import Labels, Method, input_of, pictures_of
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 
@@ -64,7 +66,9 @@ def calibrate(
           `read_annotations` returns;
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
     field : str or Field
-        The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file of a field of one's own, or a `Field`. The
+        The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file of a field of one's own, a `Field`, or
+        ``"auto"``: all sports are tried on some of the pictures, and the best one is taken if no other explains them
+        about as well (`fieldcalib.images.which_field`). The
         size of a field in pictures is estimated from them, unless it is said to be known (`Field.size_known`).
     start, end : str or float, optional
         The first frame, and the one after the last: seconds, ``"1:30"``, or the number of a frame, ``"750f"``.
@@ -107,10 +111,13 @@ def calibrate(
     'reject'
     """
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    taken = input_of(source, _cut(start, end, step), clip)
+    if field == AUTO:
+        field = auto_field(pictures_of(taken))
     method = Method(_field(field), given, flags, prior, camera, network, image_size, progress)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
-    return replace(input_of(source, _cut(start, end, step), clip).calibrate(method), options=options)
+    return replace(taken.calibrate(method), options=options)
 
 
 def _field(field: object) -> Field:

@@ -119,6 +119,13 @@ def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
     return OneByOne(Pictures(cut=cut), source)
 
 
+def pictures_of(input: Input) -> Pictures:
+    """The pictures of an input that can be read several times; a ValueError for another one."""
+    if isinstance(input, Clip) or (isinstance(input, OneByOne) and input.iterator is None):
+        return input.pictures
+    raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
+
+
 def _labels_in(source: object) -> dict[str, Labels] | None:
     """Labelled pixels by id; None if the source is something else."""
     if isinstance(source, Annotation):

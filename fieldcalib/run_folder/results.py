@@ -23,7 +23,7 @@ from typing import Any
 import fieldcalib
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
-from fieldcalib.console.program import counted, say
+from fieldcalib.console.program import counted, say, show
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,
@@ -171,7 +171,7 @@ class ResultsWriter:
         statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
-        print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
         self._say_what_to_look_at(options)
         self._ask_about_shape(options)
         others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras

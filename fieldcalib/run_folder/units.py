@@ -10,6 +10,7 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
+from fieldcalib.console.program import show
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.files import FrameFile, error_message
@@ -149,7 +150,7 @@ def work(
         rescue = None if executor is None else partial(_rescued, executor, function)
         for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):
             if result.message:
-                print(result.message)
+                show(result.message)
             results.calibrating += result.seconds
             for outcome in result.outcomes[skipped:]:
                 (write or results.add)(outcome)

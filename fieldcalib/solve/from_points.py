@@ -8,6 +8,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
@@ -169,15 +170,15 @@ class Points:
 def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
     """Points as a float array (N, size); one view in OpenCV's shapes loses its extra axis."""
     try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected an array of shape (N, {size}), got {values!r}") from None
+        array = real_array(values)
+    except ValueError as error:
+        raise ValueError(f"{name}: expected an array of shape (N, {size}), got {repr(values)[:100]}: {error}") from None
     if array.size == 0:
         return np.empty((0, size))
     if array.ndim == 3 and 1 in array.shape[:2]:
         array = array.reshape(-1, array.shape[2])
     if array.ndim != 2 or array.shape[1] != size:
-        hint = "; on a plane, z = 0 is to be appended" if size == 3 and array.shape[-1] == 2 else ""
+        hint = "; on a plane, z = 0 is to be appended" if size == 3 and array.shape[-1:] == (2,) else ""
         raise ValueError(f"{name}: expected an array of shape (N, {size}), one view, got shape {array.shape}{hint}")
     if not np.all(np.isfinite(array)):
         first = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])

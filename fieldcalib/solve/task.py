@@ -8,6 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -136,6 +137,11 @@ class Task:
 
 
 def _checked_flags(flags: int) -> CalibrationFlags:
+    if not isinstance(flags, int | np.integer) or isinstance(flags, bool):
+        raise ValueError(
+            f"flags must be a combination of CalibrationFlags, as CALIB_FIX_K1 | CALIB_FIX_K2, got {flags!r}"
+        )
+    flags = int(flags)
     if flags & ~SUPPORTED:
         raise ValueError(
             f"flags {flags & ~SUPPORTED:#x} are not supported: expected a combination of "
@@ -150,7 +156,9 @@ def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
     """Number of iterations, and relative decrease of the cost at which they end."""
     try:
         kind, max_count, eps = criteria
-    except (TypeError, ValueError):
+        if not all(map(is_number, (kind, max_count, eps))) or kind != int(kind):
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"criteria must be cv2's (type, max_count, eps), got {criteria!r}") from None
     if not (0 < kind <= COUNT + EPS) or (kind & COUNT and max_count < 1) or (kind & EPS and not eps > 0.0):
         raise ValueError(

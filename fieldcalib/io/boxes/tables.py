@@ -45,7 +45,10 @@ def box_table(path: Path, file: Any) -> BoxTable:
     first = _first_line(path, file)
     delimiter = max(",;\t", key=first.count)
     reader = csv.reader(chain([first], file), delimiter=delimiter, strict=True)
-    header = [name.strip() for name in next(reader)]
+    try:
+        header = [name.strip() for name in next(reader)]
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise BrokenFileError(f"{path}, line 1: {error}") from None
     if all(re.fullmatch(NUMBER, name) for name in header):
         names: Sequence[str] = MOT_TRUTH if len(header) == len(MOT_TRUTH) else MOT[: len(header)]
         if not 6 <= len(header) == len(names):

@@ -1,0 +1,60 @@
+"""Courts in pictures of one camera (`fieldcalib.images.pooled_place`), against points that were set by hand.
+
+    python -m data_tools.score_tripod FOLDER [--alone]
+
+FOLDER holds frames of hockey with points (`data_tools.rink_points`). Prints a line of JSON with the number of pictures;
+how many have a right camera, an accepted right one, an accepted wrong one; the place, metres; and the processor time
+for each picture, seconds, with the share of the search for the place. With --alone each is searched by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.rink_points import FIELD, rink_frames
+from fieldcalib.console.program import run_command
+from fieldcalib.fields.catalogue import field as field_named
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.pooled_place import pooled_place
+from fieldcalib.io.images import parse_image
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--alone", action="store_true", help="search each picture by itself")
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Search and print; returns the exit code."""
+    start, rink = time.process_time(), field_named(FIELD)
+    frames = list(rink_frames(options.folder))
+    images = [parse_image(frame.path.read_bytes()) for frame in frames]
+    place = None if options.alone else pooled_place(rink, images)
+    found = calibrate_from_images(rink, images, place=place)
+    right = [one.camera is not None and frame.is_right(one.camera) for frame, one in zip(frames, found, strict=True)]
+    accepted = [one.accepted for one in found]
+    counts = np.array(right), np.array(accepted)
+    record = {
+        "pictures": len(frames),
+        "right": int(np.sum(counts[0])),
+        "accepted and right": int(np.sum(counts[0] & counts[1])),
+        "accepted and wrong": int(np.sum(~counts[0] & counts[1])),
+        "place": None if place is None else np.round(place.C, 1).tolist(),
+        "seconds": round((time.process_time() - start) / max(len(frames), 1), 2),
+    }
+    print(json.dumps(record))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,99 @@
+"""The field that pictures show: all fields are tried, and the best one wins with a margin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.fields.catalogue import field as field_named
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.localize import Network
+from fieldcalib.localize.grid import classes_without_segment
+from fieldcalib.localize.stripes import at_working_size, find_stripes
+
+POINTS = 300  # of a field, at which a camera of the network is compared with stripes
+MARGIN = 0.8  # of the best score: a field that reaches it may be the one too
+PROMISING = 0.5  # of the best score of the first picture: other fields are not searched for in further ones
+NOTHING = "no field was found: name it"
+
+
+@dataclass(frozen=True)
+class WhichField:
+    """The field that pictures show, as far as they tell."""
+
+    scores: Mapping[str, float]
+    """Log likelihood ratios of the accepted cameras by the name of their field, the best one first."""
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """Fields that explain the pictures about as well as the best one, that one first; () if there is none."""
+        best = max(self.scores.values(), default=0.0)
+        return tuple(name for name, score in self.scores.items() if score > 0.0 and score >= MARGIN * best)
+
+    @property
+    def name(self) -> str | None:
+        """Name of the field; None where none was found, or several explain the pictures."""
+        return self.alternatives[0] if len(self.alternatives) == 1 else None
+
+    @property
+    def reason(self) -> str:
+        """Why there is no name; empty if there is one."""
+        if not self.alternatives:
+            return NOTHING
+        return "" if self.name else f"{' and '.join(self.alternatives)} explain the pictures alike: name the field"
+
+
+def which_field(
+    images: Sequence[Image], names: Sequence[str] = tuple(FIELDS), network: Network | None = None
+) -> WhichField:
+    """Search pictures for all fields, and compare how well accepted cameras explain them.
+
+    Fields that explain the first picture badly are left out in the others.
+
+    Parameters
+    ----------
+    images : sequence of (height, width, 3) uint8 arrays
+        Blue, green, red; pictures of one field.
+    names : sequence of str
+        Names of fields in the catalogue.
+    network : Network, optional
+        Finds the fields that it knows; the others are found by search (`fieldcalib.images.court_search.find_courts`).
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera
+    >>> from fieldcalib.draw.scene import render_field
+    >>> truth = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), (960, 540))
+    >>> which_field([render_field(truth, field_named("tennis"))], ["badminton", "tennis"]).name
+    'tennis'
+    """
+    scores = dict.fromkeys(names, 0.0)
+    promising = tuple(names)
+    for image in images:
+        found = {name: _score(image, field_named(name), network) for name in promising}
+        for name, (score, is_accepted) in found.items():
+            scores[name] += score * is_accepted
+        best = max((score for score, _ in found.values()), default=0.0)
+        promising = tuple(name for name, (score, _) in found.items() if score >= PROMISING * best)
+    return WhichField(dict(sorted(scores.items(), key=lambda item: -item[1])))
+
+
+def _score(image: Image, field: Field, network: Network | None) -> tuple[float, bool]:
+    """Log likelihood ratio of the best camera of a field, and whether it is accepted."""
+    if network is not None and not classes_without_segment(network.classes, field):
+        (found,) = calibrate_from_images(field, [image], network)
+        return (_of_camera(image, field, found.camera), found.accepted) if found.camera is not None else (0.0, False)
+    best = next(iter(find_courts(image, field)), None)
+    return (0.0, False) if best is None else (max(best.evidence.score, 0.0), best.calibration.accepted)
+
+
+def _of_camera(image: Image, field: Field, camera: Camera) -> float:
+    small = at_working_size(image)
+    maps = StripeMaps.of(find_stripes(small, lighter=field.lines.lighter))
+    return max(maps.score(camera.scaled(size_of(small)), MarkingPoints.of(field, POINTS))[0], 0.0)

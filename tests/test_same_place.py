@@ -1,0 +1,112 @@
+"""Courts in pictures of one tripod: where it stands is found from some of them, and courts in the others from there."""
+
+import numpy as np
+import pytest
+
+from data_tools.nonsense import nonsense
+from data_tools.rink_points import FIELD, point_named
+from fieldcalib import Camera, calibrate_from_images
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
+from fieldcalib.draw.scene import render_field
+from fieldcalib.fields import field_named, tennis
+from fieldcalib.images.clip_problem import ClipOptions
+from fieldcalib.images.place_search import Place, Views, search_from, views_from
+from fieldcalib.images.pooled_place import place_of, pooled_place
+from fieldcalib.images.searched_keyframes import SearchedKeyframes
+from fieldcalib.solve.task import Task
+
+SIZE = (960, 540)
+RINK, COURT = field_named(FIELD), tennis()
+PLACE = Place(np.array([0.0, 37.0, -12.5]), np.full(3, 0.5), (1.5, 3.0))
+STAND = (-32.0, 1.0, -9.0)
+
+
+def view(pan, tilt, f, C=(0.2, 37.3, -12.6), k=(0.0, 0.0)):
+    return Camera.from_angles(np.radians(pan), np.radians(tilt), 0.0, f, C, SIZE, k=k)
+
+
+def off(found, truth, field):
+    """Median distance of the points of the field in view, pixels."""
+    x, y = (np.linspace(-half, half, 25) for half in field.half_extent)
+    X = np.array([(a, b, 0.0) for a in x for b in y])
+    xy = truth.project(X)
+    seen = np.all((xy > 0.0) & (xy < SIZE), axis=1)
+    return np.median(np.linalg.norm(found.project(X[seen]) - xy[seen], axis=1))
+
+
+def on_court(pan, f):
+    """A view of the court of tennis from behind, of the same tripod."""
+    return Camera.from_angles(np.radians(pan), 1.3, 0.0, f, STAND, SIZE)
+
+
+@pytest.mark.parametrize("pan", [-34.0, 20.0])
+def test_a_zone_of_a_rink_is_found_from_a_known_place(pan):
+    """Circles and marks tell the view; hardly a line crosses the picture."""
+    truth = view(pan, 75.0, 2300.0)
+    found = search_from(Task(RINK), RINK, render_field(truth, RINK), PLACE)
+    assert found.accepted
+    assert off(found.camera, truth, RINK) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_in_pictures_without_a_field(seed):
+    assert not search_from(Task(RINK), RINK, nonsense(seed), PLACE).accepted
+
+
+def test_another_field_is_not_found_from_a_known_place():
+    picture = render_field(on_court(90.0, 1400.0), COURT)
+    assert not search_from(Task(RINK), RINK, picture, PLACE).accepted
+
+
+def test_the_place_comes_from_pictures_that_are_found_by_themselves():
+    views = [on_court(pan, 1300.0) for pan in (86.0, 90.0, 95.0)]
+    place = pooled_place(COURT, [render_field(one, COURT) for one in views])
+    assert place is not None
+    assert np.linalg.norm(place.C - STAND) < 0.7
+    truth = on_court(94.0, 1900.0)
+    (found,) = calibrate_from_images(COURT, [render_field(truth, COURT)], place=place)
+    assert found.accepted
+    assert off(found.camera, truth, COURT) < 2.0
+
+
+def test_there_is_no_place_without_a_court():
+    assert pooled_place(COURT, [nonsense(seed) for seed in range(2)]) is None
+    assert place_of([]) is None
+
+
+def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
+    close, whole = on_court(94.0, 1900.0), on_court(90.0, 1300.0)
+    nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing was found")
+    first = SearchedKeyframes(ClipOptions(COURT))
+    with monkeypatch.context() as patched:
+        patched.setattr("fieldcalib.images.searched_keyframes.search_courts", lambda task, images: [nothing])
+        first = first.searched({0: render_field(close, COURT)})
+    assert list(first.refused) == [0]
+    again = first.searched({25: render_field(whole, COURT)}).searched_again()
+    assert sorted(again.found) == [0, 25]
+    assert off(again.found[0].camera, close, COURT) < 2.0
+
+
+def test_a_camera_that_moves_has_no_place():
+    options = ClipOptions(COURT).not_sharing("centre")
+    found = SearchedKeyframes(options).searched({0: render_field(on_court(90.0, 1300.0), COURT)})
+    assert found.found
+    assert found.place is None
+
+
+def test_views_are_level_and_look_at_the_field():
+    views = views_from(PLACE, RINK, SIZE, 60.0)
+    assert len(views) > 100
+    some = views.cameras.camera(len(views) // 2)
+    assert some.angles[2] == pytest.approx(0.0, abs=1e-9)
+    middle = some.image_to_field(np.array(SIZE) / 2.0)
+    assert np.all(np.abs(middle[:2]) <= 1.05 * RINK.half_extent + 1e-6)
+    one = Views(np.array([0.1]), np.array([1.3]), np.array([1400.0]), PLACE.C, SIZE)
+    expected = Camera.from_angles(0.1, 1.3, 0.0, 1400.0, PLACE.C, SIZE)
+    np.testing.assert_allclose(one.cameras.camera(0).R, expected.R, atol=1e-12)
+
+
+def test_names_of_points_of_rinks():
+    assert point_named(RINK, "11_top_right_vertical_line_2") is not None
+    assert point_named(RINK, "left_goal_D_near") is None
