@@ -150,6 +150,7 @@ def test_an_edit_is_drawn_before_its_verdict_is_known(client):
     }
     assert drawn["curves"] != before["curves"]
     assert drawn["milliseconds"] > state["milliseconds"] > 0.0  # the fit is not made again
+    assert client.state() == state
 
     version = client.editor.version
     client.edit("remove", numbers=[0])  # and if no page asks for the verdict

@@ -28,7 +28,7 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
@@ -111,9 +111,11 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
         flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     arguments = {**arguments, "flags": flags, "prior": prior}
     try:
-        by_marks = calibrate_from_segments(field, pixels, size, weights=weights, **arguments)
+        # as calibrate_from_segments to 1e-6, without the time of its second solver
+        several = None if weights is None else [weights]
+        (by_marks,) = calibrate_batch(field, [pixels], size, weights=several, **arguments)
     except ValueError as error:  # of marks that are no labels yet, e.g. only in the corner: more marks may mend it
-        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error).removeprefix("frame 0: "))
     if not by_marks.accepted:
         return by_marks
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)

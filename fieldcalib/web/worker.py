@@ -41,6 +41,7 @@ class Worker:
         self._searches = Searches(editor)
         self._wanted: dict[tuple[int, bool], _Wanted] = {}  # by frame and extent, those wanted last at the end
         self._drawn: dict[int, None] = {}  # frames without their verdict
+        self._last: tuple[tuple[int, int, int], dict[str, Any]] | None = None  # a state, by frame, revision and version
         self._rest: Iterator[int] = iter(range(0 if editor.is_clip else len(editor)))
         self._changed = Condition()
         self._is_closed = False
@@ -104,12 +105,23 @@ class Worker:
     def _state_of(self, wanted: _Wanted) -> dict[str, Any]:
         start, editor, number = time.perf_counter(), self._editor, wanted.number
         try:
-            one = editor.fitted(number) if wanted.is_whole else editor.with_camera(number)
+            one = editor.with_camera(number)
         except BrokenFileError as error:
             return broken_state(editor, number, str(error))
         if not wanted.is_whole and one.calibration.camera is not None:
             self._drawn[number] = None
             return drawn_state(editor, number, one, 1e3 * (time.perf_counter() - start))
+        return self._whole_state(number, start)
+
+    def _whole_state(self, number: int, start: float) -> dict[str, Any]:
+        """The state with its verdict; the last one is kept, as pages that hear of their own change ask again."""
+        editor, revision = self._editor, self._editor.revision(number)
+        if self._last is not None and self._last[0] == (number, revision, editor.version):
+            return self._last[1]
         one = editor.fitted(number)
+        version = editor.version
         self._drawn.pop(number, None)
-        return frame_state(editor, number, one, 1e3 * (time.perf_counter() - start))
+        state = frame_state(editor, number, one, 1e3 * (time.perf_counter() - start))
+        if state["revision"] == revision and state["by_hand"]:  # others change when a search ends
+            self._last = (number, revision, version), state
+        return state
