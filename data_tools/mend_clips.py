@@ -1,29 +1,47 @@
-"""How many frames of a rendered clip a person has to mend until all cameras are right.
+"""How many frames of rendered clips a person has to mend until all cameras are right.
 
-    python -m data_tools.mend_clips CLIP.mp4 ...
+    python -m data_tools.mend_clips FOLDER --seeds 4
 
-Beside each clip lie its true cameras (`data_tools.synthetic`). The labels of a third of its keyframes are spoiled: some
-labels are exchanged with those of the other side or of a neighbour, in other keyframes all are moved by 40 px in one
-direction. Then the frame with the largest error is mended, by clicks on six markings that are 2 px off and snap to
-paint, and the clip is solved again, until no point of the ground in view is off by more than 3 px.
+Clips of several cameras are rendered into the folder, unless they are there, with their true cameras beside them. For
+each seed the labels of a third of the keyframes of a clip are spoiled: some labels are exchanged with those of the
+other side or of a neighbour, in other keyframes all are moved by 40 px in one direction. Then one frame after the other
+is mended, by clicks on the six longest markings, 2 px off, which snap to paint; after each the clip is solved again,
+until every frame has a camera and no point of the ground in view is off by more than 3 px.
+
+The frame that the editor proposes next is mended if its camera is wrong. Else the person, who sees which frames are
+wrong, mends the one with most markings in the longest stretch of them.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from data_tools.synthetic.film import read_cameras
+from data_tools.synthetic.clips import camera_path, with_displaced_lines
+from data_tools.synthetic.film import (
+    CAMERAS,
+    CLIP_SIZE,
+    LEAST_PATH,
+    PAINTED,
+    Scene,
+    TrueFrame,
+    read_cameras,
+    write_clip,
+)
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, largest_move, solve, window_around
+from fieldcalib.assess.words import Verdict
+from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.fitting import included_network
 from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.next_frame import next_frame
+from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -35,45 +53,128 @@ from fieldcalib.solve.from_segments import calibrate_from_segments
 SHARE = 1.0 / 3.0  # of the keyframes
 SHIFT = 40.0  # px of labels that are moved
 LARGEST = 3.0  # px of an error
-MOST = 8  # frames that are mended
+MOST = 5  # frames that are mended
 CLICKED, CLICK = 6, 2.0  # markings, and px that a click is off
 BORDER = 8.0  # px
+GRID, AROUND = (25, 15), 4.0  # points of a picture whose errors are measured; m of ground around the field
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A clip to be rendered: a camera on a tripod, which pans, tilts and zooms."""
+
+    seed: int
+    pan_range: tuple[float, float] = (-15.0, 15.0)
+    """Degrees."""
+    centre: tuple[float, float, float] | None = None
+    """Metres; drawn if it is None."""
+    field_size: tuple[float, float] = (105.0, 68.0)
+
+    @property
+    def field(self) -> Field:
+        """The field, with lines that are painted some centimetres off."""
+        return with_displaced_lines(soccer(*self.field_size), np.random.default_rng((self.seed, PAINTED)))
+
+    def write(self, path: Path) -> None:
+        """Render the clip, and write its cameras beside it."""
+        rng = np.random.default_rng((self.seed, CAMERAS))
+        low, high = np.radians(self.pan_range).tolist()
+        cameras = camera_path(rng, LEAST_PATH, pan_range=(low, high), centre=self.centre, image_size=CLIP_SIZE)
+        scene = Scene.random(self.field, self.seed, cameras)
+        write_clip(path, scene, [TrueFrame(camera, 0, 0) for camera in cameras])
+
+
+CLIPS = {
+    "main": Filmed(1),
+    "end": Filmed(2, (8.0, 30.0), (0.0, 70.0, -14.0)),
+    "wide": Filmed(3, (-30.0, 30.0), (4.0, 85.0, -20.0), (100.0, 64.0)),
+    "side": Filmed(4, (-25.0, 5.0), (-14.0, 63.0, -12.0), (110.0, 72.0)),
+}
+"""By name: around the middle; one end; far away and high, a small pitch; low and beside the middle, a large one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, and print a line for each clip."""
+    """Measure, and print a line for each clip and seed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("clip", nargs="+", type=Path)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("folder", type=Path, help="of the rendered clips")
+    parser.add_argument("--clips", nargs="+", choices=list(CLIPS), default=list(CLIPS), metavar="NAME")
+    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="how often labels are spoiled (4)")
     options = parser.parse_args(arguments)
-    for path in options.clip:
-        errors = mended(path, options.seed)
-        said = ", ".join(f"{one:.1f}" for one in errors)
-        print(f"{path.stem}: {len(errors) - 1} frames mended; largest error {said} px", flush=True)
+    for name in options.clips:
+        path = options.folder / f"{name}.mp4"
+        if not path.exists():
+            options.folder.mkdir(parents=True, exist_ok=True)
+            CLIPS[name].write(path)
+        frames, network = NumberedVideo(path), included_network()
+        first = first_pass(frames, window_around(len(frames), []), soccer(), network, {}, _silent)
+        truth = [one.camera for one in read_cameras(path.with_suffix(".jsonl"))]
+        for seed in range(options.seeds):
+            errors = mended(frames, first, truth, CLIPS[name].field, seed)
+            said = ", ".join(f"{one:.1f}" for one in errors)
+            number = f"{len(errors) - 1} frames mended" if errors[-1] <= LARGEST else f"not right with {MOST} frames"
+            print(f"{name}, seed {seed}: {number}; largest error {said} px", flush=True)
 
 
-def mended(path: Path, seed: int) -> list[float]:
+def mended(frames: NumberedFrames, first: FirstPass, truth: Sequence[Camera], field: Field, seed: int) -> list[float]:
     """The largest error after no, one, two ... frames were mended, pixels."""
-    frames, field, network = NumberedVideo(path), soccer(), included_network()
-    truth = [one.camera for one in read_cameras(path.with_suffix(".jsonl"))]
-    rng = np.random.default_rng(seed)
-    first = first_pass(frames, window_around(len(frames), []), field, network, {}, _silent)
-    spoiled = with_spoiled_labels(first, field, rng)
+    network, rng = included_network(), np.random.default_rng(seed)
+    spoiled = with_spoiled_labels(first, soccer(), rng)
     anchors: dict[int, Calibration] = {}
     found: list[float] = []
     while True:
         solved = solve(frames, spoiled, anchors, None, lambda number: None, network, _silent)
-        errors = errors_of(solved, truth)
-        found.append(float(np.nanmax(errors)))
+        errors = errors_of(solved, truth, field)
+        found.append(float(np.max(errors)))
         if found[-1] <= LARGEST or len(anchors) == MOST:
             return found
-        worst = int(np.nanargmax(np.where(np.isin(np.arange(len(errors)), list(anchors)), -1.0, errors)))
-        anchors[worst] = labelled(frames, worst, truth[worst], field, rng).calibration
+        number = to_mend(frames, solved, errors)
+        anchors[number] = labelled(frames, number, truth[number], field, rng).calibration
 
 
-def errors_of(solved: Proposal, truth: Sequence[Camera]) -> Array:
-    """Largest error of the ground in view of each frame, pixels; NaN without a camera."""
-    return np.array([largest_move(truth[n], one.camera) for n, one in solved.calibrations.items()])
+def to_mend(frames: NumberedFrames, solved: Proposal, errors: Array) -> int:
+    """The frame that is mended next."""
+    network, field = included_network(), soccer()
+    rows = [Row.of(one, by_hand=n in solved.anchors) for n, one in solved.calibrations.items()]
+    proposed = next_frame(frames, rows, field, network)
+    if proposed is not None and errors[proposed] > LARGEST:
+        return proposed
+    seen = [
+        row._replace(verdict=str(Verdict.REJECT if error > LARGEST else Verdict.GOOD), concern=1.0)
+        for row, error in zip(rows, errors.tolist(), strict=True)
+    ]
+    chosen = next_frame(frames, seen, field, network)
+    return int(np.argmax(errors)) if chosen is None else chosen
+
+
+def errors_of(solved: Proposal, truth: Sequence[Camera], field: Field) -> Array:
+    """Largest error of the ground in view of each frame, pixels; infinite without a camera.
+
+    Where the size of the field was found otherwise than it is, the ground is that beside the middle or one of the ends,
+    whichever gives the smallest error: only markings that are in view can tell.
+    """
+    return np.array([_error(truth[n], one, field) for n, one in solved.calibrations.items()])
+
+
+def _error(truth: Camera, found: Calibration, field: Field) -> float:
+    if found.camera is None or found.field is None:
+        return np.inf
+    shift = (np.array([found.field.length, found.field.width]) - (field.length, field.width)) / 2.0
+    X = ground_in_view(truth, field)
+    if not len(X):
+        return 0.0
+    xy = truth.project(X)
+    moved = (X + (*np.multiply(shift, sides), 0.0) for sides in product((-1.0, 0.0, 1.0), repeat=2))
+    errors = [np.max(np.linalg.norm(found.camera.project(one) - xy, axis=1)) for one in moved]
+    return float(np.min(np.nan_to_num(errors, nan=np.inf)))
+
+
+def ground_in_view(camera: Camera, field: Field) -> Array:
+    """Points (N, 3) of the field, and of the ground before the boards around it, that a picture shows."""
+    width, height = camera.image_size
+    xy = np.stack(np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1])), axis=-1)
+    X = camera.image_to_field(xy.reshape(-1, 2))
+    with np.errstate(invalid="ignore"):
+        return X[np.all(np.abs(X[:, :2]) < np.add(field.half_extent, AROUND), axis=1)]
 
 
 def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator) -> FirstPass:

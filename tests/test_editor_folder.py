@@ -18,7 +18,7 @@ from fieldcalib import Camera, Editor, soccer
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.clip import BESIDE, Proposal, Window
+from fieldcalib.editor.clip import BESIDE, CUTS, Proposal, Window, largest_move, with_cuts
 from fieldcalib.editor.editor import StaleEdit
 from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, read_journal
@@ -26,6 +26,7 @@ from fieldcalib.editor.stored import MOVED
 from fieldcalib.editor.versions import ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.videos import FramesByNumber
 
 SIZE = (960, 540)
 CENTRE = (0.0, 68.0, -17.0)
@@ -240,7 +241,7 @@ def test_a_run_is_mended(pictures, tmp_path):
     assert editor.save() == 1
     assert fieldcalib.read(out)["b"].camera is not None
     lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
-    assert [line.get("basis") for line in lines] == [None, "labelled by hand"]
+    assert [line.get("basis") for line in lines] == [None, "labelled by hand and by the network"]
     kept = out / "history" / "0001"
     assert (kept / "camera_b.json").read_bytes() == before
     assert len((kept / "cameras.jsonl").read_text().splitlines()) == 2
@@ -520,11 +521,14 @@ def test_a_window_of_a_clip(clip, tmp_path):
     assert len((out / "cameras.jsonl").read_text().splitlines()) == 8
 
 
-def test_a_window_keeps_the_tripods_outside():
-    cameras = [Camera.from_angles(-0.3 + 0.01 * k, 1.35, 0.0, 1600.0, CENTRE, SIZE) for k in range(6)]
+def panned_clip(count=6):
+    cameras = [Camera.from_angles(-0.3 + 0.01 * k, 1.35, 0.0, 1600.0, CENTRE, SIZE) for k in range(count)]
     labels = [{label: ends(label, camera) for label in LINES} for camera in cameras]
-    tripod = fieldcalib.calibrate_sequence(soccer(), labels, SIZE)
-    before = VideoCalibration((tripod,), (Shot(0, 6, 0),), np.zeros(6, dtype=int), np.arange(6))
+    return fieldcalib.calibrate_sequence(soccer(), labels, SIZE)
+
+
+def test_a_window_keeps_the_tripods_outside():
+    before = VideoCalibration((panned_clip(),), (Shot(0, 6, 0),), np.zeros(6, dtype=int), np.arange(6))
     whole = proposal(nothing(2), Window(2, 4)).whole(before, 6)
     assert [one.camera is None for one in whole] == [False, False, True, True, False, False]
     for k in (0, 1, 4, 5):
@@ -534,6 +538,121 @@ def test_a_window_keeps_the_tripods_outside():
     held = replace(by_hand, calibrations={**by_hand.calibrations, 3: before[4]})
     assert BESIDE in held.whole(None, 6).notes
     assert held.whole(None, 7) is None
+
+
+DRAWINGS = ("overlay.mp4", "motion.png", "worst_frames.jpg", "report.html")
+
+
+def test_files_stay_where_no_camera_has_changed(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8), Window(0, 8)))
+    for name in DRAWINGS:
+        (out / name).write_text("as it was")
+    editor.close()
+    editor = marked(opened(clip, out), 2, number=5)
+    editor[5] = editor.automatic(5)
+    editor.save()
+    assert editor.unsaved == 0
+    assert [(out / name).read_text() for name in DRAWINGS] == 4 * ["as it was"]
+    assert notes_of(out) == list(fieldcalib.read(out).video.notes) == []
+
+
+def test_what_was_drawn_is_drawn_again(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8), Window(0, 8)))
+    for name in DRAWINGS:
+        (out / name).write_text("as it was")
+    editor.close()
+    editor = marked(opened(clip, out), 4, number=5)
+    assert editor.to_draw == []
+    assert editor.draw() == []
+    editor.save()
+    assert set(editor.to_draw) == {"overlay.mp4", "motion.png", "worst_frames.jpg"}
+
+    def cancelled(done, count, stage):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        editor.draw(cancelled)
+    assert not (out / "overlay.mp4").exists()
+    done = []
+    assert set(editor.draw(lambda *at: done.append(at))) == {"overlay.mp4", "motion.png", "worst_frames.jpg"}
+    assert done == [(k, 8, "drawing overlay.mp4") for k in range(8)]
+    assert editor.to_draw == []
+    assert notes_of(out) == [BESIDE, MOVED["report.html"]]
+    assert FramesByNumber(out / "overlay.mp4").count == 8
+    assert cv2.imread(str(out / "worst_frames.jpg")) is not None
+    marked(editor, 1, number=5).save()
+    assert len([*(out / "history").glob("*/overlay.mp4")]) == 2
+
+    def saves(done, count, stage):
+        if done == 3:
+            marked(editor, 6, number=2).save()
+
+    assert editor.draw(saves) == []
+    assert not (out / "overlay.mp4").exists()
+
+
+def test_cuts_survive_saving_without_solving(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8, (0, 3)), Window(0, 8)))
+    editor.set_cuts([2, 6])
+    editor.save()
+    assert starts_of(out) == [0, 2, 6]
+    assert [shot.start for shot in fieldcalib.read(out).video.shots] == [0, 2, 6]
+    assert notes_of(out) == []
+
+
+def test_a_shot_of_two_tripods_is_said():
+    first, second = (
+        VideoCalibration((panned_clip(3),), (Shot(0, 3, 0),), np.zeros(3, int), np.arange(3)) for _ in "ab"
+    )
+    both = VideoCalibration.joined([first, second])
+    assert [shot.start for shot in with_cuts(both, [1, 3]).shots] == [0, 1, 3]
+    moved = with_cuts(both, [4])
+    assert (moved.shots, moved.notes) == (both.shots, (CUTS,))
+    assert with_cuts(moved, [3]).notes == ()
+
+
+def test_a_kept_window_brings_files_together_again():
+    """The note of frames that were mended since goes, unless some are outside of the window."""
+    video = replace(nothing(8), notes=("a note", BESIDE))
+    window = proposal(nothing(4), Window(2, 6))
+    assert window.whole(video, 8).notes == ("a note",)
+    assert window.whole(video, 8, mended_outside=True).notes == ("a note", BESIDE)
+
+
+def test_what_was_kept_is_shown(clip, tmp_path):
+    """An anchor has the camera of the clip, also when the folder is opened again, until it is changed."""
+    out = tmp_path / "out"
+    editor = edited(clip, "soccer", out=out)
+    editor[5] = editor[5].mark("Middle line", [(10.0, 5.0), (12.0, 40.0)], snap=False)
+    camera = Camera.from_angles(-0.3, 1.35, 0.0, 160.0, CENTRE, (96, 54))
+    found = fieldcalib.calibrate_from_homography(camera.homography, (96, 54))
+    anchors = {5: editor.revision(5)}
+    kept = proposal(nothing(8), Window(0, 8), anchors, anchors)
+    editor.keep(replace(kept, calibrations={**kept.calibrations, 5: found}))
+    assert editor.fitted(5).calibration.camera == found.camera
+    assert editor.table.rows[5].pan is not None
+    editor.close()
+    again = edited(clip, "soccer", out=out)
+    assert largest_move(again.fitted(5).calibration.camera, found.camera) < 1e-6
+    again[5] = again[5].mark("Middle line", (11.0, 20.0), snap=False)
+    assert not largest_move(again.fitted(5).calibration.camera, found.camera) < 1.0
+
+
+def test_the_basis_tells_of_marks_of_the_network(pictures):
+    editor = edited(pictures)
+    editor[0] = editor[0].mark("Middle line", (480.0, 100.0), snap=False)
+    assert any(not one.by_hand for one in editor[0].marks.all)
+    editor.fitted(0)
+    assert editor.table.rows[0].basis == "labelled by hand and by the network"
+    editor[0] = editor[0].with_marks(editor[0].marks.only_by_hand)
+    editor.fitted(0)
+    assert editor.table.rows[0].basis == "labelled by hand"
 
 
 # --- marks of another frame ---

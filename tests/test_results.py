@@ -24,6 +24,7 @@ from fieldcalib import (
     calibrate_batch,
     calibrate_from_points,
     calibrate_from_segments,
+    calibrate_sequence,
     estimate_field_size,
     read,
     soccer,
@@ -31,6 +32,7 @@ from fieldcalib import (
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import complaints_of, concerns_of
+from fieldcalib.assess.sequence_calibration import with_doubts
 from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.assess.words import SuspectLabel, Verdict
 from fieldcalib.cli.main import main
@@ -481,6 +483,15 @@ def test_images_and_frames_may_be_generated(batch):
     for frames in ("frames", 3, None):
         with pytest.raises(ValueError, match="expected a sequence of mappings of labels"):
             calibrate_batch(soccer(), frames, SIZE)
+
+
+def test_doubts_of_a_sequence_are_private():
+    nothing = calibrate_sequence(soccer(), [{}, {}], SIZE)
+    with pytest.warns(
+        DeprecationWarning, match="SequenceCalibration.doubted is private now: use the verdict and reason"
+    ):
+        found = nothing.doubted({1: "it may be mixed"})
+    assert found.frames.doubts == with_doubts(nothing, {1: "it may be mixed"}).frames.doubts == {1: "it may be mixed"}
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
@@ -158,9 +159,10 @@ class SequenceCalibration(FrameSequence):
         notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
         return replace(self, frames=replace(self.frames, notes=notes))
 
+    @deprecated("SequenceCalibration.doubted is private now: use the verdict and reason of each frame")
     def doubted(self, doubts: Mapping[int, str]) -> SequenceCalibration:
-        """Add evidence against the cameras of some frames."""
-        return replace(self, frames=replace(self.frames, doubts={**self.frames.doubts, **doubts}))
+        """Deprecated: the evidence against a camera is in the verdict and the reason of its frame."""
+        return with_doubts(self, doubts)
 
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
         """Add the paint that images show of the markings of frames, as in `Calibration.seen_in_image`."""
@@ -229,3 +231,9 @@ class SequenceCalibration(FrameSequence):
         numbers = np.column_stack([angles, f, C, frames.rms, frames.ground_error])
         words = {"status": [str(STATUSES[one]) for one in frames.status], "basis": [str(one) for one in self.basis]}
         return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
+
+
+def with_doubts(calibration: SequenceCalibration, doubts: Mapping[int, str]) -> SequenceCalibration:
+    """Add evidence against the cameras of some frames, in words."""
+    frames = calibration.frames
+    return replace(calibration, frames=replace(frames, doubts={**frames.doubts, **doubts}))

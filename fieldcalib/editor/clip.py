@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.fields.field import Field
@@ -24,6 +25,7 @@ from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
 from fieldcalib.images.from_video import PART, SHARED_BY, Mount
 from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.images.linked_frames import linked_frames
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
@@ -41,6 +43,8 @@ BESIDE = (
     "cameras.jsonl has frames that were labelled by hand or solved again since, clip.jsonl and tripods.json have not: "
     "solve the clip again to bring them together"
 )
+"""Note of a clip."""
+CUTS = "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by hand: solve the clip again"
 """Note of a clip."""
 
 Progress = Callable[[int, int, str], None]
@@ -86,10 +90,12 @@ class Proposal:
                 return False
         return True
 
-    def whole(self, before: VideoCalibration | None, count: int) -> VideoCalibration | None:
+    def whole(
+        self, before: VideoCalibration | None, count: int, *, mended_outside: bool = False
+    ) -> VideoCalibration | None:
         """The calibration of a whole clip of `count` frames: outside the window that of before; None if there is none.
 
-        It notes where anchors have cameras of their own.
+        It notes where anchors have cameras of their own, or frames outside the window that were mended since.
         """
         begin, end = self.window
         video: VideoCalibration | None = None
@@ -99,12 +105,26 @@ class Proposal:
             video = VideoCalibration.joined([before[:begin], self.video, before[end:]])
         if video is None:
             return None
-        notes = dict.fromkeys((*video.notes, *(() if self.is_one else (BESIDE,))))
+        notes = [note for note in dict.fromkeys(video.notes) if note not in (BESIDE, CUTS)]
+        if not self.is_one or mended_outside:
+            notes.append(BESIDE)
         return replace(video, notes=tuple(notes))
 
     def basis(self, number: int) -> str:
         """What the camera of a frame rests on."""
         return str(self.video.basis[number - self.window.begin])
+
+
+def with_cuts(video: VideoCalibration, cuts: Sequence[int]) -> VideoCalibration:
+    """A clip whose shots begin at some frames; with a note instead where a shot would be of two tripods."""
+    starts = sorted({0, *cuts})
+    shots = []
+    for start, stop in pairwise((*starts, len(video))):
+        tripods = set(video.tripod[start:stop].tolist())
+        if len(tripods) > 1:
+            return replace(video, notes=(*(note for note in video.notes if note != CUTS), CUTS))
+        shots.append(Shot(start, stop, tripods.pop()))
+    return replace(video, shots=tuple(shots), notes=tuple(note for note in video.notes if note != CUTS))
 
 
 def window_around(count: int, anchors: Sequence[int]) -> Window:
@@ -126,18 +146,19 @@ def first_pass(
     frames: NumberedFrames,
     window: Window,
     field: Field,
-    network: Network,
+    network: Network | None,
     options: Mapping[str, Any],
     progress: Progress,
 ) -> FirstPass:
-    """Match the frames of a window, and label its keyframes by the network."""
+    """Match the frames of a window, and label its keyframes by the network, or by search for the court without one."""
     mount: Mount = "moving" if options.get("camera") == "moving" else "tripod"
     estimate_size = options.get("field_size", "estimated") == "estimated"
     how = ClipOptions(field, shared=shared_parameters(SHARED_BY[mount], estimate_size))
     shape = ShapeEstimator(how, network).shape(_readable(frames, window))
     images = _in_frame(_counted(_readable(frames, window), window, progress, STAGES[0]), shape)
-    tied = tied_frames(images, moving="centre" not in how.shared)
-    return FirstPass(window, read_keyframes(tied, how, Padded(network)), shape)
+    moves = "centre" not in how.shared
+    tied = linked_frames(tied_frames(images, moving=moves), moving=moves)
+    return FirstPass(window, read_keyframes(tied, how, _padded(network)), shape)
 
 
 def solve(
@@ -146,7 +167,7 @@ def solve(
     anchors: Mapping[int, Calibration],
     cuts: Sequence[int] | None,
     before: Callable[[int], Calibration | None],
-    network: Network,
+    network: Network | None,
     progress: Progress,
 ) -> Proposal:
     """Solve a window around the frames that a person has mended.
@@ -161,7 +182,7 @@ def solve(
         First frames of the shots.
     before : callable
         Gives the calibration that a frame has now, if it has one.
-    network : Network
+    network : Network, optional
     progress : callable
     """
     window, shape = first.window, first.shape
@@ -178,7 +199,7 @@ def solve(
     def images() -> Iterable[Image]:
         return _in_frame(_counted(_readable(frames, window), window, progress, STAGES[2]), shape)
 
-    found = solve_around(first.keyframes, Anchors(known, starts), images, Padded(network))
+    found = solve_around(first.keyframes, Anchors(known, starts), images, _padded(network))
     found = replace(found, shape=shape)
     calibrations, moves = dict[int, Calibration](), dict[int, float]()
     for k, calibration in enumerate(found):
@@ -225,6 +246,10 @@ def largest_move(old: Camera | None, new: Camera | None) -> float:
     moved = np.linalg.norm(new.project(old.image_to_field(xy)) - xy, axis=1)
     moved = moved[np.isfinite(moved)]
     return float(np.max(moved)) if len(moved) else float("nan")
+
+
+def _padded(network: Network | None) -> Network | None:
+    return None if network is None else Padded(network)
 
 
 def _readable(frames: NumberedFrames, window: Window) -> Iterator[Image]:

@@ -10,17 +10,20 @@ from threading import RLock, Thread
 from typing import Self
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks
+from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor
 from fieldcalib.editor.given_labels import GivenLabels, given_labels
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
 from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.stored import BY_HAND, NewRun, Saved, Stored, source_of
+from fieldcalib.editor.next_frame import next_frame
+from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO, NewRun, Saved, Stored, is_by_hand, source_of
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
@@ -54,6 +57,9 @@ class _FrameState:
     """Whether its journal has begun."""
     base: Calibration | None = None
     found: Calibration | None = None
+    """The camera that follows from the marks, or that of the clip with them."""
+    is_of_clip: bool = False
+    """Whether `found` was kept with the clip."""
 
 
 class Editor:
@@ -121,6 +127,7 @@ class Editor:
             if id in self._numbers:
                 number = self._numbers[id]
                 self._states[number] = _FrameState(edits, True, self._base(id, edits))
+                self._show_saved(number)
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
         for number, marks in given.marks.items():
             if number not in self._states:
@@ -133,6 +140,12 @@ class Editor:
             self._fill_rows()
         else:  # an hour of video opens at once, its table grows
             Thread(target=self._fill_rows, name="rows", daemon=True).start()
+
+    def _show_saved(self, number: int) -> None:
+        """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
+        state, id = self._states[number], self.ids[number]
+        if self.is_clip and self.stored is not None and state.edits.is_saved and is_by_hand(self.stored.basis(id)):
+            state.found, state.is_of_clip = self.stored.calibration(id), True
 
     def _fill_rows(self) -> None:
         """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
@@ -147,7 +160,7 @@ class Editor:
 
     def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""
-        if self.stored is not None and id in self.stored and self.stored.basis(id) != BY_HAND:
+        if self.stored is not None and id in self.stored and not is_by_hand(self.stored.basis(id)):
             return self.stored.calibration(id)
         return None if edits.base is None else Calibration.from_dict(edits.base)
 
@@ -230,7 +243,7 @@ class Editor:
         found = one.calibration
         with self.lock:
             state = self._states[number]
-            if state.edits.revision == revision and not one.is_automatic:
+            if state.edits.revision == revision and not one.is_automatic and state.found is None:
                 state.found = found
         return one
 
@@ -246,7 +259,7 @@ class Editor:
 
     def _basis(self, number: int, one: FrameEditor) -> str:
         if not one.is_automatic:
-            return BY_HAND
+            return _basis_of(one.marks)
         return "" if self.stored is None else self.stored.basis(self.ids[number])
 
     def _set_row(self, number: int, row: Row) -> None:
@@ -282,11 +295,19 @@ class Editor:
             self.version += 1
         return True
 
+    def gets_marks(self, number: int) -> bool:
+        """Whether marks of the network join those of a person with the first change of a frame, see `begun`."""
+        one = self[number]
+        return self.revision(number) == 0 and one.is_automatic and not len(one.marks) and self.network is not None
+
     def begun(self, number: int) -> FrameEditor:
-        """A frame that is about to be changed: with the labels of the network, if it has no marks yet."""
+        """A frame that is about to be changed: with the labels of the network, if it has no marks yet.
+
+        While some of them are left, the basis of the frame is "labelled by hand and by the network".
+        """
         one = self[number]
         network = self.network
-        if self.revision(number) == 0 and one.is_automatic and not len(one.marks) and network is not None:
+        if network is not None and self.gets_marks(number):
             marks = network_marks(one.field, one.image, network)
             with self.lock:
                 state = self._states[number]
@@ -347,6 +368,7 @@ class Editor:
                     state.has_begun = True
                 self._journal.change(self.ids[number], before, after)
             state.edits.history, state.found = before.changed_to(after), changed.found
+            state.is_of_clip = False
             state.edits.revision += 1
             state.edits.is_saved = False
 
@@ -383,13 +405,18 @@ class Editor:
         Raises
         ------
         ValueError
-            If it is no clip, or there is no network for its field.
+            If it is no clip, or its field is neither known to the network nor to be searched for, as it has no stands.
         """
         network = self.network
-        if not self.is_clip or network is None:
-            raise ValueError("expected a clip of a field that the network knows")
+        if not self.is_clip:
+            raise ValueError("expected a clip: pictures are mended one by one")
+        if network is None and not self.field.stands:
+            raise ValueError(
+                "expected a field that the network knows, or one with stands, for which courts can be searched: say in "
+                "the file of the field where its cameras stand"
+            )
         revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if _is_anchor(state)}
-        anchors = {n: self.fitted(n).calibration for n in revisions}
+        anchors = {n: self._by_marks(n) for n in revisions}
         window = window_around(len(self), [*anchors])
         if self._first_pass is None or self._first_pass.window != window:
             record = None if self.stored is None else self.stored.record
@@ -398,6 +425,23 @@ class Editor:
         cuts = self.cuts if self.has_own_cuts else None
         found = solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
         return replace(found, revisions={n: revisions[n] for n in found.anchors})
+
+    def next_to_mend(self) -> int | None:
+        """The frame of a clip whose labels would help most; None if all cameras are good.
+
+        Raises
+        ------
+        ValueError
+            If it is no clip.
+        """
+        if not self.is_clip:
+            raise ValueError("expected a clip: pictures are mended one by one")
+        return next_frame(self.frames, self._rows, self.field, self.network)
+
+    def _by_marks(self, number: int) -> Calibration:
+        """The camera of a frame that follows from its marks alone, also where that of the clip was kept."""
+        one, state = self[number], self._states[number]
+        return replace(one, found=None).calibration if state.is_of_clip else self.fitted(number).calibration
 
     def _now(self, number: int) -> Calibration | None:
         """The calibration that a frame has now."""
@@ -425,22 +469,40 @@ class Editor:
             for n, calibration in proposal.calibrations.items():
                 is_anchor = n in proposal.anchors
                 files = self._label_file(n) if is_anchor else {}
-                frames.append(Saved(self.ids[n], calibration, BY_HAND if is_anchor else proposal.basis(n), files))
-            clip = proposal.whole(None if len(frames) == len(self) else stored.clip(), len(self))
+                basis = _basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
+                frames.append(Saved(self.ids[n], calibration, basis, files))
+            clip = self._whole(proposal)
             more = self._label_files(sorted(proposal.anchors))
             self._note_saved(proposal.revisions, stored.save(frames, self.ids, self._new, clip, more))
             for n, calibration in proposal.calibrations.items():
-                state = self._states.get(n)
-                if state is not None and not _is_anchor(state):
-                    state.base = calibration
-                if state is None or not _is_anchor(state):
-                    self._set_row(n, Row.of(calibration, proposal.basis(n)))
+                self._take(n, calibration, proposal)
             if not self.has_own_cuts:
                 begin, end = proposal.window
                 inside = (begin + shot.start for shot in proposal.video.shots)
                 self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
             self.version += 1
         return len(frames)
+
+    def _whole(self, proposal: Proposal) -> VideoCalibration | None:
+        """The calibration of all frames of the clip with a solution; None if there is none."""
+        stored, (begin, end) = self.stored, proposal.window
+        assert stored is not None
+        if end - begin == len(self):
+            return proposal.whole(None, len(self))
+        outside = [id for n, id in enumerate(self.ids) if not begin <= n < end]
+        mended = any(is_by_hand(stored.basis(id)) for id in outside)
+        return proposal.whole(stored.clip(), len(self), mended_outside=mended)
+
+    def _take(self, number: int, calibration: Calibration, proposal: Proposal) -> None:
+        """Take the camera of a frame in a solution; not where the frame was changed since."""
+        state = self._states.get(number)
+        if state is None or not _is_anchor(state):
+            if state is not None:
+                state.base = calibration
+            self._set_row(number, Row.of(calibration, proposal.basis(number)))
+        elif proposal.revisions.get(number) == state.edits.revision:
+            state.found, state.is_of_clip = calibration, True
+            self._set_row(number, Row.of(calibration, self._rows[number].basis, by_hand=True))
 
     def save(self) -> int:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
@@ -466,9 +528,47 @@ class Editor:
             journal.open()
             revisions = {n: self.revision(n) for n in numbers}
             frames = [self._saved(n) for n in numbers]
-            written = stored.save(frames, self.ids, self._new, more=self._label_files(numbers))
+            cuts = self.cuts if self.has_own_cuts else None
+            written = stored.save(frames, self.ids, self._new, more=self._label_files(numbers), cuts=cuts)
             self._note_saved(revisions, written)
         return len(frames)
+
+    @property
+    def to_draw(self) -> list[str]:
+        """Files of a clip that show older cameras, were moved to the history, and can be drawn again."""
+        if self.stored is None or not self.is_clip:
+            return []
+        return [name for name in self.stored.moved if name in AGAIN]
+
+    def draw(self, progress: Progress = ignored) -> list[str]:
+        """Draw the files of `to_draw` again from what is saved; returns their names.
+
+        If cameras are saved meanwhile, the drawings are old again, and none is kept.
+
+        Parameters
+        ----------
+        progress : callable
+            As in `solve`.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written.
+        """
+        names, stored, journal = self.to_draw, self.stored, self._journal
+        if stored is None or journal is None or not names:
+            return []
+        journal.open()
+        with self.lock:
+            saves, calibrations = stored.saves, [stored.calibration(id) for id in self.ids]
+        draw_again(stored.folder, self.frames, calibrations, stored.clip(), self.field, names, progress)
+        with self.lock:
+            if stored.saves != saves:
+                for name in names:
+                    (stored.folder / name).unlink(missing_ok=True)
+                return []
+            stored.drew(self._new.options)
+        return names
 
     def _label_files(self, numbers: Sequence[int]) -> dict[str, bytes | None]:
         """Files in the format of the labels that were given, when some frames are saved."""
@@ -561,6 +661,11 @@ class Editor:
         self.frames.close()
         if self._journal is not None:
             self._journal.close()
+
+
+def _basis_of(marks: Marks) -> str:
+    """What a camera rests on that follows from marks."""
+    return BY_HAND if all(one.by_hand for one in marks.all) else BY_HAND_TOO
 
 
 def _is_anchor(state: _FrameState) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
-from fieldcalib.editor.clip import BESIDE
+from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
 from fieldcalib.editor.table import Row
 from fieldcalib.editor.versions import State, Versions
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, whole_file, write_text
@@ -44,7 +44,8 @@ from fieldcalib.run_folder.results import (
     is_unfinished,
 )
 
-BY_HAND = "labelled by hand"  # basis of a frame that a person has mended
+BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
+BY_HAND_TOO = "labelled by hand and by the network"  # of one in which marks of the network are left too
 HISTORY = "history"
 COMMAND = "open"
 OF_CLIP = (TRIPODS, CLIP)
@@ -102,6 +103,8 @@ class Stored:
         self.versions = Versions(folder, folder / HISTORY, written)
         self._file: ResultFile | None = None
         self._numbers: dict[str, int] = {}
+        self.saves = 0
+        """How often cameras were saved here."""
         self._read()
 
     def _read(self) -> None:
@@ -169,6 +172,7 @@ class Stored:
         new: NewRun,
         clip: VideoCalibration | None = None,
         more: Mapping[str, bytes | None] = MappingProxyType({}),
+        cuts: Sequence[int] | None = None,
     ) -> dict[str, State]:
         """Write frames, and all files that depend on them; the folder exists, and no other process writes to it.
 
@@ -183,6 +187,8 @@ class Stored:
             The calibration of all frames of a clip together.
         more : mapping of str to bytes or None
             Other files of all frames, as those of `Saved`.
+        cuts : sequence of int, optional
+            First frames of the shots, as a person has set them; of a clip that was not solved with them.
 
         Returns
         -------
@@ -198,14 +204,16 @@ class Stored:
         """
         files: dict[str, bytes | None] = dict(more)
         changed: dict[str, Outcome] = {}
-        clip = self._with_beside() if clip is None and frames else clip
-        moved = [name for name in DRAWN if frames and (self.folder / name).is_file()]
+        has_changed = any(self._has_changed(one) for one in frames)
+        clip = self._as_edited(has_changed, cuts) if clip is None else clip
+        moved = [name for name in DRAWN if has_changed and (self.folder / name).is_file()]
         for one in frames:
             outcome = changed[one.id] = _outcome(one)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
         files |= self._drawn_again(moved, clip, new.rate)
         self.versions.begin([*files, *(SHARED if clip is not None else set(SHARED) - set(OF_CLIP))])
         states = self.versions.write(files)
+        self.saves += 1
         is_whole = self._file is None or not is_unfinished(self.folder)
         if self.record is None:
             new.record(self.folder, len(order)).write(self.folder)
@@ -218,10 +226,23 @@ class Stored:
         self.versions.read_now((*SHARED, *DRAWN))
         return states
 
-    def _with_beside(self) -> VideoCalibration | None:
-        """The calibration of a clip with a note of frames that differ from it; None if nothing is to be written."""
-        clip = self.clip()
-        return None if clip is None or BESIDE in clip.notes else replace(clip, notes=(*clip.notes, BESIDE))
+    def _has_changed(self, one: Saved) -> bool:
+        """Whether the camera or the status of a frame is another one than that in the files."""
+        before = self.calibration(one.id)
+        if before is None or before.status != one.calibration.status:
+            return True
+        old, new = before.camera, one.calibration.camera
+        return not (old is new or largest_move(old, new) < SAME)
+
+    def _as_edited(self, has_changed: bool, cuts: Sequence[int] | None) -> VideoCalibration | None:
+        """The calibration of a clip with other shots, and a note if frames differ; None if nothing is to be written."""
+        before = self.clip()
+        if before is None:
+            return None
+        clip = before if cuts is None else with_cuts(before, cuts)
+        if has_changed and BESIDE not in clip.notes:
+            clip = replace(clip, notes=(*clip.notes, BESIDE))
+        return None if (clip.shots, clip.notes) == (before.shots, before.notes) else clip
 
     def _drawn_again(self, moved: Sequence[str], clip: VideoCalibration | None, rate: float) -> dict[str, bytes | None]:
         """Files that show cameras, None where they are not drawn again: only the plot of a clip is, where it agrees."""
@@ -240,6 +261,19 @@ class Stored:
             elif self._file is not None and id in self._numbers:
                 yield _texts(self._file, self._numbers[id])
 
+    @property
+    def moved(self) -> list[str]:
+        """Files that show cameras and were moved to the history, as these have changed since."""
+        path = self.folder / SUMMARY
+        notes = json.loads(path.read_text()).get("notes", []) if path.is_file() else []
+        return [name for name in DRAWN if MOVED[name] in notes and not (self.folder / name).is_file()]
+
+    def drew(self, options: Mapping[str, Any]) -> None:
+        """Take note of files that were drawn again."""
+        if self._file is not None and not is_unfinished(self.folder):
+            _write_summary(self.folder, self._file, options, None, [])
+        self.versions.read_now((*SHARED, *DRAWN))
+
     def write(self, files: Mapping[str, bytes]) -> dict[str, State]:
         """Write other files; returns their states.
 
@@ -250,6 +284,11 @@ class Stored:
         """
         self.versions.begin(files)
         return self.versions.write(files)
+
+
+def is_by_hand(basis: str) -> bool:
+    """Whether the basis of a frame says that a person has mended it."""
+    return basis in (BY_HAND, BY_HAND_TOO)
 
 
 def _outcome(one: Saved) -> Outcome:

@@ -14,7 +14,7 @@ import numpy as np
 from fieldcalib._types import BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
@@ -144,7 +144,7 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         calibrations.append(calibration.seen_in_images(_markings_seen(lines, calibration, frames)))
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
-            calibrations[tripod_of[t]] = calibrations[tripod_of[t]].doubted({int(number[t]): MIXED})
+            calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], {int(number[t]): MIXED})
     shots = [pieces.frames([p]) for p in pieces.numbers]
     return VideoCalibration(
         tuple(calibrations),

@@ -308,9 +308,12 @@ def _strips(
 
 
 def _is_settled(strips: Strips, markings: Markings, labelled: Mapping[str, Array]) -> bool:
-    """Whether the last search finds nearly all lines that the first one finds."""
-    first, last = (np.isfinite(_lines(strips, markings, labelled, which)) for which in SEARCH_RANGES)
-    return bool(np.count_nonzero(first & last) >= SAME_LINES * np.count_nonzero(first))
+    """Whether nearly all lines that the first search finds, and some of each marking, are near enough for the last."""
+    first = _lines(strips, markings, labelled, SEARCH_RANGES[0])
+    member, count = strips.profiles.member, len(markings.labels)
+    found = np.bincount(member, np.isfinite(first), count)
+    near = np.bincount(member, np.abs(first) <= SEARCH_RANGES[-1] * strips.unit, count)  # false for NaN
+    return bool(np.sum(near) >= SAME_LINES * np.sum(found) and np.all(2.0 * near >= found))
 
 
 def near_labels(

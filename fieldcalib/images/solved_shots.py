@@ -31,9 +31,15 @@ class SolvedShots:
     """Notes for the user on frames that no tripod explains."""
 
 
-def solve_shots(keyframes: Keyframes) -> SolvedShots:
-    """Calibrate each piece by itself: on a tripod, or if that fails in parts or with another camera model."""
+def solve_shots(keyframes: Keyframes, *, only_tripods: bool = False) -> SolvedShots:
+    """Calibrate each piece by itself: on a tripod, or if that fails in parts or with another camera model.
+
+    While some labels may be wrong, they must not choose the model: then there are only tripods.
+    """
     solved = SolvedShots(keyframes, _with_loose_frames(keyframes), {})
+    if only_tripods:
+        pieces, labels = solved.pieces, keyframes.accepted
+        return replace(solved, calibrations={p: keyframes.calibrate(pieces, [p], labels) for p in pieces.numbers})
     while left := [piece for piece in solved.pieces.numbers if piece > max(solved.calibrations, default=-1)]:
         solved = _with_next(solved, left[0])
     return solved

@@ -100,14 +100,15 @@ def _write_frames(
             picture = options.drawn(frame.image, calibration)
             video.write(picture)
             if readable in worst:
-                pictures[readable] = _caption(frame.id, calibrations[readable]), picture
+                pictures[readable] = caption(frame.id, calibrations[readable]), picture
             readable += 1
     note = f"{path} {video.note}" if video.note else ""
     return dict(pictures[index] for index in worst if index in pictures), note
 
 
-def _caption(id: str, calibration: Calibration) -> str:
-    return f"{id}: {calibration.status}, {calibration.message}"
+def caption(id: str, calibration: Calibration | None) -> str:
+    """The words below a frame in the sheet of the worst ones."""
+    return id if calibration is None else f"{id}: {calibration.status}, {calibration.message}"
 
 
 def write_clip(out: Path, found: VideoCalibration, frames_per_second: float) -> None:

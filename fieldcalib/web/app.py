@@ -90,7 +90,9 @@ class Page:
             post("/api/save_labels", answered(self.save_labels)),
             get("/api/clip/job", answered(self.job_report)),
             get("/api/clip/proposed/{n}", answered(self.proposed)),
+            get("/api/clip/next", answered(self.next_to_mend)),
             post("/api/clip/solve", answered(self.solve)),
+            post("/api/clip/draw", answered(self.draw)),
             post("/api/clip/cancel", answered(self.cancel)),
             post("/api/clip/keep", answered(self.keep)),
             post("/api/clip/discard", answered(self.cancel)),
@@ -233,6 +235,10 @@ class Page:
         """Where the solution of the clip stands."""
         return JSONResponse(await run_in_threadpool(self.job.report))
 
+    async def next_to_mend(self, request: Request) -> Response:
+        """The frame to mend next; null if all are good."""
+        return JSONResponse({"number": await run_in_threadpool(self.editor.next_to_mend)})
+
     async def proposed(self, request: Request) -> Response:
         """The camera of a frame in the solution that is not kept yet."""
         return JSONResponse(await run_in_threadpool(self.job.proposed, self._number(request)))
@@ -247,6 +253,12 @@ class Page:
         """End the solution, or drop it."""
         await _body(request)
         self.job.cancel()
+        return JSONResponse(self.job.report())
+
+    async def draw(self, request: Request) -> Response:
+        """Begin to draw files again that show older cameras."""
+        await _body(request)
+        self.job.draw()
         return JSONResponse(self.job.report())
 
     async def keep(self, request: Request) -> Response:

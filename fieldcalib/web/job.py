@@ -1,4 +1,4 @@
-"""A clip that is solved in the background, its progress, and its solution until it is kept or discarded."""
+"""A clip that is solved or drawn in the background, its progress, and its solution until it is kept or discarded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from threading import Lock, Thread
 from typing import Any
 
-from fieldcalib.editor.clip import Proposal
+from fieldcalib.editor.clip import Progress, Proposal
 from fieldcalib.editor.editor import Editor
 from fieldcalib.web.records import calibration_record
 
@@ -34,7 +34,7 @@ class _Status:
 
 
 class ClipJob:
-    """Solves the clip of an editor in a thread, one solution at a time."""
+    """Solves or draws the clip of an editor in a thread, one after the other."""
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
@@ -44,14 +44,26 @@ class ClipJob:
 
     def start(self) -> None:
         """Begin to solve; a ValueError if it is being solved already."""
+        self._start(self._editor.solve, "solving the clip")
+
+    def draw(self) -> None:
+        """Begin to draw files again that show older cameras; a ValueError if the clip is being solved or drawn."""
+        self._start(self._drawn, "drawing the clip")
+
+    def _drawn(self, progress: Progress) -> None:
+        self._editor.draw(progress)
+
+    def _start(self, work: Callable[[Progress], Proposal | None], what: str) -> None:
         with self._lock:
             if self._status.state == "running":
-                raise ValueError("the clip is being solved already: wait, or cancel that")
+                raise ValueError("the clip is being solved or drawn already: wait, or cancel that")
+            if self._status.state == "ready" and work == self._drawn:
+                raise ValueError("keep or discard the solution of the clip first")
             status = self._status = _Status("running")
-        self._thread = Thread(target=self._run, args=(status, self._editor.solve), name="clip", daemon=True)
+        self._thread = Thread(target=self._run, args=(status, work, what), name="clip", daemon=True)
         self._thread.start()
 
-    def _run(self, status: _Status, work: Callable[..., Proposal]) -> None:
+    def _run(self, status: _Status, work: Callable[[Progress], Proposal | None], what: str) -> None:
         def progress(done: int, total: int, stage: str) -> None:
             if status.is_cancelled:
                 raise _Cancelled
@@ -59,12 +71,12 @@ class ClipJob:
 
         try:
             status.proposal = work(progress)
-            status.state = "none" if status.is_cancelled else "ready"
+            status.state = "none" if status.is_cancelled or status.proposal is None else "ready"
         except _Cancelled:
             status.state = "none"
         except Exception as error:  # it is said on the page
-            LOG.exception("solving the clip failed")
-            status.error, status.state = f"solving the clip failed: {error}", "failed"
+            LOG.exception("%s failed", what)
+            status.error, status.state = f"{what} failed: {error}", "failed"
 
     def cancel(self) -> None:
         """End the work as soon as possible, or drop its solution."""
@@ -106,6 +118,7 @@ class ClipJob:
             "stage": status.stage,
             "error": status.error,
             "changes": changes,
+            "to_draw": [] if status.state == "running" else self._editor.to_draw,
         }
 
     def proposed(self, number: int) -> dict[str, Any]:

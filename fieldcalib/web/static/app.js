@@ -438,6 +438,7 @@ class App {
       const { saved, folder } = await post("api/save");
       this.notices.say(`Saved ${counted(saved, "frame")} in ${folder}.`, "good");
       await this.poll();
+      if (this.isClip) await this.clip.poll();
     } catch (error) {
       this.complain(error);
     }

@@ -15,6 +15,8 @@ export class ClipBar {
     this.progress = element("progress", { max: "1", value: "0", "aria-label": "Solving the clip" });
     this.buttons = {
       solve: button("Solve the clip again", { icon: "solve", keys: "", press: () => this.act("solve") }),
+      next: button("Next frame to mend", { press: () => this.showNext() }),
+      draw: button("Draw overlay.mp4 again", { press: () => this.act("draw") }),
       cancel: button("Cancel", { press: () => this.act("cancel") }),
       worst: button("Largest change", { press: () => this.showLargest() }),
       keep: button("Keep", { kind: "primary", press: () => this.act("keep") }),
@@ -31,7 +33,7 @@ export class ClipBar {
   }
 
   async act(what) {
-    if (what === "solve") this.draw({ state: "running", done: 0, total: 0, stage: "" });
+    if (what === "solve" || what === "draw") this.draw({ state: "running", done: 0, total: 0, stage: "" });
     try {
       await post(`api/clip/${what}`);
       if (what === "keep") this.listeners.onkept();
@@ -54,9 +56,12 @@ export class ClipBar {
     const before = this.state;
     this.state = job.state;
     this.error = job.error;
+    this.toDraw = job.to_draw ?? this.toDraw;
     this.changes = job.state === "ready" ? job.changes : null;
     const shown = {
       solve: job.state === "none" || job.state === "failed",
+      next: job.state === "none" || job.state === "failed",
+      draw: (job.state === "none" || job.state === "failed") && Boolean(this.toDraw?.length),
       cancel: job.state === "running",
       worst: job.state === "ready" && Boolean(job.changes?.frames.length),
       keep: job.state === "ready",
@@ -81,6 +86,17 @@ export class ClipBar {
       return `Solved again: ${counted(frames.length, "frame")} would change, by up to ${shownNumber(Math.max(...pixels.map((one) => one ?? 0)), 1)} px.`;
     }
     return this.anchors ? `${counted(this.anchors, "frame")} mended by hand ${this.anchors === 1 ? "holds" : "hold"} the clip.` : "Mend a frame, and the clip can be solved again around it.";
+  }
+
+  /** Go to the frame whose labels would help most. */
+  async showNext() {
+    try {
+      const { number } = await get("api/clip/next");
+      if (number === null) this.words.textContent = "All frames are good.";
+      else this.listeners.open(number);
+    } catch (error) {
+      this.listeners.onerror(error);
+    }
   }
 
   showLargest() {

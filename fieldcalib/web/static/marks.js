@@ -19,6 +19,7 @@ export class MarkList {
         element("div", { class: "empty" },
           element("p", { text: "No marks yet." }),
           element("p", { class: "dim", text: "Choose a marking on the map or by its key, then click along it in the picture. Seven clicks on three or four markings are enough for a good camera of most pictures." }),
+          frame.gets_marks ? element("p", { class: "dim", text: "With the first one the marks that the network finds appear here too, with less weight: remove those that are wrong." }) : null,
         ),
       );
       return;

@@ -82,7 +82,7 @@ function likelihood({ metres, value }) {
 function basisWords(frame) {
   const suspects = (frame.marks ?? []).filter((mark) => mark.suspect).length;
   const facts = frame.probability ? [likelihood(frame.probability)] : [];
-  if (frame.by_hand) facts.push("labelled by hand");
+  if (frame.by_hand) facts.push(frame.basis || "labelled by hand");
   else if (frame.automatic) facts.push("found automatically");
   else if (frame.basis) facts.push(frame.basis);
   if (suspects) facts.push(`${counted(suspects, "label")} in doubt`);
