@@ -586,7 +586,7 @@ def test_a_clip_is_solved_in_the_background(tmp_path):
     solved(one)
     assert one.post("api/clip/draw", {}).status_code == 400  # first the solution is kept or discarded
     assert one.post("api/clip/keep", {}).json()["saved"] == 30
-    assert one.get("api/clip/next").json()["number"] == 15
+    assert one.get("api/clip/next").json()["number"] == 14
     assert one.get("api/clip/job").json()["to_draw"] == []
     assert one.post("api/clip/draw", {}).status_code == 200
     assert wait_until(lambda: one.get("api/clip/job").json()["state"] == "none")
