@@ -1,5 +1,7 @@
 """Courts in pictures of one tripod: where it stands is found from some of them, and courts in the others from there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.place_search import Place, Views, search_from, views_from
 from fieldcalib.images.pooled_place import place_of, pooled_place
 from fieldcalib.images.searched_keyframes import SearchedKeyframes
+from fieldcalib.images.twins import twin_of
 from fieldcalib.solve.task import Task
 
 SIZE = (960, 540)
@@ -110,3 +113,22 @@ def test_views_are_level_and_look_at_the_field():
 def test_names_of_points_of_rinks():
     assert point_named(RINK, "11_top_right_vertical_line_2") is not None
     assert point_named(RINK, "left_goal_D_near") is None
+
+
+def test_the_camera_on_the_other_side_of_a_court_is_an_alternative():
+    """Nothing tells the ends of a court apart: the camera behind the left one is given, and as good as it was."""
+    (found,) = calibrate_from_images(COURT, [render_field(on_court(90.0, 1400.0), COURT)])
+    (other,) = found.alternatives
+    assert found.camera.C[0] < 0.0
+    np.testing.assert_allclose(other.C, found.camera.C * (-1.0, -1.0, 1.0))
+    X = np.array([(-11.0, 3.0, 0.0), (4.0, -5.0, 0.0)])
+    np.testing.assert_allclose(other.project(X * (-1.0, -1.0, 1.0)), found.camera.project(X), atol=1e-9)
+    assert found.verdict == "good"
+    assert found.probability() > 0.9
+    assert Calibration.from_dict(found.to_dict()).alternatives == found.alternatives
+
+
+def test_a_field_with_one_service_line_has_no_twin():
+    uneven = replace(COURT, segments={k: s for k, s in COURT.segments.items() if k != "Service line left"})
+    assert twin_of(on_court(90.0, 1400.0), COURT) is not None
+    assert twin_of(on_court(90.0, 1400.0), uneven) is None

@@ -26,7 +26,7 @@ from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAI
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
-from fieldcalib.assess.words import REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
+from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 
@@ -328,7 +328,7 @@ class Calibration:
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
         probability = self.errors.probability(field, metres, size_known=size_known, level=level)
-        return probability / (1 + len(self.alternatives))
+        return probability / (1 + self._complaints.count(OTHER_SIDE_FITS))  # ends that nothing names do not count
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
         """Add the paint that the image shows of the markings in view.

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LOOK, PICTURE
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
+OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 
 
 class Verdict(StrEnum):

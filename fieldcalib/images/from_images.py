@@ -23,6 +23,7 @@ from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_loc
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
 from fieldcalib.images.place_search import Place, search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
+from fieldcalib.images.twins import with_twin
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -76,7 +77,8 @@ def calibrate_from_images(
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the court is searched for in each image
         (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
-        refined, and neither aspect nor size is estimated.
+        refined, and neither aspect nor size is estimated. Of a court that looks the same from both sides the camera on
+        the usual side is returned (`fieldcalib.images.twins`); the other one is in `Calibration.alternatives`.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -125,7 +127,7 @@ def calibrate_from_images(
     ('too few segments', 'the picture shows nothing')
     """
     task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
-    of_part: Method = partial(search_courts, task) if place is None else partial(_from_place, task, place)
+    of_part: Method = partial(_searched, task, place)
     if network is not None:
         if place is not None:
             raise ValueError("a place is of courts that are searched for: leave it or the network out")
@@ -141,11 +143,14 @@ def calibrate_from_images(
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
 
 
-def _from_place(task: Task, place: Place, images: Sequence[Image]) -> list[Calibration]:
-    """Courts that are searched for from one place; a ValueError as from `search_courts`."""
-    search_courts(task, [])
-    assert task.field is not None
-    return [search_from(task, task.field, image, place) for image in images]
+def _searched(task: Task, place: Place | None, images: Sequence[Image]) -> list[Calibration]:
+    """Courts that are searched for, from anywhere or from a place, with the cameras on the other side of the court."""
+    found = search_courts(task, images if place is None else [])  # raises what the user did wrong
+    field = task.field
+    assert field is not None
+    if place is not None:
+        found = [search_from(task, field, image, place) for image in images]
+    return [with_twin(one, field) for one in found]
 
 
 @dataclass(frozen=True, eq=False)

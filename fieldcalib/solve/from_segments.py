@@ -23,7 +23,7 @@ from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
-from fieldcalib.assess.words import Status, SuspectLabel
+from fieldcalib.assess.words import OTHER_SIDE_FITS, Status, SuspectLabel
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -53,7 +53,6 @@ from fieldcalib.solve.task import Task
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
-OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 REPEATS = "labels that are all {:g} m off along the field fit as well: nothing labelled here tells where that is"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
