@@ -25,7 +25,7 @@ from fieldcalib.images.live_shot import MOST_EXTRAPOLATED
 from fieldcalib.images.paint_evidence import PaintEvidence
 from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, solve_shot
 from fieldcalib.images.tracker import Tracker
-from fieldcalib.processes.other_process import OtherProcess
+from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)
@@ -210,6 +210,36 @@ def test_a_closed_tracker(clip, wait):
     tracker.close()
     with pytest.raises(ValueError, match="the tracker is closed"):
         tracker.update(pictures[1])
+
+
+def test_another_process_goes_on_for_one_that_is_killed(clip, caplog):
+    """As the system kills one when memory is short."""
+    cameras, pictures = clip
+    with Tracker(FIELD, KnownCameras([cameras[0]] * 10)) as tracker:
+        tracker._other._process.kill()
+        deadline = time.monotonic() + 60.0
+        while not tracker.update(pictures[0]).accepted:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    assert "with exit code -9: another one goes on" in caplog.text
+
+
+def test_a_keyframe_whose_process_always_ends_is_left_out(clip, monkeypatch):
+    cameras, pictures = clip
+    with Tracker(FIELD, KnownCameras(cameras[:1])) as tracker:
+        monkeypatch.setattr(tracker_module, "OtherProcess", lambda *_: _Ends())
+        tracker._other.close()
+        tracker._other = _Ends()
+        assert tracker._solution_there(None, None).solved is None
+        assert not tracker.update(pictures[0]).accepted
+
+
+class _Ends:
+    def run(self, *arguments):
+        raise ProcessEndedError(-9)
+
+    def close(self):
+        pass
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def run_stream(request: RunRequest) -> int:
             try:
                 for frame in frames:
                     _add(options, frame, tracker, results, video)
-            except (KeyboardInterrupt, ValueError) as error:  # of a frame that is not as those before
+            except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
     say_note(path, video)
     if isinstance(end, KeyboardInterrupt):

@@ -9,6 +9,7 @@ keyframes share is as old as the last keyframe that is done.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -29,11 +30,13 @@ from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, ShotSolut
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.processes.other_process import OtherProcess
+from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.sequence_problem import SHARED
 
+LOG = logging.getLogger(__name__)
+TRIALS = 2  # of a keyframe, by processes that end
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
 PRELOADED = ("cv2", "fieldcalib.images.shot_solver")  # modules that this process imports at once
 SEGMENTED = 4  # first keyframes of a shot, all of which the network sees and after each of which all are solved
@@ -183,7 +186,7 @@ class Tracker:
             If the image is not of the size of those before, or no uint8 image, or the tracker is closed. Errors of the
             network come as they are, with a later image.
         RuntimeError
-            If the other process has ended.
+            If the other process has ended, as for lack of memory, and no other one can be started.
         """
         if self._is_closed:
             raise ValueError("the tracker is closed: it takes no more images")
@@ -265,7 +268,25 @@ class Tracker:
 
     def _solution(self, problem: ShotProblem, image: Image | None) -> ShotSolution:
         seen = None if image is None else SegmentedImage(image, tuple(self._network.classes), self._network([image]))
-        return solve_shot(problem, seen) if self._other is None else self._other.run(solve_shot, problem, seen)
+        return solve_shot(problem, seen) if self._other is None else self._solution_there(problem, seen)
+
+    def _solution_there(self, problem: ShotProblem, seen: SegmentedImage | None) -> ShotSolution:
+        """The solution of the other process; where that ends another one tries again, then the keyframe is left out."""
+        for _ in range(TRIALS):
+            assert self._other is not None
+            try:
+                return self._other.run(solve_shot, problem, seen)
+            except ProcessEndedError as error:
+                if self._is_closed:
+                    raise
+                LOG.warning(
+                    "the process that solves keyframes has ended, with exit code %d: another one goes on",
+                    error.exit_code,
+                )
+            self._other = OtherProcess(NICENESS, PRELOADED)
+            if self._is_closed:  # in the meantime
+                self._other.close()
+        return ShotSolution({}, {}, (), None)
 
     def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
         """Take the solution of a keyframe, unless its shot is over."""

@@ -13,6 +13,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol, cast
 
+from fieldcalib.io.files import native_name
 from fieldcalib.io.image import Image
 
 X264 = "libx264"
@@ -58,7 +59,7 @@ class X264Encoder:
     def __init__(self, path: Path, frames_per_second: float, size: tuple[int, int], threads: int | None) -> None:
         import av
 
-        self._container = av.open(str(path), "w", options={"movflags": "faststart"})
+        self._container = av.open(native_name(path), "w", options={"movflags": "faststart"})
         rate = Fraction(frames_per_second).limit_denominator(100_000)
         self._stream = cast(Any, self._container.add_stream(X264, rate=rate, options=X264_OPTIONS))
         self._stream.width, self._stream.height = size
@@ -100,7 +101,7 @@ class OpenCVEncoder:
         import cv2
 
         def opened(code: str) -> Any:
-            return cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), frames_per_second, size)
+            return cv2.VideoWriter(native_name(path), cv2.VideoWriter.fourcc(*code), frames_per_second, size)
 
         with _no_messages():
             self._writer = opened(H264)

@@ -164,6 +164,23 @@ def check_utf8(path: object) -> None:
         ) from None
 
 
+def native_name(path: Path) -> str:
+    """The name of a file for OpenCV and FFmpeg, which take ``12:30.mp4`` for a protocol.
+
+    Raises
+    ------
+    BrokenFileError
+        As `check_utf8`.
+
+    Examples
+    --------
+    >>> native_name(Path("12:30.mp4")) == os.path.join(".", "12:30.mp4")
+    True
+    """
+    check_utf8(path)
+    return str(path) if path.is_absolute() else os.path.join(".", path)
+
+
 def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
     """Read a file.
 

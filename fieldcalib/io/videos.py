@@ -18,9 +18,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.encoders import Encoder, open_encoder
-from fieldcalib.io.files import BrokenFileError, check_utf8, replacement
+from fieldcalib.io.files import BrokenFileError, check_utf8, native_name, replacement
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
+from fieldcalib.io.matroska import missing_bytes
 
 WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
 LONGEST_SOUND = 1.0  # seconds that the sound may go on after the last frame
@@ -159,7 +160,7 @@ class VideoReader(FrameReader):
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected a video")
         self._path = path
-        super().__init__(str(path), str(path), most_pixels, cut, threads)
+        super().__init__(native_name(path), str(path), most_pixels, cut, threads)
         self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
         self.beyond = self._beyond(cut)
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
@@ -186,7 +187,11 @@ class VideoReader(FrameReader):
 
     def loss(self) -> str:
         """Message if announced frames cannot be read, empty otherwise; to be called after all others were read."""
-        return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read" * (self.lost_frames() > 0)
+        if self.lost_frames() > 0:
+            return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read"
+        if len(self._times) < len(self.numbers) and (missing := missing_bytes(self._path)):
+            return f"{self._path}: its end is missing, {missing} bytes: {len(self._times)} frames can be read"
+        return ""
 
     def lost_frames(self) -> int:
         """Number of announced frames that cannot be read; to be called after all others were read.
@@ -196,12 +201,22 @@ class VideoReader(FrameReader):
         left = self.count - len(self._times)
         if self._path.suffix.lower() not in WITH_COUNT:
             missed = _missed(np.array(self._times), self.frames_per_second)
-            after = left - missed
+            after = min(left - missed, self._frames_after())
             return missed + (after if after > LONGEST_SOUND * self.frames_per_second else 0)
         if left <= 0:
             return 0
         can_be_decoded = count_frames(self._path, self._threads, "ignore_editlist;1")
         return min(max(self._announced - can_be_decoded, 0), left)
+
+    def _frames_after(self) -> int:
+        """Number of frames that the time from the last frame to the end of the video or of the cut has room for.
+
+        Where the frame rate varies, fewer frames than announced last as long.
+        """
+        if not self._times:
+            return self.count
+        end = min(self.numbers.stop, self._announced) / self._rate
+        return max(round((end - self._times[-1]) * self.frames_per_second) - 1, 0)
 
 
 class FramesByNumber:
@@ -275,7 +290,7 @@ class FramesByNumber:
 
     def _reopen(self) -> None:
         self._capture.release()
-        self._capture, self._next = _opened(str(self._path), None), 0
+        self._capture, self._next = _opened(native_name(self._path), None), 0
 
     def _grab(self) -> bool:
         if not self._capture.grab():
@@ -320,7 +335,7 @@ def _missed(times: Array, rate: float) -> int:
 
 def count_frames(path: Path, threads: int | None = None, options: str = "") -> int:
     """Number of frames of a file that can be decoded, with options of FFmpeg; 0 if it is no video."""
-    capture = _opened(str(path), threads, options)
+    capture = _opened(native_name(path), threads, options)
     count = 0
     while capture.grab():
         count += 1

@@ -7,6 +7,7 @@ If both can solve a frame, their results differ by rounding only.
 
 from __future__ import annotations
 
+import logging
 from functools import cache
 from importlib.util import find_spec
 from types import ModuleType
@@ -20,13 +21,23 @@ from fieldcalib.geometry.lens import Pinhole, RadialLens
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
 
+LOG = logging.getLogger(__name__)
+NO_FOLDER = "NumPy solves, slower than Numba, which has no folder for what it compiles (%s): NUMBA_CACHE_DIR names one"
+
 
 @cache
 def compiled_module() -> ModuleType | None:
-    """The module `fieldcalib.problem.compiled`; None where Numba is not installed."""
+    """The module `fieldcalib.problem.compiled`; None where Numba is not installed, or can keep nothing on the disk.
+
+    Compiling takes half a minute: without a folder to keep the result in, NumPy is the quicker way.
+    """
     if find_spec("numba") is None:
         return None
-    from fieldcalib.problem import compiled as module
+    try:
+        from fieldcalib.problem import compiled as module
+    except RuntimeError as error:
+        LOG.info(NO_FOLDER, error)
+        return None
     from fieldcalib.problem.compile_log import log_compilation
 
     log_compilation(module.__name__)

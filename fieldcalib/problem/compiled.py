@@ -11,19 +11,19 @@ import math
 from typing import NamedTuple, get_args
 
 import numpy as np
-from numba import njit
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import closest as by_numpy
 from fieldcalib.fields.segments.segment import Vector
 from fieldcalib.geometry.lens.model import FOLD
+from fieldcalib.problem.compile_cache import cached
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL, Bounds
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.projection import UNDISTORTING_STEPS
 
-compiled = njit(cache=True, error_model="numpy")  # a division by zero is infinite, as in NumPy
-inlined = njit(cache=True, error_model="numpy", inline="always")  # a camera as an argument is forty numbers
+compiled = cached(error_model="numpy")  # a division by zero is infinite, as in NumPy
+inlined = cached(error_model="numpy", inline="always")  # a camera as an argument is forty numbers
 
 A1 = LOG_ASPECT + 1  # where the coefficients (a1, b2) of a radial lens begin in theta
 LINES, ARCS, ALONG_X, ALONG_Y, ENDS = range(5)  # kinds of residuals

@@ -13,7 +13,7 @@ from fieldcalib.console.program import say
 from fieldcalib.console.progress import Progress, progress_bar
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.cuts import WHOLE, Cut
-from fieldcalib.io.files import FrameFile
+from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import DEFAULT_RATE
@@ -23,6 +23,7 @@ PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip 
 AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
 SOLVING = "solving the clip"  # between them
 READ = ReadImage()
+REPLACED = "the frames are not those that were read before: was the input replaced in the meantime? Run it again"
 
 
 def whole_frame(image: Image) -> Placement:
@@ -70,6 +71,7 @@ class VideoClip:
     ) -> None:
         self._path, self._cut, self._read, self._threads, self._tell = path, cut, read, threads, tell
         self.files = [FrameFile(path.stem, path)]
+        self._state = self.files[0].state
         self.frames_per_second = DEFAULT_RATE
         self.count = 0
         self.broken: dict[str, str] = {}
@@ -80,6 +82,8 @@ class VideoClip:
 
     def __iter__(self) -> Iterator[Frame]:
         path, most = self._path, self._read.most_pixels
+        if self.files[0].state != self._state:
+            raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
             self.frames_per_second, self.count, self._beyond = video.frames_per_second, video.count, video.beyond
             yield from checked_frames(path, video, self._read.check)
@@ -177,10 +181,15 @@ class ClipInput:
 
     def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
         """The images as they are; `stage` is shown."""
-        ids, count = [], len(self.ids) or self.source.count or None
+        ids: list[str] = []
+        count = len(self.ids) or self.source.count or None
         with progress_bar(desc=stage, total=count, unit="frame", progress=self._progress) as progress:
             for frame in self.source:
+                if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
+                    raise BrokenFileError(REPLACED)
                 ids.append(frame.id)
                 yield frame
                 progress.update()
+        if self.ids and len(ids) < len(self.ids):
+            raise BrokenFileError(REPLACED)
         self.ids = ids

@@ -1,0 +1,113 @@
+"""Videos with varying frame rates, with names like addresses, without their end, or replaced while they are read."""
+
+import os
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.matroska import missing_bytes
+from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.run_folder.clip_input import ClipInput, VideoClip
+from fieldcalib.run_folder.images import Frame
+
+MILLISECONDS = Fraction(1, 1000)
+TIMES = {"regular": np.arange(60) * 40, "irregular": np.cumsum(np.random.default_rng(0).integers(20, 100, 60))}
+
+
+def picture(number):
+    return np.random.default_rng(number).integers(0, 255, (96, 160, 3), dtype=np.uint8)
+
+
+def written(path, times, codec):
+    """A video whose frames are shown at some times, in ms."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 160, 96, "yuv420p"
+        stream.codec_context.time_base = MILLISECONDS
+        for time in times.tolist():
+            frame = av.VideoFrame.from_ndarray(picture(time), format="bgr24")
+            frame.pts, frame.time_base = time, MILLISECONDS
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def loss_of(path):
+    with VideoReader(path) as reader:
+        count = sum(1 for _ in reader)
+        return count, reader.loss()
+
+
+@pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
+@pytest.mark.parametrize(("name", "codec"), [("a.mkv", "libx264"), ("a.webm", "libvpx")])
+def test_matroska_files(tmp_path, name, codec, times):
+    path = written(tmp_path / name, times, codec)
+    assert loss_of(path) == (60, "")
+    assert missing_bytes(path) == 0
+    content = path.read_bytes()
+    path.write_bytes(content[: int(0.8 * len(content))])  # less than a second is lost
+    count, loss = loss_of(path)
+    assert 40 < count < 60
+    assert "its end is missing" in loss or "announces" in loss
+    assert missing_bytes(path) == len(content) - int(0.8 * len(content))
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x1a\x45\xdf\xa3", b"\x1a\x45\xdf\xa3\x00", b"RIFF0000", b"\x1a\x45\xdf\xa3\x84ab"]
+)
+def test_other_files_miss_nothing(tmp_path, content):
+    path = tmp_path / "a.mkv"
+    path.write_bytes(content)
+    assert missing_bytes(path) == 0
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such names on Windows")
+def test_names_that_look_like_addresses(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path("12:30.mp4")
+    with VideoWriter(path, 25.0) as writer:
+        for number in range(5):
+            writer.write(picture(number))
+    assert loss_of(path) == (5, "")
+    os.mkdir("a:b")
+    with VideoWriter(Path("a:b") / "c.mp4", 25.0) as writer:
+        writer.write(picture(0))
+
+
+@pytest.mark.parametrize("frames", [3, 5, 9])
+def test_a_clip_that_is_replaced_while_it_is_read(tmp_path, frames):
+    path = tmp_path / "clip.mp4"
+
+    def write(count):
+        with VideoWriter(path, 25.0) as writer:
+            for number in range(count):
+                writer.write(picture(number))
+
+    write(5)
+    clip = ClipInput(VideoClip(path), progress=False)
+    assert len(list(clip)) == 5
+    write(frames)
+    os.utime(path, ns=(1, 1))
+    with pytest.raises(BrokenFileError, match=r"clip\.mp4: was replaced while it was read"):
+        list(clip.frames())
+
+
+@pytest.mark.parametrize("frames", [3, 9])
+def test_images_that_come_and_go(frames):
+    class Changing:
+        files, frames_per_second, count, broken, loss = (), 25.0, 0, {}, ""
+        numbers = range(5)
+
+        def __iter__(self):
+            return (Frame(str(number), picture(number)) for number in self.numbers)
+
+    source = Changing()
+    clip = ClipInput(source, progress=False)
+    assert len(list(clip)) == 5
+    source.numbers = range(frames)
+    with pytest.raises(BrokenFileError, match="was the input replaced"):
+        list(clip.frames())
