@@ -2,14 +2,18 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from test_clip_models import FIELD, clip_of
 from test_keyframes import dissolved, shot
 from tripods import panned
 
+from fieldcalib import Camera, Editor
+from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.table import Row
+from fieldcalib.fields import tennis
 from fieldcalib.images.anchored_clip import _without_contradicted
 from fieldcalib.images.clip_keyframes import KeyframeLabels
 from fieldcalib.images.keyframes import tied_frames
@@ -116,3 +120,32 @@ def test_the_next_frame_shows_most_markings(monkeypatch):
         lambda field, image, network: type("Marks", (), {"pixels": ["line"] * int(image[0, 0, 0])}),
     )
     assert next_frame(frames, rows(9 * "r"), FIELD, object()) == 3
+
+
+# --- courts, which no network knows ---
+
+
+@pytest.mark.slow
+def test_a_clip_of_a_court_is_solved_around_a_frame(tmp_path):
+    """From the labels of one frame, matches, and the courts that are found by search."""
+    count, size = 14, (960, 540)
+    cameras = [Camera.from_angles(1.5 + 0.002 * k, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), size) for k in range(count)]
+    writer = cv2.VideoWriter(str(tmp_path / "court.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, size)
+    for camera in cameras:
+        writer.write(render_field(camera, tennis(), rng=np.random.default_rng(0)))
+    writer.release()
+    with Editor(tmp_path / "court.avi", "tennis", out=tmp_path / "out") as editor:
+        for label, segment in tennis().items():
+            xy = cameras[7].project(segment.sample(0.5))
+            xy = xy[np.all((xy > 8.0) & (xy < np.subtract(size, 8.0)), axis=1)]
+            if segment.is_straight and len(xy) > 1 and not np.any(segment.sample()[:, 2]):
+                editor[7] = editor[7].mark(label, xy[[0, -1]])
+        found = editor.solve()
+        assert found.anchors == {7}
+        assert editor.keep(found) == count
+        X = np.array([(x, y, 0.0) for x in (-11.885, 11.885) for y in (-4.115, 4.115)])
+        off = [
+            np.linalg.norm(found.calibrations[k].camera.project(X) - cameras[k].project(X), axis=1)
+            for k in range(count)
+        ]
+        assert np.max(off) < 3.0

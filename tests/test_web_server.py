@@ -584,7 +584,12 @@ def test_a_clip_is_solved_in_the_background(tmp_path):
     assert one.post("api/clip/cuts", {"cuts": [10, 20]}).json()["cuts"] == [0, 10, 20]
     assert one.post("api/clip/cuts", {"cuts": [30]}).status_code == 400
     solved(one)
+    assert one.post("api/clip/draw", {}).status_code == 400  # first the solution is kept or discarded
     assert one.post("api/clip/keep", {}).json()["saved"] == 30
+    assert one.get("api/clip/next").json()["number"] == 14
+    assert one.get("api/clip/job").json()["to_draw"] == []
+    assert one.post("api/clip/draw", {}).status_code == 200
+    assert wait_until(lambda: one.get("api/clip/job").json()["state"] == "none")
     one.close()
     assert len((tmp_path / "out" / "cameras.jsonl").read_text().splitlines()) == 30
     shots = json.loads((tmp_path / "out" / "tripods.json").read_text())["shots"]
