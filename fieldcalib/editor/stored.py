@@ -42,6 +42,7 @@ from fieldcalib.run_folder.results import (
     WORST,
     ResultsWriter,
     is_unfinished,
+    read_summary,
 )
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
@@ -323,7 +324,7 @@ def _write_summary(
 
     The notes are those of the clip, None for those of before, and those of files that were moved to the history.
     """
-    before = json.loads((folder / SUMMARY).read_text()) if (folder / SUMMARY).is_file() else {}
+    before = read_summary(folder) if (folder / SUMMARY).is_file() else {}
     old = before.get("notes", [])
     gone = [MOVED[name] for name in DRAWN if not (folder / name).is_file() and (name in moved or MOVED[name] in old)]
     rest = [note for note in (old if notes is None else notes) if note not in MOVED.values()]

@@ -10,12 +10,13 @@ from typing import Any
 
 from fieldcalib._deprecated import deprecated
 from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import StoredFrames
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.clip_results import read_clip
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
 
 
@@ -62,7 +63,7 @@ def read(folder: str | os.PathLike[str]) -> Results:
     options: Mapping[str, Any] = {} if record is None else record.options
     return Results(
         frames,
-        Pictures() if record is None else _pictures(record, is_clip=clip.is_file()),
+        Pictures() if record is None else _pictures(record, home, is_clip=clip.is_file()),
         partial(read_clip, clip) if clip.is_file() else None,
         "run" if record is None else record.command,
         options,
@@ -70,14 +71,14 @@ def read(folder: str | os.PathLike[str]) -> Results:
     )
 
 
-def _pictures(record: RunRecord, *, is_clip: bool) -> Pictures:
+def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
     """Where the pictures of a run are."""
     start, end = (record.options.get(name) for name in ("start", "end"))
-    cut = Cut(
-        Position(frame=0) if start is None else Position.parse(start),
-        None if end is None else Position.parse(end),
-        record.options.get("step") or 1,
-    )
+    try:
+        begin, stop = Position.parse(start or "0f"), None if end is None else Position.parse(end)
+    except ValueError as error:
+        raise BrokenFileError(f"{home / RECORD}: {error}") from None
+    cut = Cut(begin, stop, record.options.get("step") or 1)
     return Pictures(tuple(map(Path, record.source)), cut=cut, is_clip=is_clip)
 
 

@@ -20,12 +20,12 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.progress import Progress, progress_bar
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.files import BrokenFileError, write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_size import stored_size
 from fieldcalib.results.collection import Results
 from fieldcalib.results.sources import Pictures
-from fieldcalib.run_folder.results import SUMMARY
+from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
 from fieldcalib.web.report_table import ReportTable
@@ -92,9 +92,8 @@ def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
 
 def _about(results: Results) -> dict[str, Any]:
     """What is written about the run."""
-    summary = Path() if results.folder is None else results.folder / SUMMARY
-    if summary.is_file():
-        return parse_json_object(read_regular_file(summary), "a summary")
+    if results.folder is not None and is_finished(results.folder):
+        return read_summary(results.folder)
     return {"frames": len(results.frames.ids), "options": dict(results.options), "version": fieldcalib.__version__}
 
 
