@@ -2,14 +2,16 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from data_tools.nonsense import nonsense
 from data_tools.rink_points import FIELD, point_named
-from fieldcalib import Camera, calibrate_from_images
+from fieldcalib import Camera, calibrate_from_images, read
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
+from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import field_named, tennis
 from fieldcalib.images.clip_problem import ClipOptions
@@ -132,3 +134,23 @@ def test_a_field_with_one_service_line_has_no_twin():
     uneven = replace(COURT, segments={k: s for k, s in COURT.segments.items() if k != "Service line left"})
     assert twin_of(on_court(90.0, 1400.0), COURT) is not None
     assert twin_of(on_court(90.0, 1400.0), uneven) is None
+
+
+@pytest.mark.slow
+def test_pictures_of_one_camera_on_the_command_line(tmp_path, capsys):
+    views = {f"{pan:.0f}": on_court(pan, 1300.0) for pan in (86.0, 90.0, 95.0)}
+    for name, one in views.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), render_field(one, COURT))
+    pictures, out = [str(tmp_path / f"{name}.png") for name in views], tmp_path / "out"
+    assert main(["run", "--field", "tennis", "--same-camera", "--out", str(out), *pictures]) == 0
+    assert "the camera stands at (-3" in capsys.readouterr().err
+    found = read(out)
+    assert all(found[name].accepted and off(found[name].camera, one, COURT) < 2.0 for name, one in views.items())
+
+
+@pytest.mark.parametrize("more", [["--clip"], []], ids=["a clip", "soccer"])
+def test_what_is_searched_from_no_place_is_refused(more, tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((90, 160, 3), np.uint8))
+    code = main(["run", "--same-camera", *more, "--out", str(tmp_path / "out"), str(tmp_path / "a.png")])
+    assert code == 2
+    assert "--same-camera is of" in capsys.readouterr().err
