@@ -1,12 +1,13 @@
 """Cameras that are searched for in pictures of courts (`fieldcalib.images.court_search`), against what is true.
 
     python -m data_tools.score_courts clips FOLDER [--field NAME]
-    python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N]
+    python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N] [--least-view SHARE]
+    python -m data_tools.score_courts basketball FILE [--first N] [--every N]
     python -m data_tools.score_courts pictures FOLDER --field NAME
     python -m data_tools.score_courts nonsense --field NAME [--frames N]
     python -m data_tools.score_courts fit FILE...
 
-The first four print a line of JSON with the number of pictures; how many have a right camera in the first place, an
+All but the last print a line of JSON with the number of pictures; how many have a right camera in the first place, an
 accepted right one, an accepted wrong one; and the median of the processor time, seconds. With --evidence FILE they add
 a line for each picture to a file, from which `fit` prints the coefficients of `CourtEvidence.probability`.
 
@@ -14,7 +15,10 @@ a line for each picture to a file, from which `fit` prints the coefficients of `
 where it is not their own, so that any camera is wrong.
 
 `frames`: synthetic frames of the field (`data_tools.synthetic`), 960x540. A camera is right if the points of the field
-in view lie within 5 px of 1280 columns in the median.
+in view lie within 5 px of 1280 columns in the median. With --least-view, frames that show at least that share of the
+field's area, with square pixels, as overviews of broadcasts do; without it, close views of a corner are among them.
+
+`basketball`: rendered views of measured cameras of basketball games, in FILE as for `data_tools.undeclared`.
 
 `pictures`, `nonsense`: pictures that do not show the field, or no field at all; any camera is wrong.
 """
@@ -33,8 +37,13 @@ import numpy as np
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.court_truth import UNIT, court_frames
 from data_tools.nonsense import nonsense
-from data_tools.synthetic import frame
-from fieldcalib._types import Array
+from data_tools.synthetic import SyntheticFrame, frame
+from data_tools.synthetic.cameras import random_camera
+from data_tools.synthetic.frames import seen_by
+from data_tools.synthetic.games import game_named
+from data_tools.undeclared import BASKETBALL, basketball_cameras
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
@@ -47,6 +56,7 @@ from fieldcalib.io.videos import VideoReader
 
 SIZE = (960, 540)
 RIGHT = 5.0  # px of 1280 columns: largest median distance of a right camera of a synthetic frame
+SQUARE = 0.01  # largest difference of the pixels' sides
 PICTURES = (".jpg", ".jpeg", ".png")
 STEPS = 100  # of the fit of the coefficients, by Newton's method
 WEAK = 0.3  # standard deviation of the coefficients' prior is 1 over its root: evidence that separates has no limit
@@ -57,7 +67,8 @@ class Case:
     """A picture, and the test of a camera."""
 
     name: str
-    field: str
+    field: Field
+    """That is searched for, in its true size where it varies."""
     image: Image
     is_right: Callable[[Camera], bool]
 
@@ -79,20 +90,48 @@ def of_clips(options: argparse.Namespace) -> Iterator[Case]:
             for number, image in enumerate(video):
                 if number in wanted:
                     truth = never if options.field else wanted[number].is_right
-                    yield Case(f"{clip} {number}", name, image, truth)
+                    yield Case(f"{clip} {number}", field_named(name), image, truth)
 
 
 def of_synthetic(options: argparse.Namespace) -> Iterator[Case]:
     """Synthetic frames that show the field."""
     made = 0
-    for seed in range(options.seed, options.seed + 10 * options.frames):
-        one = frame(seed, SIZE, options.field)
-        if one.camera is None:
+    for seed in range(options.seed, options.seed + 100 * options.frames):
+        one = frame(seed, SIZE, options.field) if options.least_view is None else overview(seed, options)
+        if one is None or one.camera is None:
             continue
         made += 1
-        yield Case(f"seed {seed}", options.field, one.image, Truth(one.camera, one.field).is_right)
+        yield Case(f"seed {seed}", one.field, one.image, Truth(one.camera, one.field).is_right)
         if made == options.frames:
             break
+
+
+def overview(seed: int, options: argparse.Namespace) -> SyntheticFrame | None:
+    """A frame of the field, None if its camera sees too little of it or its pixels are not square."""
+    rng, game = np.random.default_rng(seed), game_named(options.field)
+    field = game.random_field(rng)
+    camera = random_camera(field, SIZE, rng, game.stands)
+    if abs(camera.K[1, 1] / camera.K[0, 0] - 1.0) > SQUARE or np.mean(in_view(camera, field)[1]) < options.least_view:
+        return None
+    return seen_by(camera, field, rng, game)
+
+
+def of_basketball(options: argparse.Namespace) -> Iterator[Case]:
+    """Rendered views of measured cameras of basketball games."""
+    game = game_named(BASKETBALL)
+    for index, camera in enumerate(basketball_cameras(json.loads(options.file.read_bytes()))):
+        if index >= options.first and (index - options.first) % options.every == 0:
+            made = seen_by(camera, game.field, np.random.default_rng(index), game)
+            off = np.round(camera.K[:2, 2] - 0.5 * np.array(SIZE)).astype(int).tolist()
+            yield Case(f"camera {index}, {off} px off", game.field, made.image, Truth(camera, game.field).is_right)
+
+
+def in_view(camera: Camera, field: Field) -> tuple[Array, BoolArray]:
+    """Points (N, 3) in even steps over the field, and which of them a camera sees."""
+    x, y = (np.linspace(-half, half, 25) for half in field.half_extent)
+    X = np.array([(a, b, 0.0) for a in x for b in y])
+    xy = camera.project(X)
+    return X, np.asarray(np.all((xy >= 0.0) & (xy < camera.image_size), axis=1))  # false behind the camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +143,8 @@ class Truth:
 
     def distance(self, camera: Camera) -> float:
         """Median distance of the points of the field in view, in pixels of 1280 columns; of the nearer twin."""
-        x, y = (np.linspace(-half, half, 25) for half in self.field.half_extent)
-        X = np.array([(a, b, 0.0) for a in x for b in y])
+        X, seen = in_view(self.camera, self.field)
         xy = self.camera.project(X)
-        seen = np.all((xy >= 0.0) & (xy < self.camera.image_size), axis=1)  # false behind the camera
         unit, twins = self.camera.image_size[0] / UNIT, ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0))
         off = [np.linalg.norm(camera.project(X[seen] * turn) - xy[seen], axis=1) / unit for turn in twins]
         return min(float(np.median(np.where(np.isfinite(one), one, np.inf))) if len(one) else np.inf for one in off)
@@ -121,13 +158,13 @@ def of_pictures(options: argparse.Namespace) -> Iterator[Case]:
     """Pictures that do not show the field."""
     for path in sorted(options.folder.iterdir()):
         if path.suffix.lower() in PICTURES:
-            yield Case(path.name, options.field, parse_image(path.read_bytes()), never)
+            yield Case(path.name, field_named(options.field), parse_image(path.read_bytes()), never)
 
 
 def of_nonsense(options: argparse.Namespace) -> Iterator[Case]:
     """Pictures without a field."""
     for seed in range(options.seed, options.seed + options.frames):
-        yield Case(f"nonsense {seed}", options.field, nonsense(seed), never)
+        yield Case(f"nonsense {seed}", field_named(options.field), nonsense(seed), never)
 
 
 def search(options: argparse.Namespace) -> int:
@@ -135,14 +172,14 @@ def search(options: argparse.Namespace) -> int:
     table, seconds, lines = [], [], []
     for case in options.source(options):
         start = time.process_time()
-        found = find_courts(case.image, field_named(case.field))
+        found = find_courts(case.image, case.field)
         seconds.append(time.process_time() - start)
         right = [case.is_right(one.calibration.required_camera) for one in found]
         accepted = bool(found) and found[0].calibration.accepted
         first = bool(found) and right[0]
         table.append((first, first and accepted, accepted and not first))
         rows = [{"right": is_right, **asdict(one.evidence)} for is_right, one in zip(right, found, strict=True)]
-        lines.append(json.dumps({"name": case.name, "field": case.field, "accepted": accepted, "found": rows}) + "\n")
+        lines.append(json.dumps({"name": case.name, "accepted": accepted, "found": rows}) + "\n")
     if options.evidence is not None:
         with options.evidence.open("a", encoding="utf-8") as file:
             file.writelines(lines)
@@ -190,16 +227,29 @@ def fit(options: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
-    sources = {"clips": of_clips, "frames": of_synthetic, "pictures": of_pictures, "nonsense": of_nonsense}
+    sources = {
+        "clips": of_clips,
+        "frames": of_synthetic,
+        "basketball": of_basketball,
+        "pictures": of_pictures,
+        "nonsense": of_nonsense,
+    }
     parser, commands = parser_of(__doc__, {**sources, "fit": fit})
     for name, source in sources.items():
         command = commands[name]
         command.set_defaults(run=search, source=source)
         if name in ("clips", "pictures"):
             command.add_argument("folder", type=Path)
+        elif name == "basketball":
+            command.add_argument("file", type=Path)
+            command.add_argument("--first", type=int, default=0, help="index of the first camera (0)")
+            command.add_argument("--every", type=count, default=7, help="steps between their indices (7)")
         else:
             add_made_frames(command, 100)
-        command.add_argument("--field", required=name != "clips", metavar="NAME")
+        if name == "frames":
+            command.add_argument("--least-view", type=float, metavar="SHARE", help="of the field in the picture")
+        if name != "basketball":
+            command.add_argument("--field", required=name != "clips", metavar="NAME")
         command.add_argument("--evidence", type=Path, metavar="FILE", help="add a line for each picture to FILE")
     commands["fit"].add_argument("files", type=Path, nargs="+", metavar="FILE")
     commands["fit"].set_defaults(run=fit)

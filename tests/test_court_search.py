@@ -16,11 +16,15 @@ from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_fr
 from fieldcalib.fields import badminton, basketball, tennis, volleyball
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook
+from fieldcalib.images import few_lines
 from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.pulled_cameras import pulled
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps, projected
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.long_lines import LongLines, long_lines
+from fieldcalib.localize.straightened import Bend, bend_of
+from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import find_stripes
 
 SIZE = (1280, 720)
@@ -136,7 +140,7 @@ def test_the_principal_point_may_be_elsewhere():
     K = VOLLEYBALL.K + np.array([[0.0, 0.0, 0.25 * SIZE[0]], [0.0, 0.0, -0.125 * SIZE[0]], [0.0, 0.0, 0.0]])
     camera = Camera(K, VOLLEYBALL.R, VOLLEYBALL.C, SIZE)
     lines = seen_lines(camera, (-2.975, 8.975), (-4.475, 4.475))
-    found = hypotheses(lines, volleyball(), SIZE, (0.25, -0.125))
+    found = hypotheses(lines, volleyball(), SIZE, -0.125)
     assert nearest(found, camera) < 1e-6
     best = found.camera(int(np.argmin(np.linalg.norm(found.C - camera.C, axis=1))))
     np.testing.assert_allclose(best.project([1.0, 2.0, 0.0]), camera.project([1.0, 2.0, 0.0]))
@@ -150,6 +154,72 @@ def test_hypotheses_stand_where_cameras_do():
     assert np.all(found.C[:, 2] < 0.0)
     assert np.max(np.linalg.norm(found.C, axis=1)) < tennis().farthest_camera
     np.testing.assert_allclose(on_canonical_side(found, tennis()).C, found.C)
+
+
+@pytest.mark.parametrize(
+    ("x", "y"), [((-2.975, 2.975), (4.475,)), ((8.975,), (-4.475, 4.475))], ids=["two across", "two along"]
+)
+def test_three_lines_and_a_focal_length_give_the_camera(x, y):
+    level = Camera.from_angles(np.radians(-20), np.radians(68), 0.0, 1.0, (-3.0, 19.0, -8.0), SIZE)
+    lengths = few_lines.focal_lengths(volleyball()) * SIZE[0]
+    f = lengths[np.argmin(np.abs(lengths - 1500.0))]
+    camera = Camera([[f, 0.0, 640.0], [0.0, f, 360.0], [0.0, 0.0, 1.0]], level.R, level.C, SIZE)
+    found = few_lines.few_line_hypotheses(seen_lines(camera, x, y), volleyball(), SIZE)
+    assert nearest(found, camera) < 1e-6
+    assert len(found) < 400
+
+
+def test_a_line_longer_than_its_marking_is_another_line():
+    lines = seen_lines(VOLLEYBALL, (-2.975, 2.975), (4.475,))
+    ends = lines.ends.copy()
+    ends[2] = VOLLEYBALL.project([(-14.0, 4.475, 0.0), (14.0, 4.475, 0.0)])
+    longer = LongLines(lines.normal, lines.offset, ends, lines.length)
+    near = nearest(few_lines.few_line_hypotheses(lines, volleyball(), SIZE), VOLLEYBALL)
+    assert near < 0.1
+    assert nearest(few_lines.few_line_hypotheses(longer, volleyball(), SIZE), VOLLEYBALL) > 3.0 * near
+
+
+def test_cameras_are_pulled_onto_stripes():
+    stripes = find_stripes(picture(VOLLEYBALL, volleyball()))
+    turn = Camera.from_angles(np.radians(-8.4), np.radians(68.3), -0.01, 1560.0, (-2.3, 19.3, -8.2), SIZE)
+    start = Cameras.of([turn], SIZE)
+    near = pulled(start, StripeMaps.of(stripes), MarkingPoints.of(volleyball(), 60), 0.02)
+    X = np.array([(x, y, 0.0) for x in (-8.975, -2.975, 2.975) for y in (-4.475, 4.475)])
+    off = [np.linalg.norm(one.project(X) - VOLLEYBALL.project(X), axis=1) for one in (turn, near.camera(0))]
+    assert np.median(off[0]) > 15.0
+    assert np.median(off[1]) < 3.0
+
+
+# Lenses
+
+
+@pytest.mark.parametrize("k", [(0.0, 0.0), (-0.35, 0.1), (-0.7, 0.4)], ids=["none", "barrel", "strong"])
+def test_the_bend_of_a_picture_is_that_of_its_lens(k):
+    wide = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 1380.0, (-22.8, 0.6, -6.0), SIZE)
+    camera = Camera(wide.K, wide.R, wide.C, SIZE, k)
+    bend = bend_of(find_stripes(picture(camera, tennis())))
+    a1, a2 = bend.with_lens(wide).corner_distortion
+    assert a1 + a2 == pytest.approx(np.sum(camera.corner_distortion), abs=0.03)
+
+
+def test_a_camera_of_the_straight_picture_gets_the_lens_of_the_bend():
+    bend = Bend(0.24, SIZE)
+    X = np.array([(x, y, 0.0) for x in (-11.885, 0.0, 11.885) for y in (-5.485, 5.485)])
+    xy = TENNIS.project(X)
+    np.testing.assert_allclose(bend.with_lens(TENNIS).project(X), bend.bent(xy), atol=1.0)
+
+
+# Colours
+
+
+def test_the_paints_of_a_hall_are_told_apart():
+    white, blue, floor = [230.0, 235.0, 230.0], [170.0, 90.0, 60.0], [120.0, 170.0, 205.0]
+    on_line = np.repeat(np.arange(7), 50)
+    paint = np.where((on_line < 4)[:, None], white, blue)
+    mixed = floor + np.random.default_rng(0).uniform(0.4, 1.0, (350, 1)) * (paint - floor)
+    colours = StripeColours(mixed, np.tile(floor, (350, 2, 1)))
+    found = colours.paints([on_line == k for k in range(7)])
+    assert [np.unique(on_line[one]).tolist() for one in found] == [[0, 1, 2, 3], [4, 5, 6]]
 
 
 def test_projections_are_those_of_cameras():

@@ -11,19 +11,22 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.stripe_likelihood import StripeMaps
 from fieldcalib.localize.long_lines import LongLines
+from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import Stripes
 
 EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the best camera of 622 pairs of picture and field, 130 of them
+# Fitted by `python -m data_tools.score_courts fit` to the best camera of 144 pairs of picture and field, 67 of them
 # right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields.
-COEFFICIENTS = np.array([-31.02, 4.62, 3.27, 7.06, -15.2, 6.25])
-LEAST_PROBABILITY = 0.9  # of an accepted camera: 119 right ones have it, and wrong ones 0.82 at most
-NO_RIVAL = 0.5  # of the score: a worse runner-up, or none, says more of the few lines in view than of the camera
+COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5])
+LEAST_PROBABILITY = (
+    0.9  # of an accepted camera: 57 right ones have it, one 15 px off 0.87, other wrong ones 0.44 at most
+)
+NO_RIVAL = 100.0  # margin: a worse runner-up, or none, says more of the few lines in view than of the camera
 LEAST_SCORE = 250.0  # of an accepted camera: three lines fit many cameras
-FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE = 0.85, 0.9, 0.7, 1.2  # from which on evidence is named as a doubt
+FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE = 0.85, 30.0, 0.7, 1.2  # from which on evidence is named as a doubt
 
 
 @dataclass(frozen=True)
@@ -35,9 +38,10 @@ class CourtEvidence:
     mean: float
     """The same for each independent point in view."""
     explained: float
-    """Share of the long stripes on the field that lie on projected markings, those above the ground included."""
+    """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, those
+    above the ground included."""
     long_stripes: int
-    """Pixels of long stripes on the field."""
+    """Pixels of these stripes."""
     runner_up: float
     """Score of the best camera that projects the field elsewhere, as a share of this one's; 1 if that is as good."""
     paint: float
@@ -45,9 +49,14 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """What the probability is computed from, (6,): 1, the logarithm of the score, and the four shares."""
-        score, runner_up = np.log(max(self.score, 1.0)), np.clip(self.runner_up, NO_RIVAL, 1.0)
-        return np.array([1.0, score, self.mean, self.explained, runner_up, self.paint])
+        """What the probability is computed from, (6,): 1, logarithms of score and margin, and the other shares."""
+        score, margin = np.log(max(self.score, 1.0)), np.log1p(min(self.margin, NO_RIVAL))
+        return np.array([1.0, score, self.mean, self.explained, margin, self.paint])
+
+    @property
+    def margin(self) -> float:
+        """By how much the score exceeds that of the runner-up, 0 or more."""
+        return self.score * max(1.0 - self.runner_up, 0.0) if self.score > 0.0 else 0.0
 
     @property
     def probability(self) -> float:
@@ -67,7 +76,7 @@ class CourtEvidence:
             f"only {100.0 * self.explained:.0f} % of the long lines on the field are markings of it": (
                 self.explained < FEW_EXPLAINED
             ),
-            "another camera explains the picture nearly as well": self.runner_up > RIVAL,
+            "another camera explains the picture nearly as well": self.margin < RIVAL,
             f"only {100.0 * self.paint:.0f} % of the markings in view show paint": self.paint < LITTLE_PAINT,
             "the picture has few lines where the markings are projected": self.mean < LITTLE,
         }
@@ -81,20 +90,11 @@ class Picture:
     stripes: Stripes
     is_long: BoolArray
     """Which stripes lie on a long line, (N,)."""
+    colours: StripeColours
     maps: StripeMaps
 
-    @classmethod
-    def of(cls, stripes: Stripes, lines: LongLines) -> Picture:
-        """Prepare the stripes of a picture and its long lines."""
-        is_long = np.zeros(len(stripes.xy), dtype=bool)
-        for normal, offset in zip(lines.normal, lines.offset, strict=True):
-            turn = stripes.angle - np.arctan2(normal[0], -normal[1])
-            turn -= np.pi * np.round(turn / np.pi)
-            is_long |= (np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE)
-        return cls(stripes, is_long, StripeMaps.of(stripes))
-
     def explained(self, field: Field, camera: Camera) -> tuple[float, int]:
-        """Share of the long stripes on the field that lie on markings, and the number of these stripes."""
+        """Share of the long stripes on the field, of the paint's colour, that lie on markings; the number of them."""
         from scipy.spatial import cKDTree
 
         xy = self.stripes.xy[self.is_long]
@@ -107,4 +107,16 @@ class Picture:
         if not np.any(on_field) or not len(seen):
             return 0.0, 0
         distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
-        return float(np.mean(np.isfinite(distance))), int(np.count_nonzero(on_field))
+        explained = np.isfinite(distance)
+        is_paint = explained | self.colours.take(np.flatnonzero(self.is_long)[on_field]).are_like(explained)
+        return float(np.mean(explained[is_paint])), int(np.count_nonzero(is_paint))
+
+
+def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
+    """Which stripes lie on each long line, (N,) masks."""
+    found = []
+    for normal, offset in zip(lines.normal, lines.offset, strict=True):
+        turn = stripes.angle - np.arctan2(normal[0], -normal[1])
+        turn -= np.pi * np.round(turn / np.pi)
+        found.append((np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE))
+    return found

@@ -23,6 +23,7 @@ from fieldcalib.localize.long_lines import LongLines
 
 SHORTEST = 0.12  # of the field's extent in that direction: shorter markings are no long lines
 SAME_LINE = 0.01  # m: markings nearer to each other lie on one line
+FARTHEST_CUT = 1.2  # widths: from the middle of a picture to the principal point of that from which it is cut out
 LARGEST_MISFIT = 0.25  # of both equations for f^2, in shares of the squared columns: lens, principal point, noise
 FARTHEST_CORNER = 2.5  # picture widths from its middle: crossings further away are those of nearly parallel lines
 MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
@@ -62,6 +63,14 @@ class Cameras:
         """Some of them, by mask or by index."""
         return Cameras(self.f[index], self.c[index], self.R[index], self.C[index], self.size)
 
+    @classmethod
+    def of(cls, cameras: Sequence[Camera], size: tuple[int, int]) -> Cameras:
+        """Cameras of pictures of one size, without their lenses."""
+        if not cameras:
+            return cls.none(size)
+        K, R, C = (np.array([getattr(one, name) for one in cameras]) for name in ("K", "R", "C"))
+        return cls(K[:, 0, 0], K[:, :2, 2], R, C, size)
+
     @property
     def projections(self) -> Array:
         """Projections (B, 3, 4) of homogeneous world points to pixels."""
@@ -84,6 +93,10 @@ class FieldLines:
     """x of the lines across the field, ascending, metres."""
     along: Array
     """y of the lines along it, ascending."""
+    across_reach: Array
+    """Least and largest y of the markings on each line across the field, (N, 2)."""
+    along_reach: Array
+    """Least and largest x of those on each line along it, (M, 2)."""
 
     @classmethod
     def of(cls, field: Field) -> FieldLines:
@@ -96,7 +109,7 @@ class FieldLines:
         >>> lines.across.tolist(), lines.along.tolist()
         ([-8.975, -2.975, 0.0, 2.975, 8.975], [-4.475, 4.475])
         """
-        found: tuple[list[float], list[float]] = [], []
+        found: tuple[list[tuple[float, float, float]], ...] = [], []
         for label, segment in field.items():
             if not segment.is_straight or not field.paint_of(label).is_along:
                 continue
@@ -105,19 +118,22 @@ class FieldLines:
                 continue
             for axis, extent in ((0, field.width), (1, field.length)):
                 if abs(along[axis]) < 1e-6 and abs(along[1 - axis]) > SHORTEST * extent:
-                    found[axis].append(float(start[axis]))
-        return cls(*(_without_duplicates(values) for values in found))
+                    ends = start[1 - axis], start[1 - axis] + along[1 - axis]
+                    found[axis].append((float(start[axis]), float(min(ends)), float(max(ends))))
+        (across, across_reach), (along, along_reach) = map(_joined, found)
+        return cls(across, along, across_reach, along_reach)
 
 
-def _without_duplicates(values: list[float]) -> Array:
-    """Values in ascending order, of those nearer to each other than `SAME_LINE` one."""
-    ordered = np.sort(np.array(values, dtype=float))
-    return np.asarray(ordered[np.append(True, np.diff(ordered) > SAME_LINE)[: len(ordered)]])
+def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
+    """Places of lines in ascending order, and their ends; markings nearer to each other than `SAME_LINE` are on one."""
+    place, low, high = np.array(sorted(markings), dtype=float).reshape(-1, 3).T
+    first = np.flatnonzero(np.append(True, np.diff(place) > SAME_LINE)[: len(place)])
+    if not len(first):
+        return place, np.zeros((0, 2))
+    return place[first], np.column_stack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)])
 
 
-def hypotheses(
-    lines: LongLines, field: Field, size: tuple[int, int], offset: tuple[float, float] = (0.0, 0.0)
-) -> Cameras:
+def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None) -> Cameras:
     """Cameras that see two lines across the field and two along it in two pairs of lines of a picture.
 
     On a field that looks the same when it is turned by 180 degrees, each camera stands for its twin too.
@@ -128,17 +144,19 @@ def hypotheses(
     field : Field
     size : (int, int)
         Width and height of the picture.
-    offset : (float, float)
-        Of the principal point from the middle of the picture, in widths of the picture.
+    row : float, optional
+        Of the principal point, from the middle of the picture, in widths of the picture, where the picture is cut out
+        of a larger one; its column is found with the camera. By default it is in the middle.
     """
     on_field = FieldLines.of(field)
-    quads = _Quads.of(lines, size, 0.5 * np.array(size) + size[0] * np.array(offset))
+    quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
+    cameras = quads.cameras if row is None else quads.cut_out
     is_symmetric = len(field.symmetric) == len(field)
     parts = [Cameras.none(size)]
     for turned in (False,) if is_symmetric else (False, True):
         for x in combinations(on_field.across, 2):
             for y in combinations(on_field.along, 2):
-                parts.append(quads.cameras(*((x[::-1], y[::-1]) if turned else (x, y))))
+                parts.append(cameras(*((x[::-1], y[::-1]) if turned else (x, y))))
     joined = Cameras.joined(parts)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
@@ -148,17 +166,23 @@ def stands(cameras: Cameras, field: Field) -> BoolArray:
     """Which cameras stand and look about as the cameras of the field do, by the ranges of its stands."""
     everywhere = field.stands or tuple(field.named_stands.values())
     fov = np.radians([stand.fov for stand in everywhere])
-    z = np.array([stand.z for stand in everywhere])
+    low, high = heights(field)
     half_fov = np.arctan(0.5 * cameras.size[0] / cameras.f)
     x, y, height = np.abs(cameras.C[:, 0]), np.abs(cameras.C[:, 1]), -cameras.C[:, 2]
     half_length, half_width = field.half_extent
     good = (2.0 * half_fov > fov.min() / MARGIN_FOV) & (2.0 * half_fov < min(fov.max() * MARGIN_FOV, 2.6))
-    good &= (height > -z.max() / MARGIN_HEIGHT) & (height < -z.min() * MARGIN_HEIGHT)
+    good &= (height > low) & (height < high)
     if np.isfinite(field.farthest_camera):
         good &= np.linalg.norm(cameras.C, axis=1) < field.farthest_camera
     good &= (x > INSIDE * half_length) | (y > INSIDE * half_width)
     right = cameras.R[:, 0]  # the horizontal direction of the picture: level without roll
     return np.asarray(good & (np.abs(right[:, 2]) < np.sin(STEEPEST_ROLL)) & (cameras.R[:, 1, 2] > 0.0))
+
+
+def heights(field: Field) -> tuple[float, float]:
+    """Least and largest height of cameras above the ground, metres."""
+    z = [height for stand in field.stands or field.named_stands.values() for height in stand.z]
+    return -max(z) / MARGIN_HEIGHT, -min(z) * MARGIN_HEIGHT
 
 
 def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
@@ -193,7 +217,7 @@ class _Quads:
         line = lines.homogeneous
         line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ c) / width])
         ends = (lines.ends - c) / width
-        pairs = _pairs(line, ends)
+        pairs = parallel_pairs(line, ends)
         first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
         a, b = pairs[first], pairs[second]
         apart = np.all(a[:, :, None] != b[:, None, :], axis=(1, 2))
@@ -221,10 +245,31 @@ class _Quads:
         h3, h1, h2 = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2)
         return cls(h1, h2, h3, c, size)
 
+    def homographies(self, x: tuple[float, float], y: tuple[float, float]) -> tuple[Array, Array, Array]:
+        """Columns of the homographies of metres for which they are the rectangle between two x and two y."""
+        h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
+        return h1, h2, self.h3 - h1 * x[0] - h2 * y[0]
+
+    def cut_out(self, x: tuple[float, float], y: tuple[float, float]) -> Cameras:
+        """The same as `cameras`, with the column of the principal point that fits, anywhere near the picture."""
+        h1, h2, h3 = self.homographies(x, y)
+        # a c + b s = d of both equations, with c the column of the principal point and s = c^2 + f^2
+        a1, a2 = h1[:, 0] * h2[:, 2] + h1[:, 2] * h2[:, 0], 2.0 * (h1[:, 0] * h1[:, 2] - h2[:, 0] * h2[:, 2])
+        b1, b2 = -h1[:, 2] * h2[:, 2], np.square(h2[:, 2]) - np.square(h1[:, 2])
+        d1 = np.sum(h1[:, :2] * h2[:, :2], axis=1)
+        d2 = np.sum(np.square(h1[:, :2]) - np.square(h2[:, :2]), axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            c, s = (d1 * b2 - d2 * b1) / (a1 * b2 - a2 * b1), (a1 * d2 - a2 * d1) / (a1 * b2 - a2 * b1)
+            good = np.flatnonzero((s > np.square(c)) & (np.abs(c) < FARTHEST_CUT))
+        c, f = c[good], np.sqrt(s[good] - np.square(c[good]))
+        h1, h2, h3 = (np.column_stack([h[good, 0] - c * h[good, 2], h[good, 1:]]) for h in (h1, h2, h3))
+        f, R, C, kept = _poses(h1, h2, h3, f)
+        at = np.column_stack([self.c[0] + self.size[0] * c[kept], np.full(len(kept), self.c[1])])
+        return Cameras(f * self.size[0], at, R, C, self.size)
+
     def cameras(self, x: tuple[float, float], y: tuple[float, float]) -> Cameras:
         """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
-        h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
-        h3 = self.h3 - h1 * x[0] - h2 * y[0]
+        h1, h2, h3 = self.homographies(x, y)
         A, B = 2.0 * np.sum(h1[:, :2] * h2[:, :2], axis=1), 2.0 * h1[:, 2] * h2[:, 2]
         D = np.sum(np.square(h1[:, :2]) - np.square(h2[:, :2]), axis=1)
         E = np.square(h1[:, 2]) - np.square(h2[:, 2])
@@ -234,11 +279,11 @@ class _Quads:
             size += squared * (np.square(h1[:, 2]) + np.square(h2[:, 2]))
             misfit = np.hypot(A + squared * B, D + squared * E) / size
             good = np.flatnonzero((squared > 0.0) & (misfit < LARGEST_MISFIT))
-        f, R, C = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
+        f, R, C, _ = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
         return Cameras(f * self.size[0], np.tile(self.c, (len(f), 1)), R, C, self.size)
 
 
-def _pairs(lines: Array, ends: Array) -> IntArray:
+def parallel_pairs(lines: Array, ends: Array) -> IntArray:
     """Pairs of lines (N, 2) that do not cross between their ends: lines that are parallel on the ground do not."""
     first, second = np.triu_indices(len(lines), 1)
     crossing = np.cross(lines[first], lines[second])
@@ -256,8 +301,8 @@ def _det(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(np.sum(a * np.cross(b, c), axis=1))
 
 
-def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Array]:
-    """Focal lengths, rotations and centres of cameras above the ground, from the columns of homographies."""
+def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Array, IntArray]:
+    """Focal lengths, rotations and centres of cameras above the ground, from the columns of homographies; which."""
     K = np.column_stack([f, f, np.ones_like(f)])
     r1, r2, t = h1 / K, h2 / K, h3 / K
     scale = 0.5 * (np.linalg.norm(r1, axis=1) + np.linalg.norm(r2, axis=1))[:, None]
@@ -271,8 +316,8 @@ def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Arr
     r1, r2 = half + rest, half - rest
     R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
     C = -np.einsum("nij,ni->nj", R, t)
-    good = np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0)
-    return f[good], R[good], C[good]
+    good = np.flatnonzero(np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0))
+    return f[good], R[good], C[good], good
 
 
 def _unit(v: Array) -> Array:

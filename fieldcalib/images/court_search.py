@@ -1,10 +1,13 @@
 """Cameras of a court from a picture alone, by search: no network, no labels.
 
 picture, scaled to 1280 columns
-  |  stripes, and the long lines on which they lie                    localize/stripes, localize/long_lines
+  |  stripes; the distortion without which they lie on straight lines  localize/stripes, localize/straightened
+  |  the longest of these lines                                         localize/long_lines
   v
 cameras that see four lines of the field in four lines of the picture  images/court_hypotheses
-  |  ranked by a likelihood ratio, in three rounds with more points     images/stripe_likelihood
+or three in three                                                      images/few_lines
+  |  ranked by a likelihood ratio, in three rounds with more points     images/court_ranking, images/stripe_likelihood
+  |  the best ones pulled onto stripes                                  images/pulled_cameras
   v
 the best different cameras, refined on the picture, lens included      images/refinement
   |  equal ones merged; what each explains of the picture              images/court_evidence
@@ -24,33 +27,35 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_evidence import CourtEvidence, Picture
-from fieldcalib.images.court_hypotheses import Cameras, hypotheses
+from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
+from fieldcalib.images.court_hypotheses import Cameras, stands
+from fieldcalib.images.court_ranking import Ranked, is_often_cut_out, rank_cameras
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
-from fieldcalib.images.stripe_likelihood import MarkingPoints
+from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.images.twins import twin_of
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize.long_lines import long_lines
-from fieldcalib.localize.stripes import at_working_size, find_stripes
+from fieldcalib.localize.straightened import Bend, bend_of
+from fieldcalib.localize.stripe_colours import StripeColours
+from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
 
 LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
-ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points of the field, and cameras that go on to the next round
-# Of the principal point, in widths of the picture, where it may be anywhere. Cameras are right within 0.2 widths of it.
-OFFSETS = ((-0.3, 0.0), (0.3, 0.0), (0.0, -0.25), (0.0, 0.25), (-0.3, -0.25), (0.3, -0.25), (-0.3, 0.25), (0.3, 0.25))
-CUT_OUT = 0.1  # standard deviation of the principal point of stands, in widths of the picture
-SURE = 400.0  # score: of 23 rendered views of measured cameras right ones have 394 and more, wrong ones at most 214
+POINTS = 300  # of the field, at which cameras are compared with stripes
+FLOORS = ("floor", "wood")  # of halls, on which lines of some sports are darker than the ground
+PAINTS = 2  # whose stripes are searched alone, if the search among all found no court
+HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
-OTHER = 30.0  # px: cameras that are further from one than this are others
+OTHER = 20.0  # px: cameras that are further from one than this in the median are others
 SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
-    "no camera was found by search: two lines across the field and two along it must show, on a lens that hardly bends "
-    "them",
+    "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
 )
 GRID = 7  # points of the field along and across at which cameras are compared
 
@@ -74,10 +79,11 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image : (height, width, 3) uint8 array
         Blue, green, red.
     field : Field
-        With markings along and across it: at least two lines of each must show.
+        With markings along and across it: at least two lines of one direction and one of the other must show. On a
+        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so.
     flags, prior
-        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels,
-        no lens, and the principal point in the middle.
+        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
+        and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
 
     Returns
     -------
@@ -120,65 +126,81 @@ def search_courts(task: Task, images: Sequence[Image]) -> list[Calibration]:
 def _found(task: Task, field: Field, image: Image) -> list[FoundCourt]:
     """`find_courts` of a checked picture."""
     small = at_working_size(image)
-    size = size_of(small)
+    found = _in_polarity(task, image, small, are_cut_out=is_often_cut_out(field))
+    if not _has_accepted(found) and field.surface in FLOORS:
+        darker = replace(field, lines=replace(field.lines, lighter=not field.lines.lighter))
+        found += _in_polarity(replace(task, object_segments=darker), image, small, are_cut_out=False)
+    return sorted(found, key=lambda one: (not one.calibration.accepted, -one.evidence.probability))
+
+
+def _has_accepted(found: Sequence[FoundCourt]) -> bool:
+    return any(one.calibration.accepted for one in found)
+
+
+def _in_polarity(task: Task, image: Image, small: Image, *, are_cut_out: bool) -> list[FoundCourt]:
+    """Cameras of a field in an image, from the stripes of its working size that are as light as the field's lines."""
+    field = task.field
+    assert field is not None
     stripes = find_stripes(small, lighter=field.lines.lighter)
-    lines = long_lines(stripes, LINES)
-    picture = Picture.of(stripes, lines)
-    ranked = _ranked(picture, hypotheses(lines, field, size), field)
-    if _is_often_cut_out(field) and not _is_sure(ranked):
-        others = [_ranked(picture, hypotheses(lines, field, size, offset), field).cameras for offset in OFFSETS]
-        ranked = _ranked(picture, Cameras.joined([ranked.cameras, *others]), field)
-    started = [ranked.cameras.camera(index).scaled(size_of(image)) for index in _different(ranked.cameras, field)]
+    colours, bend = StripeColours.of(small, stripes), bend_of(stripes)
+    straight = bend.straight(stripes)
+    found = _searched(task, image, _Stripes(stripes, straight, colours, bend, are_cut_out))
+    if not _has_accepted(found):
+        lines = lying_on(straight, long_lines(straight, LINES))
+        for paint in colours.paints(lines)[:PAINTS]:
+            index = np.flatnonzero(paint)
+            parts = stripes.take(index), straight.take(index), colours.take(index)
+            own = _Stripes(*parts, bend, are_cut_out)
+            found += _searched(task, image, own)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Stripes:
+    """Stripes of a picture, or those of one paint."""
+
+    seen: Stripes
+    straight: Stripes
+    """The same without distortion."""
+    colours: StripeColours
+    bend: Bend
+    are_cut_out: bool
+    """Whether the picture may be cut out of a larger one."""
+
+
+def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
+    """Cameras that explain the stripes, the best one first."""
+    field = task.field
+    assert field is not None
+    lines = long_lines(stripes.straight, LINES)
+    on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, lines)]
+    maps = StripeMaps.of(stripes.seen)
+    picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, maps)
+    straight = maps if stripes.bend.a == 0.0 else StripeMaps.of(stripes.straight)
+    ranked = rank_cameras(lines, straight, field, stripes.bend, are_cut_out=stripes.are_cut_out)
+    started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
     found = _fitted(task, markings, image, _merged(refined, field))
     evidence = _evidence(picture, ranked, field, found)
     order = sorted(range(len(found)), key=lambda index: -evidence[index].score)
-    twins = [_twin(one.calibration.required_camera, field) for one in found]
+    twins = [twin_of(one.calibration.required_camera, field) for one in found]
     return [FoundCourt(_judged(found[k], evidence[k]), evidence[k], twins[k]) for k in order]
 
 
-@dataclass(frozen=True, eq=False)
-class _Ranked:
-    """Cameras that were searched, the most likely ones first."""
-
-    cameras: Cameras
-    score: Array
-    """(B,)."""
-
-
-def _is_often_cut_out(field: Field) -> bool:
-    """Whether pictures of the field are views cut out of larger ones, so that their principal points are anywhere."""
-    return max((stand.principal_point for stand in field.stands), default=0.0) > CUT_OUT
-
-
-def _is_sure(ranked: _Ranked) -> bool:
-    """Whether the best camera that was searched is so much likelier than by chance that no others are searched."""
-    return bool(np.max(ranked.score, initial=0.0) > SURE)
-
-
-def _ranked(picture: Picture, cameras: Cameras, field: Field) -> _Ranked:
-    """The most likely cameras, the best one first."""
-    score = np.zeros(len(cameras))
-    for points, kept in ROUNDS:
-        score = picture.maps.scores(cameras, MarkingPoints.of(field, points))
-        best = np.argsort(-score, kind="stable")[:kept]
-        cameras, score = cameras.take(best), score[best]
-    return _Ranked(cameras, score)
-
-
-def _evidence(picture: Picture, ranked: _Ranked, field: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
+def _evidence(picture: Picture, ranked: Ranked, field: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
     """The evidence for each camera, against the refined ones and those that were searched."""
-    points, X = MarkingPoints.of(field, ROUNDS[-1][0]), _grid(field)
+    points, X = MarkingPoints.of(field, POINTS), _grid(field)
     cameras = [one.calibration.required_camera.scaled(picture.stripes.size) for one in refined]
     scores = [picture.maps.score(camera, points) for camera in cameras]
     seen = [camera.project(X) for camera in cameras]
-    searched = _projected(ranked.cameras, X)
+    searched = ranked.projected(X)
     found = []
     for index, (camera, (score, weight)) in enumerate(zip(cameras, scores, strict=True)):
-        apart = _distances(np.array(seen), seen[index], camera.image_size) > OTHER
+        apart = _distances(np.array(seen), seen[index], camera.image_size, median=True) > OTHER
         others = [other for (other, _), is_other in zip(scores, apart, strict=True) if is_other]
-        others += ranked.score[_distances(searched, seen[index], camera.image_size) > OTHER][:1].tolist()
+        apart = _distances(searched, seen[index], camera.image_size, median=True) > OTHER
+        others += ranked.score[apart][:1].tolist()
         explained, count = picture.explained(field, camera)
         runner_up = max(others, default=0.0) / score if score > 0.0 else np.inf
         paint, mean = refined[index].paint_share, score / max(weight, 1.0)
@@ -186,23 +208,16 @@ def _evidence(picture: Picture, ranked: _Ranked, field: Field, refined: Sequence
     return found
 
 
-def _different(cameras: Cameras, field: Field) -> list[int]:
+def _different(ranked: Ranked, field: Field) -> list[int]:
     """The first cameras that project the field differently."""
-    xy = _projected(cameras, _grid(field))
+    xy = ranked.projected(_grid(field))
     chosen: list[int] = []
-    for index in range(len(cameras)):
-        if not chosen or np.min(_distances(xy[chosen], xy[index], cameras.size)) > APART:
+    for index in np.flatnonzero(ranked.score > HOPELESS).tolist():
+        if not chosen or np.min(_distances(xy[chosen], xy[index], ranked.bend.size)) > APART:
             chosen.append(index)
             if len(chosen) == REFINED:
                 break
     return chosen
-
-
-def _projected(cameras: Cameras, X: Array) -> Array:
-    """Pixels (B, N, 2) of points X (N, 3); NaN behind a camera."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u, v, depth = np.moveaxis(cameras.projections @ np.column_stack([X, np.ones(len(X))]).T, 1, 0)
-        return np.asarray(np.where((depth > 0.0)[..., None], np.stack([u, v], axis=-1) / depth[..., None], np.nan))
 
 
 def _grid(field: Field) -> Array:
@@ -211,8 +226,8 @@ def _grid(field: Field) -> Array:
     return np.array([(a, b, 0.0) for a in x for b in y])
 
 
-def _distances(xy: Array, other: Array, size: tuple[int, int]) -> Array:
-    """Largest distances (B,) between points that cameras (B, N, 2) and another one (N, 2) project into the picture.
+def _distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = False) -> Array:
+    """Largest or median distances (B,) between points that cameras (B, N, 2) and another one (N, 2) see in the picture.
 
     They are infinite where no point is in the picture, or one of both cameras has it behind itself.
     """
@@ -221,6 +236,9 @@ def _distances(xy: Array, other: Array, size: tuple[int, int]) -> Array:
     inside |= np.all(np.abs(other - 0.5 * np.array(size)) < half, axis=1)
     off = np.linalg.norm(xy - other, axis=2)
     off = np.where(np.isfinite(off), off, np.inf)
+    if median:
+        some = np.sort(np.where(inside, off, np.inf), axis=1)
+        return np.asarray(some[np.arange(len(some)), np.count_nonzero(inside, axis=1) // 2])
     return np.asarray(np.where(np.any(inside, axis=1), np.max(np.where(inside, off, 0.0), axis=1), np.inf))
 
 
@@ -255,22 +273,22 @@ def _judged(refined: Refined, evidence: CourtEvidence) -> Calibration:
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
 
 
-def _twin(camera: Camera, field: Field) -> Camera | None:
-    """The camera turned by 180 degrees about the centre mark, where the field looks the same from there."""
-    if len(field.symmetric) < len(field):
-        return None
-    turn = np.array([-1.0, -1.0, 1.0])
-    return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
-
-
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
-    """Of refined cameras that are the same, the best supported one; those that the solver refused are left out."""
+    """Of refined cameras that are the same, the best supported one.
+
+    Those that the solver refused are left out, and those that came to stand where no cameras do: a camera at the height
+    of the ground sees the whole field in one line.
+    """
+    refined = [one for one in refined if one.calibration.camera is not None and one.calibration.accepted]
+    if not refined:
+        return []
+    cameras = [one.calibration.required_camera for one in refined]
+    standing = stands(Cameras.of(cameras, cameras[0].image_size), field)
+    refined = [one for one, does in zip(refined, standing, strict=True) if does]
     X = _grid(field)
     kept: list[Refined] = []
     seen: list[Array] = []
     for one in sorted(refined, key=lambda one: -one.support):
-        if one.calibration.camera is None or not one.calibration.accepted:
-            continue
         camera = one.calibration.required_camera
         xy = camera.project(X)
         if not seen or np.min(_distances(np.array(seen), xy, camera.image_size)) > SAME:

@@ -14,11 +14,12 @@ logarithms are tabulated, so that thousands of cameras are ranked at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_hypotheses import Cameras
@@ -93,13 +94,24 @@ class StripeMaps:
         ratio, weight = self._looked_up(*projected(P, points))
         return np.asarray(np.sum(ratio * weight, axis=1), dtype=float)
 
-    def _looked_up(self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels) -> tuple[Float32, Float32]:
-        """Logarithms of points of markings, and how many independent points each counts for; 0 out of the picture."""
+    def ratios(self, x: Pixels, y: Pixels, direction: Pixels) -> Float32:
+        """Logarithms of points of markings, 0 out of the picture."""
+        inside = self._is_inside(x, y)
+        return np.where(inside, self._table_at(inside, x, y, direction), np.float32(0.0))
+
+    def _is_inside(self, x: Pixels, y: Pixels) -> BoolArray:
         width, height = self.size
-        inside = (x >= 0.0) & (y >= 0.0) & (x < width) & (y < height)  # false behind the camera
+        return np.asarray((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))  # false behind the camera
+
+    def _table_at(self, inside: BoolArray, x: Pixels, y: Pixels, direction: Pixels) -> Float32:
         column, row = ((np.where(inside, v, 0.0) / CELL).astype(np.intp) for v in (x, y))
         k = np.mod(np.round(direction * (BINS / np.pi)).astype(np.intp), BINS)
-        ratio = self.table[k, row, column]
+        return np.asarray(self.table[k, row, column], np.float32)
+
+    def _looked_up(self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels) -> tuple[Float32, Float32]:
+        """Logarithms of points of markings, and how many independent points each counts for; 0 out of the picture."""
+        inside = self._is_inside(x, y)
+        ratio = self._table_at(inside, x, y, direction)
         weight = np.where(inside, np.minimum(step / np.float32(STEP), np.float32(MOST)), np.float32(0.0))
         return ratio, np.asarray(weight, np.float32)
 
@@ -122,8 +134,9 @@ class MarkingPoints:
     spacing: Array
     """Length of marking for which each stands, metres, (N,)."""
 
-    @classmethod
-    def of(cls, field: Field, count: int) -> MarkingPoints:
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def of(field: Field, count: int) -> MarkingPoints:
         """About so many points in even steps on all markings on the ground together."""
         markings = Markings.of(field)
         ground = np.flatnonzero(markings.on_ground)
@@ -134,7 +147,7 @@ class MarkingPoints:
         last = np.append(first[1:], len(cell)) - 1
         taken = ground[(first + last) // 2]
         spacing = np.asarray(np.bincount(np.searchsorted(chosen, cell), step[ground], len(chosen)), dtype=float)
-        return cls(markings.X[taken], markings.along[taken], spacing)
+        return MarkingPoints(markings.X[taken], markings.along[taken], spacing)
 
 
 def _steps(markings: Markings) -> Array:

@@ -6,6 +6,8 @@ from . import network as network
 from . import ridges as ridges
 from . import rulers as rulers
 from . import skeletons as skeletons
+from . import straightened as straightened
+from . import stripe_colours as stripe_colours
 from . import stripes as stripes
 from .flow import Network as Network
 from .flow import localize as localize
