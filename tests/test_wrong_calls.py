@@ -69,6 +69,8 @@ WRONG = {
     "no field of a calibration": (lambda found: draw_calibration(IMAGE, found, None), "expected a field"),
     "no camera on a map": (lambda _: draw_minimap("camera", soccer()), "expected a Camera"),
     "no field from above": (lambda _: overhead_camera(None), "expected a Field"),
+    "a size of a field": (lambda _: soccer("105", 68.0), "expected length and width as numbers"),
+    "a fine picture from above": (lambda _: overhead_camera(soccer(), 1e-308), "the picture would have"),
     "a text as metres": (lambda found: found.probability("1"), "metres must be a positive number, got '1'"),
     "a list as metres": (lambda found: found.probability([1]), "metres must be a positive number"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),

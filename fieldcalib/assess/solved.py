@@ -93,7 +93,7 @@ class Solved:
         assert field.probability is not None
         if self._terms is None or self._terms[0] is not field:
             self._terms = field, odds_terms([self.uncertainty], field)[0]
-        rows, weights = self._terms[1][level or size_known]
+        rows, weights = self._terms[1][bool(level or size_known)]
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(field.probability, rows, weights, metres)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, is_number
+from fieldcalib._checks import CAMERA, FIELD, expect, is_number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
@@ -62,12 +62,12 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
         metres_per_pixel = float(f"{field.scale / PIXELS_OF_SCALE:.1e}")
     if not (0.0 < metres_per_pixel < np.inf and 0.0 <= margin < np.inf):
         raise ValueError(f"expected positive metres per pixel and a margin, got {metres_per_pixel} and {margin}")
-    sides = [max(round((side + 2.0 * margin) / metres_per_pixel), 1) for side in (field.length, field.width)]
-    if max(sides) > LONGEST_SIDE:
+    lengths = [(side + 2.0 * margin) / metres_per_pixel for side in (field.length, field.width)]
+    if max(lengths) > LONGEST_SIDE:
         raise ValueError(
-            f"the picture would have {sides[0]} x {sides[1]} pixels, up to {LONGEST_SIDE} a side are drawn"
+            f"the picture would have {lengths[0]:.0f} x {lengths[1]:.0f} pixels, up to {LONGEST_SIDE} a side are drawn"
         )
-    size = sides[0], sides[1]
+    size = max(round(lengths[0]), 1), max(round(lengths[1]), 1)
     middle = (np.array(size) - 1.0) / 2.0
     return Camera.from_angles(0.0, 0.0, 0.0, ABOVE / metres_per_pixel, (0.0, 0.0, -ABOVE), size, middle)
 
@@ -109,6 +109,8 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
     """
     import cv2
 
+    for one in (camera, overhead):
+        expect(one, Camera, CAMERA)
     picture = checked_image(image, camera.image_size)
     xy = camera.project(_ground_of(overhead))
     width, height = camera.image_size

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point, Segment
 from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
@@ -62,6 +63,8 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
     >>> soccer()["Side line top"]
     Line(start=(-52.5, -34.0, 0.0), end=(52.5, -34.0, 0.0))
     """
+    if not (is_number(length) and is_number(width)):
+        raise ValueError(f"expected length and width as numbers of metres, got {length!r} and {width!r}")
     if not (length > 2.0 * (PENALTY_AREA_DEPTH + CIRCLE_RADIUS) and width > PENALTY_AREA_WIDTH):
         raise ValueError(
             f"a soccer field of {length} x {width} m has no room for its penalty areas and its centre circle: "
