@@ -34,6 +34,7 @@ from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.images.twins import twin_of
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize.long_lines import long_lines
 from fieldcalib.localize.straightened import Bend, bend_of
@@ -183,7 +184,7 @@ def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
     found = _fitted(task, markings, image, _merged(refined, field))
     evidence = _evidence(picture, ranked, field, found)
     order = sorted(range(len(found)), key=lambda index: -evidence[index].score)
-    twins = [_twin(one.calibration.required_camera, field) for one in found]
+    twins = [twin_of(one.calibration.required_camera, field) for one in found]
     return [FoundCourt(_judged(found[k], evidence[k]), evidence[k], twins[k]) for k in order]
 
 
@@ -270,14 +271,6 @@ def _judged(refined: Refined, evidence: CourtEvidence) -> Calibration:
         return calibration
     doubt = "; ".join((f"found by search, right with a probability of {evidence.probability:.2f}", *evidence.doubts))
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
-
-
-def _twin(camera: Camera, field: Field) -> Camera | None:
-    """The camera turned by 180 degrees about the centre mark, where the field looks the same from there."""
-    if len(field.symmetric) < len(field):
-        return None
-    turn = np.array([-1.0, -1.0, 1.0])
-    return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
 
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
