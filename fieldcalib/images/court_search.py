@@ -45,7 +45,7 @@ from fieldcalib.solve.task import Task
 
 LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
 POINTS = 300  # of the field, at which cameras are compared with stripes
-FLOORS = ("floor", "wood")  # of halls, on which lines of some sports are darker than the ground
+FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
 PAINTS = 2  # whose stripes are searched alone, if the search among all found no court
 HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
@@ -145,7 +145,7 @@ def _in_polarity(task: Task, image: Image, small: Image, *, are_cut_out: bool) -
     colours, bend = StripeColours.of(small, stripes), bend_of(stripes)
     straight = bend.straight(stripes)
     found = _searched(task, image, _Stripes(stripes, straight, colours, bend, are_cut_out))
-    if not _has_accepted(found):
+    if not _has_accepted(found) and field.surface in FLOORS:
         lines = lying_on(straight, long_lines(straight, LINES))
         for paint in colours.paints(lines)[:PAINTS]:
             index = np.flatnonzero(paint)
