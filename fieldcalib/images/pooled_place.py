@@ -29,7 +29,7 @@ PLACES = 12  # places that are compared
 NEAR = 0.1  # of the distance from the middle of the field: places that are nearer to each other support each other
 FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
 ROUNDS = 2  # of searching all pictures and voting for the place
-ZOOM, USUAL_ZOOM = 1.6, 1.25  # factors by which a picture may be zoomed more than one or than several that were found
+ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
 AGREE = 3  # pictures that were found and agree on a place make it known
 
 
@@ -46,8 +46,7 @@ def place_of(found: Sequence[Calibration], share: float | None = None) -> Place 
 
 
 def _place(C: Array, share: float, zoom: Sequence[float]) -> Place:
-    more = ZOOM if len(zoom) < AGREE else USUAL_ZOOM
-    return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / more, max(zoom) * more))
+    return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / ZOOM, max(zoom) * ZOOM))
 
 
 def _zoom(camera: Camera) -> float:

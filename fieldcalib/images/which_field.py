@@ -5,20 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.court_ranking import rank_cameras
+from fieldcalib.images.court_search import LINES, find_courts
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.grid import classes_without_segment
+from fieldcalib.localize.long_lines import LongLines, long_lines
+from fieldcalib.localize.straightened import Bend, bend_of
 from fieldcalib.localize.stripes import at_working_size, find_stripes
 
 POINTS = 300  # of a field, at which a camera of the network is compared with stripes
 MARGIN = 0.8  # of the best score: a field that reaches it may be the one too
+LIKELY = 0.4  # of the best score before refinement: other fields are not searched for
 PROMISING = 0.5  # of the best score of the first picture: other fields are not searched for in further ones
 NOTHING = "no field was found: name it"
 
@@ -54,7 +60,7 @@ def which_field(
 ) -> WhichField:
     """Search pictures for all fields, and compare how well accepted cameras explain them.
 
-    Fields that explain the first picture badly are left out in the others.
+    Fields that explain the first picture badly, before cameras are refined or after, are left out.
 
     Parameters
     ----------
@@ -74,7 +80,7 @@ def which_field(
     'tennis'
     """
     scores = dict.fromkeys(names, 0.0)
-    promising = tuple(names)
+    promising = _likely(images[0], names, network) if len(images) else ()
     for image in images:
         found = {name: _score(image, field_named(name), network) for name in promising}
         for name, (score, is_accepted) in found.items():
@@ -82,6 +88,30 @@ def which_field(
         best = max((score for score, _ in found.values()), default=0.0)
         promising = tuple(name for name, (score, _) in found.items() if score >= PROMISING * best)
     return WhichField(dict(sorted(scores.items(), key=lambda item: -item[1])))
+
+
+def _likely(image: Image, names: Sequence[str], network: Network | None) -> tuple[str, ...]:
+    """Fields whose best camera, before it is refined, explains an image about as well as the best one of any field.
+
+    Those that a network knows are among them.
+    """
+    small = at_working_size(image)
+    score: dict[str, float] = {}
+    by_polarity: dict[bool, tuple[LongLines, StripeMaps, Bend]] = {}
+    for name in names:
+        field = field_named(name)
+        if network is not None and not classes_without_segment(network.classes, field):
+            score[name] = np.inf
+            continue
+        if field.lines.lighter not in by_polarity:
+            stripes = find_stripes(small, lighter=field.lines.lighter)
+            bend = bend_of(stripes)
+            straight = bend.straight(stripes)
+            by_polarity[field.lines.lighter] = long_lines(straight, LINES), StripeMaps.of(straight), bend
+        lines, maps, bend = by_polarity[field.lines.lighter]
+        score[name] = float(np.max(rank_cameras(lines, maps, field, bend, are_cut_out=False).score, initial=0.0))
+    best = max((one for one in score.values() if np.isfinite(one)), default=0.0)
+    return tuple(name for name in names if score[name] >= LIKELY * best)
 
 
 def _score(image: Image, field: Field, network: Network | None) -> tuple[float, bool]:
