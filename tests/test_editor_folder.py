@@ -447,6 +447,17 @@ def test_a_kept_clip_is_saved(clip, tmp_path):
     assert opened(clip, out).unsaved == 0
 
 
+def test_a_mended_frame_has_the_camera_of_the_clip_again_with_its_marks(clip, tmp_path):
+    editor = marked(opened(clip, tmp_path / "out"), 2, number=5)
+    anchors = {5: editor.revision(5)}
+    of_clip = proposal(nothing(8), Window(0, 8), anchors, anchors)
+    editor.keep(of_clip)
+    editor[5] = editor[5].undo()
+    assert editor.fitted(5).calibration is not of_clip.calibrations[5]
+    editor[5] = editor[5].redo()
+    assert editor.fitted(5).calibration is of_clip.calibrations[5]
+
+
 def with_camera_files(clip, out):
     """A folder of results as `run` leaves it, whose frames nobody has looked at."""
     opened(clip, out).keep(proposal(nothing(8), Window(0, 8)))

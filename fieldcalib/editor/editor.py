@@ -58,8 +58,17 @@ class _FrameState:
     base: Calibration | None = None
     found: Calibration | None = None
     """The camera that follows from the marks, or that of the clip with them."""
-    is_of_clip: bool = False
-    """Whether `found` was kept with the clip."""
+    kept: tuple[Edit, Calibration] | None = None
+    """Marks with which a solution of the clip was kept, and its camera: whoever comes back to them has it again."""
+
+    @property
+    def is_of_clip(self) -> bool:
+        """Whether the camera is that of the clip."""
+        return self.kept is not None and self.kept[0] == self.edits.history.present
+
+    def keep(self, calibration: Calibration) -> None:
+        """Take the camera of the clip with the present marks."""
+        self.found, self.kept = calibration, (self.edits.history.present, calibration)
 
 
 class Editor:
@@ -145,7 +154,9 @@ class Editor:
         """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
         state, id = self._states[number], self.ids[number]
         if self.is_clip and self.stored is not None and state.edits.is_saved and is_by_hand(self.stored.basis(id)):
-            state.found, state.is_of_clip = self.stored.calibration(id), True
+            saved = self.stored.calibration(id)
+            if saved is not None:
+                state.keep(saved)
 
     def _fill_rows(self) -> None:
         """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
@@ -367,8 +378,8 @@ class Editor:
                     self._journal.begin(self.ids[number], before.present, state.base)
                     state.has_begun = True
                 self._journal.change(self.ids[number], before, after)
-            state.edits.history, state.found = before.changed_to(after), changed.found
-            state.is_of_clip = False
+            state.edits.history = before.changed_to(after)
+            state.found = state.kept[1] if state.kept is not None and state.is_of_clip else changed.found
             state.edits.revision += 1
             state.edits.is_saved = False
 
@@ -501,7 +512,7 @@ class Editor:
                 state.base = calibration
             self._set_row(number, Row.of(calibration, proposal.basis(number)))
         elif proposal.revisions.get(number) == state.edits.revision:
-            state.found, state.is_of_clip = calibration, True
+            state.keep(calibration)
             self._set_row(number, Row.of(calibration, self._rows[number].basis, by_hand=True))
 
     def save(self) -> int:
@@ -523,8 +534,8 @@ class Editor:
         stored, journal = self.stored, self._journal
         if stored is None or journal is None:
             raise ValueError("expected a folder to save to: give Editor(..., out=...)")
-        numbers = [n for n, state in sorted(self._states.items()) if self._is_to_save(n, state)]
         with self.lock:
+            numbers = [n for n, state in sorted(self._states.items()) if self._is_to_save(n, state)]
             journal.open()
             revisions = {n: self.revision(n) for n in numbers}
             frames = [self._saved(n) for n in numbers]
