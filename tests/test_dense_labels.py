@@ -34,7 +34,7 @@ def test_a_label_is_thinned_evenly(count):
 
 @given(
     weights=arrays(float, st.integers(1, 3000), elements=st.floats(0.01, 1.0)),
-    scale=st.sampled_from([1e-300, 1.0, 1e300]),
+    scale=st.sampled_from([1e-300, 1.0, 1e8]),
 )
 def test_a_thinned_label_weighs_as_much_as_before(weights, scale):
     frame = {"Middle line": numbered(len(weights)), "CENTER_MARK": np.array([(480.0, 250.0)])}

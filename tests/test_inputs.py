@@ -332,8 +332,8 @@ def test_one_thread_is_one_that_computes(tmp_path, picture):
     folder = Path(fieldcalib.__file__).parents[1]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, check=True)
     threads = int(done.stdout.split()[-1])
-    # beside it one reads ahead, one looks whether reads come back, and PyAV may have one
-    assert threads <= 4
+    # beside it one reads ahead, one looks whether reads come back, one tells how far it is, and PyAV may have one
+    assert threads <= 5
 
 
 @pytest.fixture

@@ -518,7 +518,7 @@ def test_homographies_are_evaluated_as_the_cameras_they_come_from(views, distanc
     corners = np.array([(x, y, 0.0) for x in (-52.5, 52.5) for y in (-34.0, 34.0)])
     assume(all(np.all((corners - camera.C) @ camera.R[2] > 0.1) for camera in views))
     a = evaluate_segments(views, frames, SIZE, planar=True)
-    b = evaluate_segments([scale * camera.homography for camera in views], frames, SIZE, planar=True)
+    b = evaluate_segments([scale * camera.pinhole_homography for camera in views], frames, SIZE, planar=True)
     np.testing.assert_array_equal(a.segments, b.segments)
     np.testing.assert_array_equal(a.points, b.points)
     for label, distances in a.segment_errors(5.0).items():
@@ -530,7 +530,7 @@ def test_cameras_and_homographies_side_by_side(synthetic):
     records, annotations = (values[:4] for values in synthetic)
     views = [rational_camera_from_record(record, SIZE) for record in records]
     frames = [parse_annotation(json.dumps(annotation), SIZE, unknown=True) for annotation in annotations]
-    mixed = [views[0], views[1].homography, None, views[3]]
+    mixed = [views[0], views[1].pinhole_homography, None, views[3]]
     evaluation = evaluate_segments(mixed, frames, SIZE, planar=True)
     for f in (0, 1, 3):
         alone = evaluate_segments([mixed[f]], [frames[f]], SIZE, planar=True)

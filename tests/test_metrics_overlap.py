@@ -135,8 +135,8 @@ def test_iou_part_is_symmetric_and_takes_homographies(pair, scale):
     assume(all(np.all((corners - camera.C) @ camera.R[2] > 0.1) for camera in pair))
     expected = iou_part(a, b, SIZE)
     assert iou_part(b, a, SIZE) == expected
-    assert iou_part(scale * a.homography, b, SIZE) == pytest.approx(expected, abs=1e-3)
-    assert iou_part(scale * b.homography, b.homography, SIZE) == 1.0
+    assert iou_part(scale * a.pinhole_homography, b, SIZE) == pytest.approx(expected, abs=1e-3)
+    assert iou_part(scale * b.pinhole_homography, b.pinhole_homography, SIZE) == 1.0
 
 
 @settings(max_examples=10)
@@ -153,8 +153,8 @@ def test_a_homography_does_not_see_what_is_behind_its_camera(x, y, pan, tilt):
     camera = Camera.from_angles(pan, tilt, 0.0, 500.0, (x, y, -12.0), SIZE)
     assume(iou_part(camera, camera, SIZE) == 1.0)  # something of the field is in view
     for sign in (-1.0, 1.0):
-        assert iou_part(sign * camera.homography, camera, SIZE) == pytest.approx(1.0, abs=1e-3)
-        error = projection_error(sign * camera.homography, camera, SIZE)
+        assert iou_part(sign * camera.pinhole_homography, camera, SIZE) == pytest.approx(1.0, abs=1e-3)
+        error = projection_error(sign * camera.pinhole_homography, camera, SIZE)
         assert error.unseen == 0.0 or np.isnan(error.unseen)
 
 
@@ -208,7 +208,7 @@ def test_iou_whole_of_scaled_views_by_hand():
 
 @given(pair=pairs(0.01), kind=st.sampled_from(["template", "image"]))
 def test_iou_whole_against_exact_polygons(pair, kind):
-    H_pred, H_true = (camera.homography for camera in pair)
+    H_pred, H_true = (camera.pinhole_homography for camera in pair)
     if kind == "template":
         rectangle, back = np.array(FIELD), np.linalg.inv(H_pred) @ H_true
     else:
@@ -225,14 +225,16 @@ def test_iou_whole_against_exact_polygons(pair, kind):
 
 @given(camera=cameras(), scale=st.sampled_from([1.0, -1.0, 1e-4, -50.0]), kind=st.sampled_from(["template", "image"]))
 def test_iou_whole_of_equal_homographies_is_1(camera, scale, kind):
-    assert iou_whole(scale * camera.homography, camera, camera.image_size, kind=kind) == 1.0
+    assert iou_whole(scale * camera.pinhole_homography, camera, camera.image_size, kind=kind) == 1.0
 
 
 @given(pair=pairs(0.02), scale=st.sampled_from([-1.0, 1e-4, -50.0]), kind=st.sampled_from(["template", "image"]))
 def test_iou_whole_knows_neither_scale_nor_sign_nor_lens(pair, scale, kind):
     a, b = pair
     expected = iou_whole(a, b, SIZE, kind=kind)
-    assert iou_whole(scale * a.homography, b.homography, SIZE, kind=kind) == pytest.approx(expected, abs=1e-4)
+    assert iou_whole(scale * a.pinhole_homography, b.pinhole_homography, SIZE, kind=kind) == pytest.approx(
+        expected, abs=1e-4
+    )
     bent = Camera(a.K, a.R, a.C, SIZE, (0.01, 0.0))
     assert iou_whole(bent, b, SIZE, kind=kind) == expected
 
@@ -348,5 +350,5 @@ def test_wrong_input(metric):
             metric(*pair, SIZE)
     with pytest.raises(ValueError, match="image_size must be"):
         metric(GOOD, GOOD, (960.5, 540))
-    nested = GOOD.homography.tolist()
-    assert metric(nested, GOOD, SIZE) == metric(GOOD.homography, GOOD, SIZE)
+    nested = GOOD.pinhole_homography.tolist()
+    assert metric(nested, GOOD, SIZE) == metric(GOOD.pinhole_homography, GOOD, SIZE)

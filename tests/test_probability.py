@@ -99,7 +99,7 @@ def test_frames_that_look_the_same_from_the_other_side_are_half_as_probable():
 def test_errors():
     frame = observe(MARKINGS, CAMERA, np.random.default_rng(0), noise=1.0)
     calibration = calibrate_from_segments(FIELD, frame, SIZE)
-    with pytest.raises(ValueError, match="metres must be positive, got 0"):
+    with pytest.raises(ValueError, match="metres must be a positive number, got 0"):
         calibration.probability(0.0)
     (of_a_mapping,) = calibrate_batch(dict(FIELD), [frame], SIZE, prior="main center")
     with pytest.raises(ValueError, match="expected a calibration of a Field"):

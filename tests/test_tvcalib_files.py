@@ -44,7 +44,9 @@ def test_records_come_back(written):
 
 @given(camera=cameras(lens=False))
 def test_homographies_come_back(camera):
-    (found,) = parse_per_sample_output(format_per_sample_output([TVCalibRecord("1", homography=camera.homography)]))
+    (found,) = parse_per_sample_output(
+        format_per_sample_output([TVCalibRecord("1", homography=camera.pinhole_homography)])
+    )
     X = visible_field_points(camera)
     xy = dehomogenize(homogenize(X[:, :2]) @ found.homography.T)
     np.testing.assert_allclose(xy, camera.project(X), rtol=0, atol=1e-6)
@@ -72,7 +74,7 @@ def test_broken_lines_can_be_collected():
 
 def line(**changes):
     (text,) = format_per_sample_output(
-        [TVCalibRecord("00001", CAMERA, CAMERA.homography, 0.012, 0.01, 0.002, 0.3)]
+        [TVCalibRecord("00001", CAMERA, CAMERA.pinhole_homography, 0.012, 0.01, 0.002, 0.3)]
     ).splitlines()
     return json.dumps({**json.loads(text), **changes})
 

@@ -150,7 +150,7 @@ def refine_homography_on_image(
     >>> from fieldcalib import Camera, soccer
     >>> from fieldcalib.draw.scene import render_field
     >>> truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540), k=(0.1, 0.0))
-    >>> H = np.array([[1.0, 0, 4], [0, 1, -3], [0, 0, 1]]) @ truth.homography  # off by 5 px, and without its lens
+    >>> H = np.array([[1.0, 0, 4], [0, 1, -3], [0, 0, 1]]) @ truth.pinhole_homography  # off by 5 px, no lens
     >>> refined = refine_homography_on_image(soccer(), render_field(truth, soccer()), H)
     >>> mark = (41.5, 0.0, 0.0)
     >>> bool(np.linalg.norm(refined.camera.project(mark) - truth.project(mark)) < 0.5)
