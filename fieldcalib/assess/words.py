@@ -32,7 +32,7 @@ class Status(StrEnum):
     """The loss in NDC is above the threshold that the user set."""
     IMPROBABLE = "probably wrong"
     """The probability that the camera is right is below the one that the user requires, the image shows no lines at the
-    projected markings, or, in a sequence, the error of the field in view exceeds 1 m."""
+    projected markings, or, in a sequence, the error of the field in view exceeds the field's tolerance."""
     TOO_FEW_SEGMENTS = "too few segments"
     """The labels give fewer equations than there are unknowns; the prior determines the others."""
     DEGENERATE = "degenerate"

@@ -116,6 +116,8 @@ class FrameEditor:
     ...     ends = truth.project(soccer()[label].sample(3.0))
     ...     inside = ends[((ends > 5.0) & (ends < (955.0, 535.0))).all(axis=1)]
     ...     editor = editor.mark(label, inside[[0, -1]] + (1.5, -1.5))
+    >>> editor
+    FrameEditor(960x540 pixels, 8 marks of 4 markings)
     >>> str(editor.calibration.status), round(float(np.linalg.norm(editor.calibration.camera.C - truth.C))) < 5
     ('accepted', True)
     >>> editor.undo().undo().calibration.camera is None, editor.undo().redo().marks == editor.marks
@@ -129,6 +131,10 @@ class FrameEditor:
     """The camera that was found without a person."""
     found: Calibration | None = None
     """The camera that follows from the marks, where it is known already."""
+
+    def __repr__(self) -> str:
+        width, height = size_of(self.image)
+        return f"FrameEditor({width}x{height} pixels, {len(self.marks)} marks of {len(self.marks.pixels)} markings)"
 
     @classmethod
     def of(

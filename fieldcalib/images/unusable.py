@@ -38,7 +38,7 @@ def said_plainly(
         for image, is_large in zip(images, large, strict=True)
     ]
     is_asked = by_network and _may_be_soccer(object_segments)
-    return [_asked(one) if is_asked else one for one in judged]
+    return [_asked(one) if is_asked and is_large else one for one, is_large in zip(judged, large, strict=True)]
 
 
 def clip_notes(found: VideoCalibration, object_segments: ObjectSegments) -> tuple[str, ...]:
