@@ -13,6 +13,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import SOLVER, ResultFile, lines_file
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
@@ -68,6 +69,12 @@ class Cameras:
         """The calibration of a frame, by the name that boxes give it; None if it has no camera."""
         found = self.id_of(frame, offset)
         return None if found is None else self._read(found)
+
+    def camera(self, id: str) -> Camera:
+        """The camera of one of the `accepted` frames."""
+        found = self._read(id)
+        assert found is not None  # it is accepted
+        return found.required_camera
 
     def id_of(self, frame: str, offset: int = 0) -> str | None:
         """The id of a frame, by the name that boxes give it; None if there is no such frame.

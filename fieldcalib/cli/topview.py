@@ -110,7 +110,7 @@ class Views:
             raise ValueError(f"no image that is given has an accepted camera in {self.cameras.path}")
         for file in _spread(files, self.most):
             with named_in_errors(file.path):
-                yield IMAGES.read(file.read(self.most_bytes)), _camera(self.cameras, file.id)
+                yield IMAGES.read(file.read(self.most_bytes)), self.cameras.camera(file.id)
             self.shown.append(file.id)
 
     def _of_video(self) -> Iterator[tuple[Image, Camera]]:
@@ -123,15 +123,8 @@ class Views:
         with VideoReader(self.input[0], cut=Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))) as reader:
             for number, image in zip(reader.numbers, reader, strict=False):
                 if number in chosen:
-                    yield image, _camera(self.cameras, numbers[number])
+                    yield image, self.cameras.camera(numbers[number])
                     self.shown.append(numbers[number])
-
-
-def _camera(cameras: Cameras, id: str) -> Camera:
-    found = cameras.of(id)
-    assert found is not None  # it is accepted
-    assert found.camera is not None
-    return found.camera
 
 
 def _spread(items: Sequence[Item], most: int) -> list[Item]:

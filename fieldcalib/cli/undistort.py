@@ -89,7 +89,7 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
     for path, file in targets.items():
         with named_in_errors(file.path):
             image = IMAGES.read(file.read(most_bytes))
-            write_image(path, without_lens(image, _camera(cameras, file.id)))
+            write_image(path, without_lens(image, cameras.camera(file.id)))
     return len(chosen), len(files) - len(chosen)
 
 
@@ -110,15 +110,9 @@ def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, in
     with VideoReader(inputs[0], cut=cut) as reader, VideoWriter(out, reader.frames_per_second) as video:
         for number, image in zip(reader.numbers, reader, strict=False):
             if ids.get(number) in accepted:
-                image, done = without_lens(image, _camera(cameras, ids[number])), done + 1
+                image, done = without_lens(image, cameras.camera(ids[number])), done + 1
             else:
                 left += 1
             video.write(image)
     say_note(out, video)
     return done, left
-
-
-def _camera(cameras: Cameras, id: str) -> Camera:
-    found = cameras.of(id)
-    assert found is not None  # it is accepted
-    return found.required_camera

@@ -248,8 +248,7 @@ class Stored:
     def _drawn_again(self, moved: Sequence[str], clip: VideoCalibration | None, rate: float) -> dict[str, bytes | None]:
         """Files that show cameras, None where they are not drawn again: only the plot of a clip is, where it agrees."""
         files: dict[str, bytes | None] = dict.fromkeys(moved)
-        is_due = MOTION in files or MOTION in self.moved
-        if is_due and clip is not None and BESIDE not in clip.notes:
+        if clip is not None and BESIDE not in clip.notes and (MOTION in files or MOTION in self.moved):
             files[MOTION] = encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix)
         return files
 
