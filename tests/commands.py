@@ -2,7 +2,10 @@
 
 import json
 
+from synthetic import random_frames
+
 from fieldcalib.cli.main import main
+from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)
 BROKEN_KEYS = ["id", "status", "message"]
@@ -22,6 +25,14 @@ def run(*arguments):
         return main([str(argument) for argument in arguments])
     except SystemExit as error:  # argparse ends so
         return error.code
+
+
+def write_two_annotations(folder):
+    """A new folder with the annotations 0.json and 1.json."""
+    folder.mkdir()
+    for number, frame in enumerate(random_frames(2, seed=3, noise=0.5)[0]):
+        (folder / f"{number}.json").write_text(format_annotation(frame, SIZE))
+    return folder
 
 
 def calibrate(out, *inputs, options=()):

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import SIZE, run
-from synthetic import random_frames
+from commands import run, write_two_annotations
 
 import fieldcalib
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.io.videos import VideoReader, VideoWriter, count_frames
 
 ROOT = Path(fieldcalib.__file__).parents[1]
@@ -29,11 +27,7 @@ def in_shell(redirection, *arguments, cwd):
 
 @pytest.fixture
 def frames(tmp_path):
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for number, frame in enumerate(random_frames(2, seed=3, noise=0.5)[0]):
-        (folder / f"{number}.json").write_text(format_annotation(frame, SIZE))
-    return folder
+    return write_two_annotations(tmp_path / "frames")
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

@@ -553,13 +553,18 @@ def test_a_window_keeps_the_tripods_outside():
 DRAWINGS = ("overlay.mp4", "motion.png", "worst_frames.jpg", "report.html")
 
 
-def test_files_stay_where_no_camera_has_changed(clip, tmp_path):
-    out = tmp_path / "out"
+def with_drawings(clip, out):
+    """A folder of results of a clip that was kept, with drawings of it."""
     editor = opened(clip, out)
     editor.keep(proposal(nothing(8), Window(0, 8)))
     for name in DRAWINGS:
         (out / name).write_text("as it was")
     editor.close()
+    return out
+
+
+def test_files_stay_where_no_camera_has_changed(clip, tmp_path):
+    out = with_drawings(clip, tmp_path / "out")
     editor = marked(opened(clip, out), 2, number=5)
     editor[5] = editor.automatic(5)
     editor.save()
@@ -569,12 +574,7 @@ def test_files_stay_where_no_camera_has_changed(clip, tmp_path):
 
 
 def test_what_was_drawn_is_drawn_again(clip, tmp_path):
-    out = tmp_path / "out"
-    editor = opened(clip, out)
-    editor.keep(proposal(nothing(8), Window(0, 8)))
-    for name in DRAWINGS:
-        (out / name).write_text("as it was")
-    editor.close()
+    out = with_drawings(clip, tmp_path / "out")
     editor = marked(opened(clip, out), 4, number=5)
     assert editor.to_draw == []
     assert editor.draw() == []

@@ -6,27 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import calibrate, lines_of, run
-from synthetic import random_frames
+from commands import calibrate, lines_of, run, write_two_annotations
 
 from fieldcalib import read
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.images import write_image
-from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.record import RunRecord
-
-SIZE = (960, 540)
 
 
 @pytest.fixture
 def frames(tmp_path):
     """A folder with two annotations."""
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for number, frame in enumerate(random_frames(2, seed=3, noise=0.5)[0]):
-        (folder / f"{number}.json").write_text(format_annotation(frame, SIZE))
-    return folder
+    return write_two_annotations(tmp_path / "frames")
 
 
 @pytest.fixture
