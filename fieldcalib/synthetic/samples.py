@@ -33,8 +33,8 @@ from fieldcalib.synthetic.film import PAINTED, Scene, TrueFrame, cameras_as_text
 from fieldcalib.synthetic.paths import with_displaced_lines
 
 Sample = Literal["clip", "picture"]
-SEED, FRAMES, CUTS = 18, 72, 1
-PICTURE = 20  # the frame of the clip that the picture is
+SEED, FRAMES, CUTS = 37, 60, 1
+PICTURE = 10  # the frame of the clip that the picture is
 FILES: dict[Sample, str] = {"clip": "clip.mp4", "picture": "picture.png"}
 PLAYERS, TRUTH = "players.csv", ".jsonl"
 MOST_JOBS = 4
@@ -43,10 +43,10 @@ MOST_JOBS = 4
 def sample(name: Sample, *, progress: Progress = True) -> Path:
     """A clip or a picture to try, with its truth beside it.
 
-    The clip has 72 frames of 960 x 540 pixels, 30 a second, of a soccer match from two cameras: players, boards that
+    The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from two cameras: players, boards that
     change, motion blur, grain and a cut. It is rendered when it is first asked for, in half a minute on two cores, and
-    kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where nothing can be written there, in a
-    temporary folder.
+    kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where nothing can be written there, in
+    a temporary folder.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def sample(name: Sample, *, progress: Progress = True) -> Path:
     Returns
     -------
     Path
-        ``clip.mp4``, with the true cameras in ``clip.jsonl`` (`fieldcalib.synthetic.film.read_cameras`) and the boxes of
-        the players in ``players.csv``, which `fieldcalib project` reads; or ``picture.png``, with its true camera in
+        ``clip.mp4``, with the true cameras in ``clip.jsonl`` (`fieldcalib.synthetic.film.read_cameras`) and the boxes
+        of the players in ``players.csv``, which `fieldcalib project` reads; or ``picture.png``, with its true camera in
         ``picture.json`` (`fieldcalib.io.soccernet.parse_camera`).
 
     Raises
