@@ -39,8 +39,8 @@ TITLES = ("focal length [%]", "position [m]", "pan [°]", "tilt [°]", "roll [°
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
-        "Render a clip of a match with known cameras, find the cameras from its pictures, print their errors, and write "
-        "an overlay video, a report, the players in metres and a map with them. Needs no data and no download."
+        "Render a clip of a match with known cameras, find the cameras from its pictures, print their errors, and "
+        "write an overlay video, a report, the players in metres and a map with them. Needs no data and no download."
     )
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where all of it goes")
 
@@ -51,9 +51,7 @@ def run(options: argparse.Namespace) -> int:
     with output_folder(out):
         clip = _copied(sample("clip"), out)
         truths = read_cameras(clip.with_suffix(TRUTH))
-        show(
-            f"{clip}: {len(truths)} rendered frames of two cameras; the truth is in {clip.stem}{TRUTH} and {PLAYERS}"
-        )
+        show(f"{clip}: {len(truths)} rendered frames of two cameras; the truth is in {clip.stem}{TRUTH} and {PLAYERS}")
         cameras = out / CAMERAS
         if code := _command("run", clip, "--out", cameras, "--report", "--resume"):
             return code
