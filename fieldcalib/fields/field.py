@@ -34,7 +34,7 @@ ALIKE = 0.005  # metres: ends nearer to each other than this coincide
 ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class Field(Mapping[str, Segment]):
     """A field: a mapping of labels to segments, with its size in metres and the world around it.
 
@@ -160,9 +160,6 @@ class Field(Mapping[str, Segment]):
 
     def __len__(self) -> int:
         return len(self.segments)
-
-    def __repr__(self) -> str:
-        return f"Field({self.length:g} x {self.width:g} m, {len(self)} segments)"
 
     def _repr_html_(self) -> str:
         """The markings, the size and some labels, for notebooks."""

@@ -122,12 +122,8 @@ class SegmentationNetwork:
 
     def __repr__(self) -> str:
         size = "{} x {}".format(*self.description.input_size)
-        where = (
-            ""
-            if self.source is None
-            else f", {'the one of the package' if self.source.model is None else self.source.model.name}"
-        )
-        return f"SegmentationNetwork({len(self.classes)} classes, {size} px{where})"
+        model = "" if self.source is None else f", {self.source.model or 'the one of the package'}"
+        return f"SegmentationNetwork({len(self.classes)} classes, {size} px{model})"
 
     @property
     def classes(self) -> tuple[str, ...]:
