@@ -29,7 +29,8 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.reading import read
 from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT
 from fieldcalib.synthetic.film import TrueFrame, read_cameras
-from fieldcalib.synthetic.samples import PLAYERS, TRUTH, read_positions, sample
+from fieldcalib.synthetic.sample_files import read_positions
+from fieldcalib.synthetic.samples import PLAYERS, TRUTH, sample
 
 CAMERAS, PLACES, MAP = "cameras", "players_in_metres.csv", "map.mp4"
 TRAIL = "15"  # frames
@@ -51,7 +52,9 @@ def run(options: argparse.Namespace) -> int:
     with output_folder(out):
         clip = _copied(sample("clip"), out)
         truths = read_cameras(clip.with_suffix(TRUTH))
-        show(f"{clip}: {len(truths)} rendered frames of two cameras; the truth is in {clip.stem}{TRUTH} and {PLAYERS}")
+        show(
+            f"{clip}: {len(truths)} rendered frames of one camera, with a cut; the truth is in {clip.stem}{TRUTH} and {PLAYERS}"
+        )
         cameras = out / CAMERAS
         if code := _command("run", clip, "--out", cameras, "--report", "--resume"):
             return code

@@ -1,51 +1,34 @@
 """Samples to try: a clip and a picture of it, rendered when they are first asked for and kept in the user's cache.
 
-A sample is a folder with the file that was asked for and its truth beside it. The folder is made under another name and
-renamed when all is there; its name has a digest of the code that renders, so that a changed one makes it anew.
+A sample is a folder with the file that was asked for and its truth beside it (`fieldcalib.synthetic.sample_files`). Its
+name has a digest of the code that renders, so that a changed one makes it anew.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import os
-import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
-from contextlib import nullcontext, suppress
-from functools import lru_cache, partial
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
-import numpy as np
-
 import fieldcalib
-from fieldcalib.console.progress import Progress, progress_bar
-from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import write_text
-from fieldcalib.io.images import write_image
-from fieldcalib.io.soccernet import format_camera
-from fieldcalib.io.videos import VideoWriter
-from fieldcalib.processes.jobs import Processes, in_order
-from fieldcalib.synthetic.film import PAINTED, Scene, TrueFrame, cameras_as_text, clip_frames, filmed
-from fieldcalib.synthetic.paths import with_displaced_lines
+from fieldcalib.console.progress import Progress
 
 Sample = Literal["clip", "picture"]
-SEED, FRAMES, CUTS = 37, 60, 1
-PICTURE = 10  # the frame of the clip that the picture is
 FILES: dict[Sample, str] = {"clip": "clip.mp4", "picture": "picture.png"}
 PLAYERS, TRUTH = "players.csv", ".jsonl"
-MOST_JOBS = 4
 
 
 def sample(name: Sample, *, progress: Progress = True) -> Path:
     """A clip or a picture to try, with its truth beside it.
 
-    The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from two cameras: players, boards that
-    change, motion blur, grain and a cut. It is rendered when it is first asked for, in half a minute on two cores, and
-    kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where nothing can be written there, in
+    The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from one camera that
+    pans and zooms: players, boards, motion blur, grain, and a cut from one end to the other. It is rendered when it is
+    first asked for, in half a minute on two cores, and kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where nothing can be written there, in
     a temporary folder.
 
     Parameters
@@ -76,7 +59,9 @@ def sample(name: Sample, *, progress: Progress = True) -> Path:
     made = f"{name}-{_digest()}"
     folder = _cache() / made
     if not folder.is_dir():
-        _make(folder, name, progress)
+        from fieldcalib.synthetic.sample_files import make  # OpenCV is slow to import
+
+        make(folder, name, progress)
     return folder / FILES[name]
 
 
@@ -99,61 +84,3 @@ def _digest() -> str:
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
-
-
-def _make(folder: Path, name: Sample, progress: Progress) -> None:
-    """Make the folder of a sample, whole or not at all."""
-    frames = clip_frames(SEED, FRAMES, CUTS)
-    field = with_displaced_lines(soccer(), np.random.default_rng((SEED, PAINTED)))
-    scene = Scene.random(field, SEED, [frame.camera for frame in frames])
-    unfinished = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
-        path = unfinished / FILES[name]
-        if name == "picture":
-            write_image(path, filmed(scene, frames, PICTURE))
-            write_text(path.with_suffix(".json"), format_camera(frames[PICTURE].camera))
-        else:
-            _film(path, scene, frames, progress)
-            write_text(path.with_suffix(TRUTH), cameras_as_text(scene, frames))
-            write_text(path.with_name(PLAYERS), _boxes_as_text(scene, frames))
-        with suppress(FileExistsError):
-            os.replace(unfinished, folder)
-    except OSError:
-        if not folder.is_dir():  # another process may have made it in the meantime
-            raise
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def _film(path: Path, scene: Scene, frames: Sequence[TrueFrame], progress: Progress) -> None:
-    """Render all frames, in several processes."""
-    jobs = min(os.cpu_count() or 1, MOST_JOBS)
-    with (
-        nullcontext() if jobs == 1 else Processes(jobs) as executor,
-        progress_bar(desc="rendering", total=len(frames), unit="frame", progress=progress) as bar,
-        VideoWriter(path, scene.rate) as video,
-    ):
-        for image in in_order(executor, partial(filmed, scene, frames), range(len(frames)), ahead=2 * jobs):
-            video.write(image)
-            bar.update()
-
-
-def _boxes_as_text(scene: Scene, frames: Sequence[TrueFrame]) -> str:
-    """The boxes of the players in view as a table, a line for each frame and player."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(("frame", "track_id", "team", "x1", "y1", "x2", "y2", "true_x", "true_y"))
-    for index, frame in enumerate(frames):
-        for who, box in scene.boxes(index, frame.camera).items():
-            X = scene.positions[index, who]
-            table.writerow((index, who, scene.teams[who], *np.round(box, 2).tolist(), *np.round(X, 3).tolist()))
-    return text.getvalue()
-
-
-def read_positions(path: Path) -> dict[tuple[int, int], tuple[float, float]]:
-    """True places of the players of ``players.csv`` in metres, by frame and track."""
-    with path.open(newline="") as file:
-        return {
-            (int(row["frame"]), int(row["track_id"])): (float(row["true_x"]), float(row["true_y"]))
-            for row in csv.DictReader(file)
-        }
