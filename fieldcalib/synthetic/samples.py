@@ -26,10 +26,10 @@ PLAYERS, TRUTH = "players.csv", ".jsonl"
 def sample(name: Sample, *, progress: Progress = True) -> Path:
     """A clip or a picture to try, with its truth beside it.
 
-    The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from one camera that
-    pans and zooms: players, boards, motion blur, grain, and a cut from one end to the other. It is rendered when it is
-    first asked for, in half a minute on two cores, and kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where nothing can be written there, in
-    a temporary folder.
+    The clip has 60 frames of 960 x 540 pixels, 30 a second, of a soccer match from one camera that pans and zooms:
+    players, boards, motion blur, grain, and a cut from one end to the other. It is rendered when it is first asked for,
+    by up to four processes, and kept in the user's folder for caches (``XDG_CACHE_HOME``, ``LOCALAPPDATA``); where
+    nothing can be written there, in a temporary folder.
 
     Parameters
     ----------
