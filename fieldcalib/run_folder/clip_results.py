@@ -69,7 +69,7 @@ def write_clip_results(
 ) -> str:
     """Write everything of a clip that is calibrated; returns a note about the overlay video, if there is one."""
     out, rate = results.out, clip.source.frames_per_second
-    results.notes = found.notes
+    results.notes = found.remarks
     worst, note = _write_frames(results, clip, found, options, threads)
     write_clip(out, found, rate)
     if worst:
