@@ -280,8 +280,8 @@ class Results(Mapping[str, Calibration]):
         everything : bool
             By default there are the columns of `fieldcalib.results.tables.COLUMNS`: verdict and reason, the camera in
             pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of
-            ``docs/reference/files.md`` without those that only serve to read results back; nested ones as "angles_degrees.pan", matrices and lists
-            in one cell.
+            ``docs/reference/files.md`` without those that only serve to read results back; nested ones as
+            "angles_degrees.pan", matrices and lists in one cell.
 
         Raises
         ------
