@@ -52,9 +52,7 @@ def run(options: argparse.Namespace) -> int:
     with output_folder(out):
         clip = _copied(sample("clip"), out)
         truths = read_cameras(clip.with_suffix(TRUTH))
-        show(
-            f"{clip}: {len(truths)} rendered frames of one camera, with a cut; the truth is in {clip.stem}{TRUTH} and {PLAYERS}"
-        )
+        show(f"{clip}: {len(truths)} rendered frames of one camera; the truth is in {clip.stem}{TRUTH}, {PLAYERS}")
         cameras = out / CAMERAS
         if code := _command("run", clip, "--out", cameras, "--report", "--resume"):
             return code
