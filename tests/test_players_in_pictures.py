@@ -84,7 +84,8 @@ def test_players_who_run_together_are_no_background() -> None:
     first, second = pitch_with_runners((0.0, 0.0), 0.0), pitch_with_runners((9.0, -4.0), 4.0)
     found = match_background(first, second)
     in_grey = match_background(*(cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (first, second)))
-    assert found is not None and in_grey is not None
+    assert found is not None
+    assert in_grey is not None
     np.testing.assert_allclose(np.median(found.second - found.first, axis=0), (9.0, -4.0), atol=0.3)
     assert np.median(in_grey.second - in_grey.first, axis=0)[0] > 12.0  # the runners, who cannot be told without colour
 
