@@ -241,7 +241,7 @@ def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
     T = to_full(np.divide(first.frame.image_size, (width, height)))
     small = np.linalg.inv(T) @ H @ T
     of_first, of_second = (1.0 - one.frame.players(b.shape).astype(np.float32) for one in (first, second))
-    inside = cv2.warpPerspective(of_first, small, (width, height), flags=cv2.INTER_NEAREST)
+    inside: Any = cv2.warpPerspective(of_first, small, (width, height), flags=cv2.INTER_NEAREST)
     moved = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
     same, unlike, around = GRAPHIC
     graphic = ((np.abs(a - b) < same) & (np.abs(moved - b) > unlike)).astype(np.uint8)

@@ -83,7 +83,8 @@ def _are_small(boxes: IntArray, shape: tuple[int, ...]) -> BoolArray:
     height, width = shape
     sides = np.multiply(LARGEST_SIDE, (width, height))
     area = boxes[:, 4]
-    return (area >= SMALLEST_AREA) & (area < LARGEST_AREA * height * width) & np.all(boxes[:, 2:4] < sides, axis=1)
+    fits = (area >= SMALLEST_AREA) & (area < LARGEST_AREA * height * width)
+    return np.asarray(fits & np.all(boxes[:, 2:4] < sides, axis=1))
 
 
 def _are_compact(label: Array, count: int) -> BoolArray:
