@@ -1,7 +1,7 @@
 """Real frames with cameras: results of fieldcalib, or hand-labelled field points, up to 32 of them, each with an index.
 
-Results are a folder that `fieldcalib open`, `calibrate` or `run` wrote. Pictures with the verdict "good" are taken; they
-lie where they were then.
+Results are a folder that `fieldcalib open`, `calibrate` or `run` wrote. Pictures with the verdict "good" are taken, if
+they lie where they were then.
 
 The layout of labelled points is that of the pitch keypoints from Roboflow's Universe:
 ``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed from 16:9 to a square, beside a ``.txt`` with one line
