@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.shared import ReducedSystem
@@ -66,6 +67,12 @@ class FieldSize:
     def width(self) -> float:
         """Length of a goal line, metres."""
         return self.field.width
+
+    def _repr_html_(self) -> str:
+        """The field, its size with standard deviations, and how much of it the labels tell, for notebooks."""
+        sizes = zip(("length", "width"), (self.length, self.width), self.std_deviations, self.from_labels, strict=True)
+        rows = {name: f"{size:.2f} ± {sd:.2f} m, {share:.0%} from the labels" for name, size, sd, share in sizes}
+        return self.field.as_svg() + table(rows | {"frames": str(len(self.calibrations))})
 
     @property
     def is_told(self) -> bool:
