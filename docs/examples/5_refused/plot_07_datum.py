@@ -17,7 +17,6 @@ truth = fieldcalib.Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0)
 labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
 pixels = {label: truth.project(field[label].sample(9.0)).round() for label in labels}
 calibration = fieldcalib.calibrate_from_segments(field, pixels, (960, 540))
-print(calibration.remedy)
 
 # %%
 # Ellipses of 95 %: relative to the markings in view (blue) and from the centre mark (orange).
