@@ -1,6 +1,7 @@
 """How the site is built: ``python -m sphinx -W docs docs/_build``, with the extra ``docs`` and without a network."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -9,6 +10,20 @@ sys.path.insert(0, str(ROOT))  # the checkout is documented, whatever is install
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))  # its commands too
 
 import fieldcalib  # noqa: E402
+from fieldcalib.cli.commands import COMMANDS  # noqa: E402
+
+# What the commands say of their options is part of the reference.
+HELP = Path(__file__).parent / "reference" / "generated"
+HELP.mkdir(exist_ok=True)
+for command in COMMANDS:
+    said = subprocess.run(
+        [sys.executable, "-m", "fieldcalib", command, "--help"],
+        env={**os.environ, "COLUMNS": "110"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (HELP / f"{command}.txt").write_text(said.stdout, encoding="utf-8")
 
 project = "fieldcalib"
 author = "fieldcalib developers"

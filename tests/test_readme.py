@@ -112,4 +112,4 @@ def test_the_reference_explains_every_public_name(module):
 def test_the_checks_can_fail():
     assert promised_output("print(1)\n# 2\n") == "2\n"
     assert "of-an-image" not in anchors(PAGES["docs/explanation/method.md"])
-    assert "the-size-of-the-pitch" in anchors(PAGES["docs/reference/command-line.md"])
+    assert "the-size-of-the-pitch" in anchors(PAGES["docs/how-to/known-camera.md"])
