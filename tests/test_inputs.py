@@ -15,6 +15,7 @@ import killed
 import numpy as np
 import pytest
 from commands import lines_of, run
+from killed import LONGEST
 from networks import FIELD
 
 import fieldcalib
@@ -273,21 +274,22 @@ def test_a_live_stream_goes_on_when_its_other_process_is_killed(
     know([TRUTH] * 6)
     on_stdin(film)
     monkeypatch.setattr(Stream, "is_live", True)
-    update, seen, killed = Tracker.update, [], []
+    update, seen, ended = Tracker.update, [], []
 
     def disturbed(tracker, image):
         seen.append(image)
         if len(seen) == frame + 1:
-            killed.append(tracker._other._process)
-            killed[0].kill()
-        calibration, until = update(tracker, image), time.monotonic() + 120.0
-        while killed and not calibration.accepted and time.monotonic() < until:  # frames come faster than solutions
+            ended.append(tracker._other._process)
+            ended[0].kill()
+        calibration, until = update(tracker, image), time.monotonic() + LONGEST
+        while ended and not calibration.accepted and time.monotonic() < until:  # frames come faster than solutions
+            time.sleep(0.05)
             calibration = update(tracker, image)
         return calibration
 
     monkeypatch.setattr(Tracker, "update", disturbed)
     assert run("run", "-", "--out", tmp_path) == 0
-    assert killed[0].poll() == -9
+    assert ended[0].poll() == -9
     assert "with exit code -9: another one goes on" in capfd.readouterr().err
     lines = lines_of(tmp_path)
     assert [line["status"] for line in lines[frame:]] == ["accepted"] * (6 - frame)
