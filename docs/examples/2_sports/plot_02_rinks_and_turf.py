@@ -16,7 +16,7 @@ pictures = []
 for name in NAMES:
     field = fieldcalib.field(name)
     reach = max(field.length, field.width)
-    camera = fieldcalib.Camera.from_angles(0.0, 1.2, 0.0, 460.0, (0.0, 0.75 * reach, -0.25 * reach), (480, 300))
+    camera = fieldcalib.Camera.from_angles(0.0, 1.0, 0.0, 430.0, (0.0, 0.78 * reach, -0.5 * reach), (480, 300))
     pictures += [draw_minimap(None, field, size=(480, 300)), render_field(camera, field)]
 
 sheet = contact_sheet(pictures, [text for name in NAMES for text in (name, "")], columns=4, width=360)
