@@ -188,7 +188,7 @@ class Field(Mapping[str, Segment]):
         Examples
         --------
         >>> from fieldcalib import soccer
-        >>> soccer().as_svg()[:60]
+        >>> soccer().as_svg()[:61]
         '<svg xmlns="http://www.w3.org/2000/svg" width="480" height="3'
         """
         return plan(self.length, self.width, self.markings.values(), cameras)
