@@ -22,17 +22,6 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from data_tools.synthetic.clips import camera_path, with_displaced_lines
-from data_tools.synthetic.film import (
-    CAMERAS,
-    CLIP_SIZE,
-    LEAST_PATH,
-    PAINTED,
-    Scene,
-    TrueFrame,
-    read_cameras,
-    write_clip,
-)
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Verdict
@@ -49,6 +38,17 @@ from fieldcalib.images.clip_keyframes import KeyframeLabels, are_consistent
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.numbered_frames import NumberedFrames, NumberedVideo
 from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.synthetic.film import (
+    CAMERAS,
+    CLIP_SIZE,
+    LEAST_PATH,
+    PAINTED,
+    Scene,
+    TrueFrame,
+    read_cameras,
+    write_clip,
+)
+from fieldcalib.synthetic.paths import camera_path, with_displaced_lines
 
 SHARE = 1.0 / 3.0  # of the keyframes
 SHIFT = 40.0  # px of labels that are moved
