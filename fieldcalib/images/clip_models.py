@@ -28,7 +28,7 @@ from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.problem.prior import is_whole_shape, principal_point_sigma
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
 from fieldcalib.solve.ties import Ties
 
@@ -40,6 +40,10 @@ CLEARLY = 0.8  # a model is better than another one if its score is below this s
 LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
+MAY_BE_OFF = (
+    2.0  # standard deviations of a principal point from the middle from which on it is let free: real clips 1.7
+)
+OFF_MIDDLE = 2.8  # from which on the picture is no whole one
 LEAST_RUN = 2  # keyframes in a row that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
@@ -184,6 +188,31 @@ def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tupl
         return prior
     stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
     return tuple(replace(one, principal_point=max(one.principal_point, WINDOW_SHARE)) for one in stands)
+
+
+def off_middle(
+    found: SequenceCalibration, prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]
+) -> float:
+    """Distance of the principal point that frames share from the middle of the picture, in standard deviations.
+
+    These are of both the principal points of whole pictures and the estimate. 0 if the frames share none.
+    """
+    if prior is None or not {"cx", "cy"} <= set(found.names):
+        return 0.0
+    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
+    whole = principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
+    index = [found.names.index(name) for name in ("cx", "cy")]
+    off = found.values[index] - np.divide(image_size, 2.0)
+    return float(np.max(np.abs(off) / np.hypot(whole, np.sqrt(np.diagonal(found.covariance)[index]))))
+
+
+def cut_out_note(frames: IntArray, found: SequenceCalibration) -> str:
+    """Note for the user on frames whose principal point is far from the middle of the picture."""
+    x, y = (found.values[found.names.index(name)] for name in ("cx", "cy"))
+    return (
+        f"frames {frames[0]} to {frames[-1]}: the picture is a part of a larger one, or is shown in a part of the screen: "
+        f"its principal point is at ({x:.0f}, {y:.0f}), far from the middle"
+    )
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
