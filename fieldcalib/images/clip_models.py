@@ -40,10 +40,10 @@ CLEARLY = 0.8  # a model is better than another one if its score is below this s
 LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
-MAY_BE_OFF = (
-    2.0  # standard deviations of a principal point from the middle from which on it is let free: real clips 1.7
-)
-OFF_MIDDLE = 2.8  # from which on the picture is no whole one
+# Standard deviations of a principal point from the middle: from the first on it is let free, from the second on the
+# picture is no whole one. Measured broadcast cameras are up to 1.75 off.
+MAY_BE_OFF = 2.0
+OFF_MIDDLE = 2.8
 LEAST_RUN = 2  # keyframes in a row that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
@@ -210,8 +210,8 @@ def cut_out_note(frames: IntArray, found: SequenceCalibration) -> str:
     """Note for the user on frames whose principal point is far from the middle of the picture."""
     x, y = (found.values[found.names.index(name)] for name in ("cx", "cy"))
     return (
-        f"frames {frames[0]} to {frames[-1]}: the picture is a part of a larger one, or is shown in a part of the screen: "
-        f"its principal point is at ({x:.0f}, {y:.0f}), far from the middle"
+        f"frames {frames[0]} to {frames[-1]}: the picture is a part of a larger one, or is shown in a part of the "
+        f"screen: its principal point is at ({x:.0f}, {y:.0f}), far from the middle"
     )
 
 

@@ -106,7 +106,7 @@ def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
     def off(calibration: SequenceCalibration) -> float:
         return off_middle(calibration, options.prior, options.object_segments, clip.shots.image_size)
 
-    if off(on_tripod.calibrations[piece]) < MAY_BE_OFF:
+    if options.given.camera_matrix is not None or off(on_tripod.calibrations[piece]) < MAY_BE_OFF:
         return on_tripod
     pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
     found = clip.calibrate(pieces, [piece], clip.accepted)

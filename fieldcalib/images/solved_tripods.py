@@ -57,9 +57,7 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     else:
         standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
         groups = grouped_by_tripod({piece: shot for piece, shot in standing.items() if piece not in cut_out})
-        groups += grouped_by_tripod(
-            {piece: standing[piece] for piece in cut_out}
-        )  # with a principal point of their own
+        groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})  # another principal point
         groups += [[piece] for piece in moving]
     groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
