@@ -111,6 +111,22 @@ def test_history_survives(blank, tmp_path):
     again.close()
 
 
+def test_a_change_that_was_taken_back_is_nothing_to_save(blank, tmp_path):
+    editor = opened(blank, tmp_path / "out")
+    marked(editor, 2)
+    assert editor.save() == 1
+    editor[0] = editor[0].undo()
+    assert editor.unsaved == 1
+    editor[0] = editor[0].redo()
+    assert (editor.unsaved, editor.save()) == (0, 0)
+    editor[0] = editor[0].undo()
+    editor.close()
+    again = opened(blank, tmp_path / "out")
+    assert again.unsaved == 1
+    again[0] = again[0].redo()
+    assert (again.unsaved, again.save()) == (0, 0)
+
+
 def test_two_undos_at_once_are_a_change_of_their_own(blank, tmp_path):
     """What a journal has no word for is kept as the state that it leads to."""
     editor = marked(opened(blank, tmp_path / "out"), 4)

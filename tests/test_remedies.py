@@ -61,6 +61,21 @@ def test_a_clip_without_any_camera_may_be_of_another_sport():
     assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.capitalize()}",)
 
 
+def test_a_clip_of_tiny_frames_is_said_to_be_too_small():
+    noise = np.random.default_rng(0).integers(0, 255, (2, 90, 160, 3), np.uint8)
+    found = calibrate_video(soccer(), list(noise), Blind())
+    (note,) = found.notes
+    assert note.startswith("no frame has a camera that can be used: too small: 160 x 90 pixels")
+    assert "soccer" not in note
+
+
+def test_a_small_picture_without_a_camera_is_said_to_be_too_small():
+    noise = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
+    (found,) = calibrate_from_images(soccer(), [noise], Blind())
+    assert found.reason.startswith("too small: 160 x 90 pixels")
+    assert "soccer?" not in found.reason
+
+
 @pytest.mark.parametrize("size", [(2, 3), (31, 480), (270, 31)])
 def test_a_picture_that_is_too_small_says_so(size):
     results = calibrate(np.zeros((*size, 3), np.uint8), progress=False)

@@ -140,7 +140,7 @@ class Editor:
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
         for number, marks in given.marks.items():
             if number not in self._states:
-                edits = FrameHistory(History(Edit(marks)), is_saved=False)
+                edits = FrameHistory(History(Edit(marks)))
                 self._states[number] = _FrameState(edits, base=self._base(self.ids[number], edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=True)
         for number in self._states:
@@ -234,7 +234,7 @@ class Editor:
                 stored, marks = automatic(self.field, image, self.network)
                 edit = Edit(marks, automatic=True)
             with self.lock:
-                state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
+                state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit), edit), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
             self._expect_files(number)
         elif state.base is None:
@@ -302,7 +302,7 @@ class Editor:
             if not _is_anchor(state):
                 self._set_row(number, Row.of(found))
                 if self.stored is not None and self.ids[number] in self.stored:  # without a camera
-                    state.edits.is_saved = False
+                    state.edits.saved = None
             self.version += 1
         return True
 
@@ -323,7 +323,10 @@ class Editor:
             with self.lock:
                 state = self._states[number]
                 if state.edits.revision == 0:
+                    was_saved = state.edits.is_saved
                     state.edits.history = History(Edit(marks, automatic=True))
+                    if was_saved:
+                        state.edits.note_saved()
             return self[number]
         return one
 
@@ -381,7 +384,6 @@ class Editor:
             state.edits.history = before.changed_to(after)
             state.found = state.kept[1] if state.kept is not None and state.is_of_clip else changed.found
             state.edits.revision += 1
-            state.edits.is_saved = False
 
     def __setitem__(self, number: int, changed: FrameEditor) -> None:
         """Change a frame, see `put`."""
@@ -597,7 +599,7 @@ class Editor:
             if not state.has_begun and _is_anchor(state):  # given labels
                 journal.begin(self.ids[n], state.edits.history.present, state.base)
                 state.has_begun = True
-            state.edits.is_saved = True
+            state.edits.note_saved()
         if self.label_format is not None and not self._has_noted_format:
             journal.format(self.label_format)
             self._has_noted_format = True

@@ -33,11 +33,20 @@ class FrameHistory:
     """The edits of a frame, and how often it was changed."""
 
     history: History[Edit]
+    saved: Edit | None = None
+    """The state that is in the files of the folder; None if there is none."""
     revision: int = 0
-    is_saved: bool = True
-    """Whether its present state is in the files of the folder."""
     base: Mapping[str, Any] | None = None
     """The camera that was found without a person, as `Calibration.to_dict` gives it."""
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether its present state is in the files of the folder."""
+        return self.saved == self.history.present
+
+    def note_saved(self) -> None:
+        """Note that the present state is in the files now."""
+        self.saved = self.history.present
 
 
 @dataclass
@@ -59,15 +68,16 @@ class Replayed:
             self.cuts = [int(cut) for cut in line["cuts"]]
         elif "saved" in line:
             for id in line.get("frames", self.frames):
-                self.frames[id].is_saved = True
+                self.frames[id].note_saved()
             self.written |= _states(line["saved"])
         elif "written" in line:
             self.written |= _states(line["written"])
         elif "format" in line:
             self.format = str(line["format"])
         elif "begin" in line:
-            history = History(edit_from_record(line["begin"]))
-            self.frames[str(line["frame"])] = FrameHistory(history, base=line.get("base"))
+            edit = edit_from_record(line["begin"])
+            saved = edit if edit.automatic else None  # labels that were given are in no file of the folder yet
+            self.frames[str(line["frame"])] = FrameHistory(History(edit), saved, base=line.get("base"))
         else:
             self._change(line)
 
@@ -80,7 +90,6 @@ class Replayed:
         else:
             frame.history = frame.history.undone if "undo" in line else frame.history.redone
         frame.revision += 1
-        frame.is_saved = False
 
 
 def read_journal(path: Path) -> Replayed:

@@ -216,8 +216,9 @@ class Page:
     async def save(self, request: Request) -> Response:
         """Write labels and cameras into the folder of results."""
         await _body(request)
+        folder, by_hand = self.editor.stored, self.editor.unsaved
         saved = await run_in_threadpool(self.editor.save)
-        return JSONResponse({"saved": saved, "folder": str(self.editor.stored.folder) if self.editor.stored else ""})
+        return JSONResponse({"saved": saved, "by_hand": by_hand, "folder": str(folder.folder) if folder else ""})
 
     async def likely(self, request: Request) -> Response:
         """Labels for a pixel, the likely ones first."""

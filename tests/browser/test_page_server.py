@@ -95,6 +95,10 @@ def test_what_is_saved_is_said(serve, window, picture):
     server = serve(picture)
     one = window(server)
     assert one.text("#top-save button") == "Save"  # nothing has been saved yet
+    one.press("Control+s")
+    one.page.get_by_text("Nothing was changed by hand. Saved what was found by itself in 1 frame").wait_for()
+    one.press("Control+s")
+    one.page.get_by_text("Nothing to save").wait_for()
     one.label_by_clicks(LABELS[:4])
     one.page.get_by_role("button", name="Save 1 frame").wait_for()
     assert one.page.title().startswith("• ")
