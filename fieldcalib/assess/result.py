@@ -356,9 +356,9 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`; the inverse is `from_dict`.
 
-        Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
-        builds the field, as `soccer`; a user's function cannot be written to JSON. Numbers that are not finite are null
-        (NaN), "inf" and "-inf"; an `rms` or a `loss_ndc` of NaN is left out.
+        Keys are those of ``cameras.jsonl``, see ``docs/reference/files.md``. The size model of a field is kept if this
+        package builds the field, as `soccer`; a user's function cannot be written to JSON. Numbers that are not finite
+        are null (NaN), "inf" and "-inf"; an `rms` or a `loss_ndc` of NaN is left out.
 
         Examples
         --------

@@ -81,4 +81,5 @@ def _add(
     calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
     results.calibrating += time.perf_counter() - start
     results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
-    video.write(options.drawn(frame.image, calibration))
+    if options.draws:
+        video.write(options.drawn(frame.image, calibration))

@@ -64,7 +64,16 @@ class CalibrationOptions:
         choices=get_args(Mount),
     )
     keep_rejected: bool = switch("write the best camera of every frame, whatever the verdict says")
-    show_paint: bool = switch("draw markings that lie beside their paint in orange, and those without any in grey")
+    draws: bool = option(
+        "draw nothing: no overlays, no plot, no sheet of the worst frames",
+        name="--no-pictures",
+        default=True,
+        action="store_false",
+        exclusive="drawing",
+    )
+    show_paint: bool = switch(
+        "draw markings that lie beside their paint in orange, and those without any in grey", exclusive="drawing"
+    )
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> CalibrationOptions:

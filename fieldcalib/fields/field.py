@@ -209,7 +209,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def half_extent(self) -> Array:
-        """Largest |x| and |y| of the field and of its markings on the ground, (2,) metres.
+        """Largest absolute x and y of the field and of its markings on the ground, (2,) metres.
 
         Examples
         --------

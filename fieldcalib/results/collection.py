@@ -128,7 +128,7 @@ class Results(Mapping[str, Calibration]):
 
     @property
     def lines(self) -> Sequence[Mapping[str, Any]]:
-        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/files.md``."""
+        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/reference/files.md``."""
         return LazyList(len(self.frames.ids), self.frames.line)
 
     @property
@@ -261,9 +261,9 @@ class Results(Mapping[str, Calibration]):
         ----------
         everything : bool
             By default there are the columns of `fieldcalib.results.tables.COLUMNS`: verdict and reason, the camera in
-            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of ``docs/files.md``
-            without those that only serve to read results back; nested ones as "angles_degrees.pan", matrices and lists
-            in one cell.
+            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of
+            ``docs/reference/files.md`` without those that only serve to read results back; nested ones as
+            "angles_degrees.pan", matrices and lists in one cell.
 
         Raises
         ------

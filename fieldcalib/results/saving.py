@@ -90,6 +90,7 @@ class _Whole:
     """How results of whole frames are written and drawn."""
 
     results: Results
+    draws = True
 
     def placement(self, image: Image) -> Placement:
         return whole_frame(image)

@@ -1,0 +1,80 @@
+"""How the site is built: ``python -m sphinx -W docs docs/_build``, with the extra ``docs`` and without a network."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # the checkout is documented, whatever is installed
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))  # its commands too
+
+import fieldcalib  # noqa: E402
+from fieldcalib.cli.commands import COMMANDS  # noqa: E402
+
+# What the commands say of their options is part of the reference.
+HELP = Path(__file__).parent / "reference" / "generated"
+HELP.mkdir(exist_ok=True)
+for command in COMMANDS:
+    said = subprocess.run(
+        [sys.executable, "-m", "fieldcalib", command, "--help"],
+        env={**os.environ, "COLUMNS": "110"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (HELP / f"{command}.txt").write_text(said.stdout, encoding="utf-8")
+
+project = "fieldcalib"
+author = "fieldcalib developers"
+copyright = author
+version = release = fieldcalib.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "sphinx_gallery.gen_gallery",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build", "examples", "**/GALLERY_HEADER.rst"]
+templates_path = ["_templates"]
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 4  # the anchors that GitHub gives to headings
+highlight_language = "text"
+copybutton_exclude = ".linenos, .gp, .go"
+
+autosummary_generate = True
+autosummary_ignore_module_all = False
+autodoc_typehints = "none"  # numpydoc's sections say types
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+numpydoc_show_class_members = False  # the template of a class lists them
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py$",  # every example is executed
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_signature": False,
+    "min_reported_time": 10**6,
+    "abort_on_example_error": True,
+    "remove_config_comments": True,
+    "matplotlib_animations": False,
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = "fieldcalib"
+html_theme_options = {
+    "header_links_before_dropdown": 7,
+    "show_prev_next": False,
+    "navigation_with_keys": False,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "secondary_sidebar_items": ["page-toc"],
+}
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
