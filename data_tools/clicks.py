@@ -184,7 +184,8 @@ def run(options: argparse.Namespace) -> int:
             raise ValueError(f"expected a picture {name!r} in {options.pictures}, and its camera in {options.results}")
         image = IMAGES.read(files[name].read())
         image = image if options.width is None else at_most_wide(image, options.width)
-        image = image if options.squash is None else cv2.resize(image, options.squash, interpolation=cv2.INTER_AREA)
+        if options.squash is not None:
+            image = cv2.resize(image, options.squash, interpolation=cv2.INTER_AREA).astype(np.uint8)
         begin = FrameEditor.of(image, field, known=known)
         seen = replace(results[name], camera=results[name].required_camera.scaled(size_of(image)))
         rngs = map(np.random.default_rng, range(options.repeats))

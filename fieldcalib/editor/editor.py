@@ -66,9 +66,32 @@ class _FrameState:
         """Whether the camera is that of the clip."""
         return self.kept is not None and self.kept[0] == self.edits.history.present
 
+    def before(self, other: _FrameState) -> None:
+        """Go back to what was known before a solution of the clip was kept; what was changed since stays."""
+        self.base, self.kept = other.base, other.kept
+        self.edits.saved, self.edits.saved_before = other.edits.saved, other.edits.saved_before
+        if self.edits.revision == other.edits.revision:
+            self.found = other.found
+        else:
+            self.found = self.kept[1] if self.kept is not None and self.is_of_clip else None
+
     def keep(self, calibration: Calibration) -> None:
         """Take the camera of the clip with the present marks."""
         self.found, self.kept = calibration, (self.edits.history.present, calibration)
+
+
+@dataclass(frozen=True)
+class _BeforeKeep:
+    """What was known before a solution of a clip was kept."""
+
+    proposal: Proposal
+    states: Mapping[int, _FrameState]
+    rows: Sequence[Row]
+    cuts: Sequence[int]
+    saves: int
+    """The number of the save by which it was kept."""
+    saved: Sequence[int]
+    """Numbers of the frames whose labels were saved with it."""
 
 
 class Editor:
@@ -124,6 +147,7 @@ class Editor:
         self.has_own_cuts = replayed.cuts is not None
         """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
+        self._before_keep: _BeforeKeep | None = None
         given = GivenLabels() if labels is None else given_labels(Path(labels), self.frames, self.field)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
@@ -202,6 +226,14 @@ class Editor:
     def unsaved(self) -> int:
         """Number of frames whose present state is not in the files of the folder."""
         return sum(not state.edits.is_saved for state in list(self._states.values()))
+
+    def claim(self) -> str:
+        """Keep other programs from writing to the folder before the first change; returns in words why that fails.
+
+        A folder to which another page or run writes is shown, and its frames can be changed when that has ended.
+        """
+        with self.lock:
+            return "" if self._journal is None else self._journal.claim()
 
     def revision(self, number: int) -> int:
         """How often a frame was changed."""
@@ -486,7 +518,11 @@ class Editor:
                 frames.append(Saved(self.ids[n], calibration, basis, files))
             clip = self._whole(proposal)
             more = self._label_files(sorted(proposal.anchors))
-            self._note_saved(proposal.revisions, stored.save(frames, self.ids, self._new, clip, more))
+            states = {n: replace(one, edits=replace(one.edits)) for n, one in self._states.items()}
+            rows, cuts = list(self._rows), list(self.cuts)
+            written = stored.save(frames, self.ids, self._new, clip, more)
+            saved = self._note_saved(proposal.revisions, written)
+            self._before_keep = _BeforeKeep(proposal, states, rows, cuts, stored.saves, saved)
             for n, calibration in proposal.calibrations.items():
                 self._take(n, calibration, proposal)
             if not self.has_own_cuts:
@@ -495,6 +531,47 @@ class Editor:
                 self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
             self.version += 1
         return len(frames)
+
+    @property
+    def can_undo_keep(self) -> bool:
+        """Whether the last save was that of a solution of the clip, which can be taken back."""
+        before = self._before_keep
+        return before is not None and self.stored is not None and self.stored.saves == before.saves
+
+    def undo_keep(self) -> Proposal:
+        """Take the solution back that was kept last: files and cameras are as they were; returns the solution.
+
+        What a person has changed since stays. The files of the solution are kept in ``history``.
+
+        Raises
+        ------
+        ValueError
+            If none was kept, or something was saved since.
+        ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal, before = self.stored, self._journal, self._before_keep
+        if stored is None or journal is None or before is None or not self.can_undo_keep:
+            raise ValueError("expected a solution that was kept last: since then something else was saved, or nothing")
+        with self.lock:
+            journal.taken_back(stored.take_back(), [self.ids[n] for n in before.saved])
+            self._before_keep = None
+            for n, state in list(self._states.items()):
+                if n in before.states:
+                    state.before(before.states[n])
+                else:
+                    state.base = self._base(self.ids[n], state.edits)
+                    state.found = None
+            changed = {n for n, state in self._states.items() if self._is_changed_since(n, before.states)}
+            self._rows = [self._rows[n] if n in changed else row for n, row in enumerate(before.rows)]
+            if not self.has_own_cuts:
+                self.cuts = list(before.cuts)
+            self.version += 1
+        return before.proposal
+
+    def _is_changed_since(self, number: int, states: Mapping[int, _FrameState]) -> bool:
+        before = states.get(number)
+        return self.revision(number) != (0 if before is None else before.edits.revision)
 
     def _whole(self, proposal: Proposal) -> VideoCalibration | None:
         """The calibration of all frames of the clip with a solution; None if there is none."""
@@ -589,8 +666,8 @@ class Editor:
             return {}
         return saved_files(self.label_format, self._annotations(self._states), [self.ids[n] for n in numbers])
 
-    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> None:
-        """Note that frames were saved as they were at some revisions."""
+    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> list[int]:
+        """Note that frames were saved as they were at some revisions; returns the numbers of those in the journal."""
         journal = self._journal
         assert journal is not None
         saved = [n for n, revision in revisions.items() if n in self._states and self.revision(n) == revision]
@@ -603,7 +680,9 @@ class Editor:
         if self.label_format is not None and not self._has_noted_format:
             journal.format(self.label_format)
             self._has_noted_format = True
-        journal.saved(written, [self.ids[n] for n in saved if self._states[n].has_begun])
+        begun = [n for n in saved if self._states[n].has_begun]
+        journal.saved(written, [self.ids[n] for n in begun])
+        return begun
 
     def _is_to_save(self, number: int, state: _FrameState) -> bool:
         is_new = self.stored is not None and self.ids[number] not in self.stored
@@ -705,7 +784,8 @@ def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> 
         assert isinstance(source, Sequence)
         return NumberedArrays([checked_image(image) for image in source])
     if VIDEOS.recognises(paths[0]):
-        numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
+        of_run = stored is not None and not stored.is_begun_here  # a run may be of a part of the video
+        numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None and of_run else []
         return NumberedVideo(paths[0], numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
     pictures = NumberedFiles(files)

@@ -111,6 +111,16 @@ def test_what_is_saved_is_said(serve, window, picture):
     one.page.get_by_text("Labels written:").wait_for()
 
 
+def test_a_second_server_on_a_folder_says_so_at_once(serve, window, picture):
+    first = window(serve(picture))
+    first.mark("Middle line", along("Middle line")[:1])
+    second = window(serve(picture))
+    second.page.get_by_text("Changes here are refused:").wait_for()
+    first.server.kill()
+    second.page.get_by_text("Changes here are refused:").wait_for(state="hidden")
+    second.mark("Middle line", along("Middle line")[1:])
+
+
 def test_the_page_has_names_and_a_strict_policy(serve, window, picture):
     """No control without a name, no inline script or style in the document, and all of it from one address."""
     one = window(serve(picture))

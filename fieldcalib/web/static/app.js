@@ -111,6 +111,7 @@ class App {
   showProject(project) {
     this.project = project;
     this.cuts = project.cuts;
+    this.notices.refused(project.refused);
     at("title").textContent = project.title;
     at("page").classList.toggle("single", project.count <= 1);
     at("clip").hidden = !this.isClip;
