@@ -1,5 +1,6 @@
 """How the site is built: ``python -m sphinx -W docs docs/_build``, with the extra ``docs`` and without a network."""
 
+import json
 import os
 import subprocess
 import sys
@@ -24,6 +25,13 @@ for command in COMMANDS:
         check=True,
     )
     (HELP / f"{command}.txt").write_text(said.stdout, encoding="utf-8")
+
+# So are the keys of the files of results, from their schemas.
+for schema in sorted((Path(__file__).parent / "schemas").glob("*.schema.json")):
+    keys = json.loads(schema.read_text(encoding="utf-8")).get("properties", {})
+    rows = [f"| `{key}` | {says.get('description', '').replace('|', chr(92) + '|')} |" for key, says in keys.items()]
+    table = ["| key | meaning |", "|---|---|", *rows, ""]
+    (HELP / schema.name.replace(".schema.json", ".inc")).write_text("\n".join(table), encoding="utf-8")
 
 project = "fieldcalib"
 author = "fieldcalib developers"

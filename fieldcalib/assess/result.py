@@ -76,7 +76,8 @@ class Calibration:
     suspect_labels: tuple[SuspectLabel, ...] = ()
     """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
-    """Cameras that fit the labels equally well: the one turned by 180 degrees about the centre mark."""
+    """Cameras that are as good: the one turned by 180 degrees about the centre mark, where nothing tells on which side
+    of the field the camera is (`fieldcalib.fields.sides`)."""
     _complaints: tuple[str, ...] = attribute(default=(), repr=False)
     """Further evidence against an accepted camera, in words; it is part of `reason`."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
@@ -271,12 +272,13 @@ class Calibration:
     def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
-        Positions are relative to the markings in view, see `field_uncertainty`. For a single frame the probability
-        comes from a model that was fitted to synthetic frames of the field (`fieldcalib.assess.probability`) and, if
-        its image was examined, from the share of the markings that show paint; for a frame of a sequence it follows
-        from the covariance. It is NaN where no part of the field is in view or the camera does not come from labelled
-        pixels, and 0 where there is no camera or an implausible one: of 22 implausible ones on synthetic frames none
-        was right.
+        Positions are relative to the markings in view, see `field_uncertainty`, and up to the side of the field where
+        that is open: then the camera that is turned by 180 degrees is in `alternatives`. For a single frame the
+        probability comes from a model that was fitted to synthetic frames of the field
+        (`fieldcalib.assess.probability`) and, if its image was examined, from the share of the markings that show
+        paint; for a frame of a sequence it follows from the covariance. It is NaN where no part of the field is in view
+        or the camera does not come from labelled pixels, and 0 where there is no camera or an implausible one: of 22
+        implausible ones on synthetic frames none was right.
 
         Parameters
         ----------
@@ -418,7 +420,8 @@ class Calibration:
                 "rms": f"{self.rms:.2f} px",
             }
         if self.field is not None and self.has_probability:
-            rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}"
+            up_to = ", up to the side" * bool(self.alternatives)
+            rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table>{''.join(cells)}</table>"
 

@@ -26,6 +26,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
 from fieldcalib.images.court_hypotheses import Cameras, stands
@@ -178,6 +179,8 @@ def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
     picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, maps)
     straight = maps if stripes.bend.a == 0.0 else StripeMaps.of(stripes.straight)
     ranked = rank_cameras(lines, straight, field, stripes.bend, are_cut_out=stripes.are_cut_out)
+    if task.side == OPPOSITE:
+        ranked = ranked.turned
     started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])

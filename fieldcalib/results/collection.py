@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.words import UP_TO_SIDE, Verdict
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
@@ -110,7 +110,25 @@ class Results(Mapping[str, Calibration]):
     def __repr__(self) -> str:
         count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
         broken = f", {len(self.broken)} broken files" if self.broken else ""
-        return f"Results({count}: {self._counts()}{broken})"
+        side = ", up to the side" if self.is_side_open else ""
+        return f"Results({count}: {self._counts()}{broken}{side})"
+
+    @cached_property
+    def is_side_open(self) -> bool:
+        """Whether nothing tells on which side of the field the cameras are.
+
+        Then each is on the main side by convention, and `Calibration.alternatives` has the one that is turned by 180
+        degrees about the centre mark. The first good frame tells it.
+        """
+        good = next((id for id, verdict in self.verdicts.items() if verdict is Verdict.GOOD), None)
+        return good is not None and bool(self[good].alternatives)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be known of all cameras, in words: of a clip its camera model too, where that is not the usual."""
+        if self.video is not None:
+            return self.video.remarks
+        return (UP_TO_SIDE,) if self.is_side_open else ()
 
     def _counts(self) -> str:
         counts = Counter(self.verdicts.values())
@@ -306,6 +324,8 @@ class Results(Mapping[str, Calibration]):
         rows = {"frames": str(len(self.frames.ids)), "verdicts": self._counts()}
         if self.broken:
             rows["broken files"] = str(len(self.broken))
+        if self.is_side_open:
+            rows["side"] = "open"
         if self.video is not None:
             rows |= {"shots": str(len(self.video.shots)), "tripods": str(len(self.video.tripods))}
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())

@@ -84,7 +84,7 @@ def write_clip_results(
     `threads` are for drawing, and as many for decoding and for encoding; by default as many as there are cores.
     """
     out, rate = results.out, clip.source.frames_per_second
-    results.notes = found.notes
+    results.notes = found.remarks
     worst, note = _write_frames(results, clip, found, options, threads)
     write_clip(out, found, rate)
     if options.draws and worst:
