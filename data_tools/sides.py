@@ -2,11 +2,11 @@
 
     python -m data_tools.sides [--frames N] [--seed S] [--size WxH]
 
-The pictures are synthetic, of pitches of 105 x 68 m, by cameras opposite the main stand and behind the right goal. A
-line of JSON for each of both and for each way to say where the camera is (nothing; the name of its stand as prior; the
-side) has how many cameras are accepted and how many are good; how many of the good ones are right, are right once they
-are turned by 180 degrees about the centre mark, and have a right camera among their alternatives; and the median
-probability of the good ones.
+The pictures are synthetic, of pitches of any legal size, by cameras opposite the main stand and behind the right
+goal. A line of JSON for each of both and for each way to say where the camera is (nothing; the name of its stand as
+prior; the side) has how many cameras are accepted and how many are good; how many of the good ones are right, are
+right once they are turned by 180 degrees about the centre mark, and have a right camera among their alternatives; and
+the median probability of the good ones.
 
 A camera is right if it shows the points of the field in view, in the median, within 5 px of 1280 of where they are.
 """
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from data_tools.command_parser import add_made_frames
-from data_tools.synthetic.cameras import BROADCAST, random_camera
+from data_tools.synthetic.cameras import BROADCAST, random_camera, random_field
 from data_tools.synthetic.frames import SyntheticFrame, seen_by
 from data_tools.synthetic.games import game_named
 from data_tools.truth import UNIT, points_in_view
@@ -53,7 +53,7 @@ def frame_from(place: str, seed: int, size: tuple[int, int] = SIZE) -> Synthetic
     True
     """
     rng, game = np.random.default_rng((seed, list(PLACES).index(place))), game_named(SOCCER)
-    field = soccer()
+    field = random_field(rng)
     camera = turned_camera(random_camera(field, size, rng, {PLACES[place]: 1.0}))
     return seen_by(camera, field, rng, game)
 

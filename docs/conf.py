@@ -1,30 +1,26 @@
 """How the site is built: ``python -m sphinx -W docs docs/_build``, with the extra ``docs`` and without a network."""
 
+import contextlib
+import io
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the checkout is documented, whatever is installed
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))  # its commands too
 
 import fieldcalib  # noqa: E402
-from fieldcalib.cli.commands import COMMANDS  # noqa: E402
+from fieldcalib.cli.commands import COMMANDS, command_parser  # noqa: E402
 
 # What the commands say of their options is part of the reference.
 HELP = Path(__file__).parent / "reference" / "generated"
 HELP.mkdir(exist_ok=True)
+os.environ["COLUMNS"] = "110"
 for command in COMMANDS:
-    said = subprocess.run(
-        [sys.executable, "-m", "fieldcalib", command, "--help"],
-        env={**os.environ, "COLUMNS": "110"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    (HELP / f"{command}.txt").write_text(said.stdout, encoding="utf-8")
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):
+        command_parser([command]).parse_args([command, "--help"])
+    (HELP / f"{command}.txt").write_text(said.getvalue(), encoding="utf-8")
 
 # So are the keys of the files of results, from their schemas.
 for schema in sorted((Path(__file__).parent / "schemas").glob("*.schema.json")):
@@ -83,6 +79,7 @@ html_theme_options = {
     "footer_end": [],
     "secondary_sidebar_items": ["page-toc"],
 }
+html_context = {"default_mode": "auto"}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False

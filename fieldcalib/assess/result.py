@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number
 from fieldcalib._deprecated import deprecated
+from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
@@ -28,7 +28,7 @@ from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
 from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
@@ -408,22 +408,20 @@ class Calibration:
         return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
 
     def _repr_html_(self) -> str:
-        """A table for notebooks."""
+        """The field with what the camera sees of it, and a table, for notebooks."""
         rows = {"verdict": str(self.verdict), "reason": self.reason, "status": str(self.status)}
         if self.camera is not None:
-            camera, degree = self.camera, "\N{DEGREE SIGN}"
+            camera = self.camera
+            rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
             rows |= {
-                "focal length": f"{camera.focal_length:.1f} px",
-                "pan, tilt, roll": ", ".join(f"{angle:.2f}{degree}" for angle in np.degrees(camera.angles)),
-                "position": ", ".join(f"{x:.2f}" for x in camera.C) + " m",
                 "image size": "{} x {}".format(*camera.image_size),
                 "rms": f"{self.rms:.2f} px",
             }
         if self.field is not None and self.has_probability:
             up_to = ", up to the side" * bool(self.alternatives)
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+        picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
+        return picture + table(rows)
 
 
 def doubted(

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.words import UP_TO_SIDE, Verdict
@@ -24,7 +24,7 @@ from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import encode_image
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
@@ -320,7 +320,7 @@ class Results(Mapping[str, Calibration]):
         return self.frames.line(self._number(id))
 
     def _repr_html_(self) -> str:
-        """A table for notebooks, and a picture where one can be made."""
+        """Verdicts, a picture where one can be made, and a table of some frames, for notebooks."""
         rows = {"frames": str(len(self.frames.ids)), "verdicts": self._counts()}
         if self.broken:
             rows["broken files"] = str(len(self.broken))
@@ -328,8 +328,17 @@ class Results(Mapping[str, Calibration]):
             rows["side"] = "open"
         if self.video is not None:
             rows |= {"shots": str(len(self.video.shots)), "tripods": str(len(self.video.tripods))}
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>{self._html_picture()}"
+        return table(rows) + self._html_picture() + self._html_frames()
+
+    def _html_frames(self) -> str:
+        """A table of some of the frames, broken ones included."""
+        ids, rows = list(self.frames.ids), []
+        for id in (ids[index] for index in spread(len(ids))):
+            if id in self.broken:
+                rows.append([id, "broken file", "", "", "", self.broken[id]])
+            else:
+                rows.append([id, str(self.verdicts[id]), *camera_cells(self.cameras[id]), self[id].reason])
+        return long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(ids))
 
     def _html_picture(self) -> str:
         import cv2

@@ -7,9 +7,9 @@ import string
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 from fieldcalib._types import BoolArray, Float32
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 
 FONT = cv2.FONT_HERSHEY_DUPLEX
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data_tools.synthetic.colours import random_colour
-from data_tools.synthetic.goals import add_goal
-from data_tools.synthetic.people import Person, Sun, add_person, random_kit, random_positions, random_suns
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.colours import random_colour
+from fieldcalib.synthetic.goals import add_goal
+from fieldcalib.synthetic.people import Person, Sun, add_person, random_kit, random_positions, random_suns
 
 TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
 

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import Range, random_colour, wrapped
-from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 from fieldcalib._types import BoolArray, Float32
 from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.synthetic.colours import Range, random_colour, wrapped
+from fieldcalib.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 
 BOARDS_AWAY = (2.5, 9.0)  # m behind the lines
 BOARD_HEIGHT = (0.7, 1.2)  # m

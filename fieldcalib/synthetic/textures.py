@@ -7,10 +7,10 @@ import string
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import GREY, random_colour, vivid_colour
 from fieldcalib._types import Float32
 from fieldcalib.draw.scene import Colour
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.colours import GREY, random_colour, vivid_colour
 
 LENGTH = 128.0  # m that a texture covers before it repeats
 STAND_HEIGHT = 40.0  # m

@@ -9,13 +9,13 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import vivid_colour
-from data_tools.synthetic.goals import FARTHEST
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.colours import vivid_colour
+from fieldcalib.synthetic.goals import FARTHEST
 
 # A person facing along +x, as joints (forward, sideways, up) in shares of the height.
 HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)

@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
-from data_tools.synthetic.colours import noise_at, random_colour
 from fieldcalib._types import Float32
 from fieldcalib.draw.ground import Ground, mix, painted
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
+from fieldcalib.synthetic.colours import noise_at, random_colour
 
 LINE_WIDTH = (0.08, 0.12)  # m; the law allows up to 12 cm
 RUN_OFF = (1.5, 9.0)  # m of grass around the field

@@ -14,13 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.clips import RATE, camera_between, camera_path, flight, seen_far_away
-from data_tools.synthetic.ground import random_ground, random_light
-from data_tools.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
-from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
-from data_tools.synthetic.pictures import add_graphics
-from data_tools.synthetic.surroundings import GroundView, add_surroundings
-from data_tools.synthetic.textures import BOARD_SCALE, boards_texture
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
@@ -29,6 +22,13 @@ from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.soccernet import camera_from_record, camera_to_record
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.synthetic.ground import random_ground, random_light
+from fieldcalib.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
+from fieldcalib.synthetic.paths import RATE, MeasuredZoom, camera_between, camera_path, flight, seen_far_away
+from fieldcalib.synthetic.people import NEAREST, Kit, Person, add_person, random_kit, random_suns
+from fieldcalib.synthetic.pictures import add_graphics
+from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
+from fieldcalib.synthetic.textures import BOARD_SCALE, boards_texture
 
 CLIP_SIZE = (960, 540)
 LEAST_PATH = 150  # frames: shorter clips are parts of a path of this length, which covers all its ranges
@@ -42,6 +42,8 @@ OPTICS, GRAIN = 0.5, 2.0  # standard deviations: blur in pixels, noise in grey v
 BOARD_PERIOD, BOARD_SPEED = 6.0, 1.5  # s for which boards show one content; m/s at which every second one scrolls
 
 PLAYERS = 22
+TEAMS = ("home", "away", "home keeper", "away keeper", "referee")  # as in TEAM_SHARES
+BOX = 0.5  # width of the boxes of players, as a share of their height
 SPREAD = (14.0, 10.0)  # m: standard deviations around the play, along the length and the width
 FOLLOWING, LOOKING = 0.8, 2.0  # share of the camera's motion that players follow; s of averaging
 WANDER, WANDER_TIME = 3.0, 1.2  # m and s of random running, at a few metres per second
@@ -74,17 +76,20 @@ class Scene:
     """Metres on the ground, (frames, people, 2)."""
     people: Sequence[tuple[Person, Kit, float]]
     """Players, with their kits and the phases of their steps in radians."""
+    teams: Sequence[str]
+    """Those of the players, of `TEAMS`."""
 
     @classmethod
     def random(cls, field: Field, seed: int, cameras: Sequence[Camera]) -> Scene:
         """Make a scene whose players follow the play, at which the cameras of all frames aim."""
         rng = np.random.default_rng((seed, PEOPLE))
         kits = [random_kit(rng) for _ in TEAM_SHARES]
-        people = [
-            (Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)], rng.uniform(0.0, 2.0 * np.pi))
-            for _ in range(PLAYERS)
-        ]
-        return cls(field, seed, RATE, _runs(field, cameras, rng), people)
+        people, teams = [], []
+        for _ in range(PLAYERS):
+            person, team = Person.random(rng), int(rng.choice(len(kits), p=TEAM_SHARES))
+            people.append((person, kits[team], rng.uniform(0.0, 2.0 * np.pi)))
+            teams.append(TEAMS[team])
+        return cls(field, seed, RATE, _runs(field, cameras, rng), people, teams)
 
     def at(self, frame: int, camera: Camera) -> Float32:
         """Render the picture at the moment of a frame, (height, width, 3)."""
@@ -96,6 +101,16 @@ class Scene:
         image = to_uint8(picture)
         self._add_objects(image, light, frame, camera)
         return image.astype(np.float32)
+
+    def boxes(self, frame: int, camera: Camera) -> dict[int, Array]:
+        """Boxes (left, top, right, bottom) of the players whose feet are in the picture, by their numbers."""
+        X = np.pad(self.positions[frame], ((0, 0), (0, 1)))
+        tall = np.array([person.tall for person, _, _ in self.people])
+        feet, heads = camera.project(X), camera.project(X - tall[:, None] * (0.0, 0.0, 1.0))
+        half = BOX * (feet[:, 1] - heads[:, 1]) / 2.0
+        boxes = np.column_stack([feet[:, 0] - half, heads[:, 1], feet[:, 0] + half, feet[:, 1]])
+        inside = np.all((feet >= 0.0) & (feet < camera.image_size), axis=1) & (camera.depth(X) > NEAREST)
+        return {int(who): boxes[who] for who in np.flatnonzero(inside)}
 
     def _add_objects(self, image: Image, light: Float32, frame: int, camera: Camera) -> None:
         rng = self._rng(GOALS)
@@ -123,14 +138,14 @@ def clip_frames(
     seed: int,
     frames: int,
     cuts: int = 0,
-    measured: Path | None = None,
+    measured: MeasuredZoom | None = None,
     image_size: tuple[int, int] = CLIP_SIZE,
     *,
     flies: bool = False,
 ) -> list[TrueFrame]:
     """The cameras of a clip with `cuts` between the main camera and one beside it; both keep moving all the time.
 
-    The main camera may fly along the side line (`data_tools.synthetic.clips.flight`).
+    The main camera may fly along the side line (`fieldcalib.synthetic.paths.flight`).
 
     Examples
     --------
@@ -148,19 +163,24 @@ def clip_frames(
 
 
 def film(scene: Scene, frames: Sequence[TrueFrame]) -> Iterator[Image]:
-    """The frames of a clip, with motion blur, graphics, blur of the optics, and noise."""
-    for index, frame in enumerate(frames):
-        before, after = (
-            frames[other].camera if 0 <= other < len(frames) and frames[other].shot == frame.shot else None
-            for other in (index - 1, index + 1)
-        )
-        picture = exposed(scene, index, before, frame.camera, after)
-        cv2.GaussianBlur(picture, (0, 0), OPTICS, dst=picture)
-        rng = np.random.default_rng((scene.seed, NOISE, index))
-        picture += GRAIN * rng.standard_normal(picture.shape, dtype=np.float32)
-        image: Image = np.clip(picture + 0.5, 0.0, 255.0).astype(np.uint8)
-        add_graphics(image, np.random.default_rng((scene.seed, GRAPHICS)))
-        yield image
+    """The frames of a clip, see `filmed`."""
+    return (filmed(scene, frames, index) for index in range(len(frames)))
+
+
+def filmed(scene: Scene, frames: Sequence[TrueFrame], index: int) -> Image:
+    """A frame of a clip, with motion blur, graphics, blur of the optics, and noise."""
+    frame = frames[index]
+    before, after = (
+        frames[other].camera if 0 <= other < len(frames) and frames[other].shot == frame.shot else None
+        for other in (index - 1, index + 1)
+    )
+    picture = exposed(scene, index, before, frame.camera, after)
+    cv2.GaussianBlur(picture, (0, 0), OPTICS, dst=picture)
+    rng = np.random.default_rng((scene.seed, NOISE, index))
+    picture += GRAIN * rng.standard_normal(picture.shape, dtype=np.float32)
+    image: Image = np.clip(picture + 0.5, 0.0, 255.0).astype(np.uint8)
+    add_graphics(image, np.random.default_rng((scene.seed, GRAPHICS)))
+    return image
 
 
 def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, after: Camera | None) -> Float32:
@@ -207,7 +227,15 @@ def _warp_maps(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
 
 
 def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
-    """Write the clip as an MP4 and its cameras beside it, ``.jsonl``.
+    """Write the clip as an MP4 and its cameras beside it, ``.jsonl`` (`cameras_as_text`)."""
+    with VideoWriter(path, scene.rate) as video:
+        for image in film(scene, frames):
+            video.write(image)
+    write_text(path.with_suffix(".jsonl"), cameras_as_text(scene, frames))
+
+
+def cameras_as_text(scene: Scene, frames: Sequence[TrueFrame]) -> str:
+    """The cameras of a clip, one a line.
 
     Each line is a camera as SoccerNet writes it (`fieldcalib.io.soccernet`), with the keys `frame`, `shot`, `tripod`,
     `image_size`, and the size of the field in metres, `field`.
@@ -217,14 +245,11 @@ def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
     for index, frame in enumerate(frames):
         of_frame = {"frame": index, "shot": frame.shot, "tripod": frame.tripod, "image_size": frame.camera.image_size}
         lines.append(json.dumps({**of_frame, **size, **camera_to_record(frame.camera)}) + "\n")
-    with VideoWriter(path, scene.rate) as video:
-        for image in film(scene, frames):
-            video.write(image)
-    write_text(path.with_suffix(".jsonl"), "".join(lines))
+    return "".join(lines)
 
 
 def read_cameras(path: Path) -> list[TrueFrame]:
-    """The cameras that `write_clip` wrote."""
+    """The cameras in a file that `write_clip` wrote."""
     records = [json.loads(line) for line in path.read_text().splitlines()]
     return [
         TrueFrame(camera_from_record(record, (*record["image_size"],)), record["shot"], record["tripod"])
