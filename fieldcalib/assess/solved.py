@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._json import from_json, to_json
+from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right
@@ -17,7 +17,7 @@ from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.records import problem_from_record, problem_to_record
+from fieldcalib.problem.records import problem_from_record, problem_to_record, sized
 
 
 class Solved:
@@ -125,8 +125,9 @@ class Solved:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Solved:
         """The inverse of `to_dict`: the closest points are searched again."""
-        theta = from_json(record["theta"])[None]
-        return cls(evaluate(problem_from_record(record["problem"]), theta), from_json(record["unit"])[None])
+        problem = problem_from_record(record["problem"])
+        theta, unit = (sized(record[name], (problem.layout.size,), repr(name))[None] for name in ("theta", "unit"))
+        return cls(evaluate(problem, theta), unit)
 
     def __reduce__(self) -> tuple[Callable[..., Solved], tuple[dict[str, Any]]]:
         return Solved.from_dict, (self.to_dict(),)
