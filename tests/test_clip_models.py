@@ -14,7 +14,14 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip_models import HeldOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip, finish_clip_again, off_paint
+from fieldcalib.images.finished_clip import (
+    UNTIED,
+    ClipLines,
+    find_clip_lines,
+    finish_clip,
+    finish_clip_again,
+    off_paint,
+)
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -326,3 +333,16 @@ def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatc
 def test_whole_pictures_are_no_parts():
     found = solved(clip_of(panned(12, -0.4, 0.4)))
     assert (found.pieces.models, found.notes) == ({}, ())
+
+
+def test_a_frame_that_nothing_ties_does_not_say_that_it_shows_no_marking():
+    """As in a dissolve, of which lines were not even looked for."""
+    clip = clip_of(panned(8, -0.4, 0.4))
+    matches = {pair: one for pair, one in clip.shots.matches.items() if 7 not in pair}
+    loose = np.arange(8) == 7
+    labels = {t: one for t, one in clip.labels.items() if t != 7}
+    found = finished(solved(replace(clip, labels=labels, shots=replace(clip.shots, matches=matches, loose=loose))))
+    assert found[7].camera is None
+    assert found[7].message == UNTIED
+    assert "no marking" not in found[7].reason
+    assert all(found[t].accepted for t in range(7))

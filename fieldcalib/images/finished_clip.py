@@ -21,7 +21,6 @@ from fieldcalib.images.clip_keyframes import Keyframes
 from fieldcalib.images.clip_models import OFF_MIDDLE, off_middle
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.hypotheses import NO_MARKING
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import SolvedTripods, Tripod
@@ -36,6 +35,10 @@ PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 MIXED = "the picture may be mixed with that of another camera"
+UNTIED = (  # lines are looked for only near markings that a camera projects: this says nothing of what is shown
+    "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
+    "no camera of its own"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +146,7 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         calibration = solved.keyframes.calibrate(pieces, members, lines.labels, start)
         if pieces.models_of(members) != {CameraModel.ALONE}:
             calibration = calibration.interpolated(pieces.number[frames], LONGEST_GAP)
-        calibration = calibration.with_notes({NO_PIXELS: f"{NO_MARKING}, and no frame around it determines its camera"})
+        calibration = calibration.with_notes({NO_PIXELS: UNTIED})
         calibration = calibration.seen_in_images(_markings_seen(lines, calibration, frames))
         calibrations.append(_with_place_of_picture(calibration, solved.keyframes, pieces.models_of(members)))
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
