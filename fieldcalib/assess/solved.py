@@ -15,6 +15,7 @@ from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_in_aspect, seems_part
 from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.records import problem_from_record, problem_to_record, sized
@@ -68,6 +69,11 @@ class Solved:
     def pixels(self) -> PixelTable:
         """The labelled pixels of the frame, and the weights that it was solved with."""
         return self.evaluation.problem.observations.take(np.array([self.frame])).pixels
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as it was solved: of a squashed or cropped picture that of its frame with square pixels."""
+        return self.evaluation.problem.layout.camera(self.evaluation.theta[self.frame])
 
     @property
     def are_computed(self) -> bool:
