@@ -57,7 +57,8 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     else:
         standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
         groups = grouped_by_tripod({piece: shot for piece, shot in standing.items() if piece not in cut_out})
-        groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})  # another principal point
+        if cut_out:  # these have another principal point
+            groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})
         groups += [[piece] for piece in moving]
     groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
