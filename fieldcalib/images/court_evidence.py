@@ -20,7 +20,7 @@ SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the fie
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
 # Fitted by `python -m data_tools.score_courts fit` to the best camera of 144 pairs of picture and field, 67 of them
 # right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields.
-COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5])
+COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5, 0.0])
 LEAST_PROBABILITY = (
     0.9  # of an accepted camera: 57 right ones have it, one 15 px off 0.87, other wrong ones 0.44 at most
 )
@@ -36,7 +36,7 @@ class CourtEvidence:
     score: float
     """Log likelihood ratio of the projected markings (`fieldcalib.images.stripe_likelihood`)."""
     mean: float
-    """The same for each independent point in view."""
+    """The same for each independent point in view whose paint should be found."""
     explained: float
     """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, those
     above the ground included."""
@@ -46,12 +46,14 @@ class CourtEvidence:
     """Score of the best camera that projects the field elsewhere, as a share of this one's; 1 if that is as good."""
     paint: float
     """Share of the places along the markings in view that show paint (`fieldcalib.assess.markings`)."""
+    visible: float
+    """Share of the points in view whose paint should be found: far lines are too thin."""
 
     @property
     def features(self) -> Array:
-        """What the probability is computed from, (6,): 1, logarithms of score and margin, and the other shares."""
+        """What the probability is computed from, (7,): 1, logarithms of score and margin, and the other shares."""
         score, margin = np.log(max(self.score, 1.0)), np.log1p(min(self.margin, NO_RIVAL))
-        return np.array([1.0, score, self.mean, self.explained, margin, self.paint])
+        return np.array([1.0, score, self.mean, self.explained, margin, self.paint, self.visible])
 
     @property
     def margin(self) -> float:
