@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 PROJECT = tomllib.loads((Path(__file__).parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-MODULES = {"PyYAML": "yaml"}  # what is imported by another name than it is installed by
+MODULES = {"PyYAML": "yaml", "rerun-sdk": "rerun"}  # what is imported by another name than it is installed by
 EXTRAS = {  # module -> the first extra that brings it
     MODULES.get(name := re.split(r"[^\w-]", requirement)[0], name): extra
     for extra, requirements in reversed(PROJECT["optional-dependencies"].items())

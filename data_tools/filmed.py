@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.clips import Clip, withhold_frames
-from data_tools.synthetic.film import read_cameras
 from data_tools.truth import by_basis, compared
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.synthetic.film import read_cameras
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

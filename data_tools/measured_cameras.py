@@ -30,8 +30,8 @@ from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
 
-SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENSES.items()}}
@@ -53,10 +53,10 @@ def read_camera(path: Path) -> Camera:
         return Camera(arrays["K"][0], R, -R.T @ arrays["t"][0], SIZE, arrays["k"][0][:2])
 
 
-def read_zoom(path: Path) -> tuple[Array, Array]:
-    """K (N, 3, 3) and (k1, k2) (N, 2) of all frames of a file."""
+def read_zoom(path: Path) -> MeasuredZoom:
+    """The zoom of all frames of a file."""
     with np.load(path) as arrays:
-        return arrays["K"], arrays["k"][:, :2]
+        return MeasuredZoom(arrays["K"], arrays["k"][:, :2], read_camera(path).C)
 
 
 def with_simulated_pixels(

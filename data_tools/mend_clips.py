@@ -6,7 +6,7 @@ Clips of several cameras are rendered into the folder, unless they are there, wi
 each seed the labels of a third of the keyframes of a clip are spoiled: some labels are exchanged with those of the
 other side or of a neighbour, in other keyframes all are moved by 40 px in one direction. Then one frame after the other
 is mended, by clicks on the six longest markings, 2 px off, which snap to paint; after each the clip is solved again,
-until every frame has a camera and no point of the ground in view is off by more than 3 px.
+until every frame has a camera and no marking in view is more than 3 px beside its paint.
 
 The frame that the editor proposes next is mended if its camera is wrong. Else the person, who sees which frames are
 wrong, mends the one with most markings in the longest stretch of them.
@@ -17,29 +17,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from data_tools.synthetic.clips import camera_path, with_displaced_lines
-from data_tools.synthetic.film import (
-    CAMERAS,
-    CLIP_SIZE,
-    LEAST_PATH,
-    PAINTED,
-    Scene,
-    TrueFrame,
-    read_cameras,
-    write_clip,
-)
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, window_around
-from fieldcalib.editor.fitting import included_network
+from fieldcalib.editor.fitting import included_network, mark_errors
 from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.marks import Marks
 from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
@@ -49,6 +38,17 @@ from fieldcalib.images.clip_keyframes import KeyframeLabels, are_consistent
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.numbered_frames import NumberedFrames, NumberedVideo
 from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.synthetic.film import (
+    CAMERAS,
+    CLIP_SIZE,
+    LEAST_PATH,
+    PAINTED,
+    Scene,
+    TrueFrame,
+    read_cameras,
+    write_clip,
+)
+from fieldcalib.synthetic.paths import camera_path, with_displaced_lines
 
 SHARE = 1.0 / 3.0  # of the keyframes
 SHIFT = 40.0  # px of labels that are moved
@@ -56,7 +56,7 @@ LARGEST = 3.0  # px of an error
 MOST = 5  # frames that are mended
 CLICKED, CLICK = 6, 2.0  # markings, and px that a click is off
 BORDER = 8.0  # px
-GRID, AROUND = (25, 15), 4.0  # points of a picture whose errors are measured; m of ground around the field
+SPACING = 1.0  # m between the points of a marking whose errors are measured
 
 
 @dataclass(frozen=True)
@@ -147,10 +147,9 @@ def to_mend(frames: NumberedFrames, solved: Proposal, errors: Array) -> int:
 
 
 def errors_of(solved: Proposal, truth: Sequence[Camera], field: Field) -> Array:
-    """Largest error of the ground in view of each frame, pixels; infinite without a camera.
+    """Largest distance of the markings in view of each frame from where its camera projects them, pixels.
 
-    Where the size of the field was found otherwise than it is, the ground is that beside the middle or one of the ends,
-    whichever gives the smallest error: only markings that are in view can tell.
+    The markings are where they are painted, some centimetres off. Infinite without a camera.
     """
     return np.array([_error(truth[n], one, field) for n, one in solved.calibrations.items()])
 
@@ -158,23 +157,21 @@ def errors_of(solved: Proposal, truth: Sequence[Camera], field: Field) -> Array:
 def _error(truth: Camera, found: Calibration, field: Field) -> float:
     if found.camera is None or found.field is None:
         return np.inf
-    shift = (np.array([found.field.length, found.field.width]) - (field.length, field.width)) / 2.0
-    X = ground_in_view(truth, field)
-    if not len(X):
-        return 0.0
-    xy = truth.project(X)
-    moved = (X + (*np.multiply(shift, sides), 0.0) for sides in product((-1.0, 0.0, 1.0), repeat=2))
-    errors = [np.max(np.linalg.norm(found.camera.project(one) - xy, axis=1)) for one in moved]
-    return float(np.min(np.nan_to_num(errors, nan=np.inf)))
+    (errors,) = mark_errors(found.field, Marks.of(markings_in_view(truth, field)), [found.camera])
+    return float(np.max(errors, initial=0.0))
 
 
-def ground_in_view(camera: Camera, field: Field) -> Array:
-    """Points (N, 3) of the field, and of the ground before the boards around it, that a picture shows."""
-    width, height = camera.image_size
-    xy = np.stack(np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1])), axis=-1)
-    X = camera.image_to_field(xy.reshape(-1, 2))
-    with np.errstate(invalid="ignore"):
-        return X[np.all(np.abs(X[:, :2]) < np.add(field.half_extent, AROUND), axis=1)]
+def markings_in_view(camera: Camera, field: Field) -> Pixels:
+    """Pixels of the markings of the field, goals among them, every metre."""
+    size = np.array(camera.image_size)
+    seen = {}
+    for label, segment in field.markings.items():
+        xy = camera.project(segment.sample(SPACING))
+        with np.errstate(invalid="ignore"):
+            xy = xy[np.all((xy >= 0.0) & (xy < size), axis=1)]
+        if len(xy) and label not in field.half_labels:
+            seen[label] = xy
+    return seen
 
 
 def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator) -> FirstPass:

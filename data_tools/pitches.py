@@ -28,10 +28,9 @@ from data_tools.crown import crowned, crowned_ground
 from data_tools.probability import TOLERANCES, largest_true_error
 from data_tools.sequences import EMPTY_SHARE, tied
 from data_tools.synthetic.cameras import random_camera
-from data_tools.synthetic.clips import camera_path, labelled, with_displaced_lines
+from data_tools.synthetic.clips import labelled
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
-from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
@@ -46,6 +45,8 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.synthetic.paths import camera_path, with_displaced_lines
+from fieldcalib.synthetic.surroundings import GroundView
 
 SIZE = (960, 540)
 # Ranges of length and width, m: the usual size, those of international matches, and others that law 1 allows

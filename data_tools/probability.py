@@ -37,7 +37,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.crown import on_crown
-from data_tools.measured_cameras import SIZE, camera_files, read_camera, with_simulated_pixels
+from data_tools.measured_cameras import camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
@@ -57,6 +57,7 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import pixel_unit
+from fieldcalib.synthetic.paths import SIZE
 
 TOLERANCES = (0.5, 1.0)  # limits of a right camera's error, in shares of the field's tolerance
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)

@@ -1,4 +1,4 @@
-"""The picture of docs/results.md: one view of a field, calibrated from three sets of labels, with what is said of each.
+"""The picture of docs/explanation/results.md: one view calibrated from three sets of labels, with what is said of each.
 
 python -m data_tools.results_picture docs/images/results.jpg
 """

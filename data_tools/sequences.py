@@ -3,7 +3,7 @@
     python -m data_tools.sequences CAMERAS [--count N] [--matches] [--flies] [--paint METRES]
 
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
-its zoom and lens are calibrated (`data_tools.synthetic.clips`), on a pitch whose lines are painted some centimetres
+its zoom and lens are calibrated (`fieldcalib.synthetic.paths`), on a pitch whose lines are painted some centimetres
 off. With `--matches` half of the frames have no labels, and static points tie each frame to others as
 `fieldcalib.images.keyframes` does. With `--flies` the camera moves, and static points are on the ground. Printed are,
 for each basis of frames, the median errors of focal length (percent), centre and field in view (metres) and of the
@@ -20,15 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.measured_cameras import SIZE, camera_files
-from data_tools.synthetic.clips import (
-    background_matches,
-    background_points,
-    camera_path,
-    flight,
-    labelled,
-    with_displaced_lines,
-)
+from data_tools.measured_cameras import camera_files, read_zoom
+from data_tools.synthetic.clips import background_matches, background_points, labelled
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import count, positive
@@ -40,6 +33,7 @@ from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import paint_sigma
 from fieldcalib.solve.sequence import calibrate_sequence
 from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.synthetic.paths import SIZE, camera_path, flight, with_displaced_lines
 
 FRAMES = 300  # of a clip
 KEY_EVERY = 3  # every third frame that is calibrated is a keyframe
@@ -73,7 +67,9 @@ def run(options: argparse.Namespace) -> int:
     for number, path in enumerate(options.repeats * camera_files(options.cameras)):
         rng = np.random.default_rng(options.seed + number)
         centre = flight(rng, FRAMES) if options.flies else None
-        cameras = camera_path(rng, FRAMES, path, centre=centre)[:: max(FRAMES // options.count, 1)][: options.count]
+        cameras = camera_path(rng, FRAMES, read_zoom(path), centre=centre)[:: max(FRAMES // options.count, 1)][
+            : options.count
+        ]
         lines = with_displaced_lines(field, rng, paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]

@@ -59,7 +59,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
     own = theta[OWN] - layout.theta(truth)[OWN]
     covariance = errors.covariance[OWN, OWN]
     off = camera.C - truth.C
-    xy, X = _in_view(truth, field)
+    xy, X = points_in_view(truth, field)
     seen = camera.image_to_field(xy)
     on_ground = (seen - X)[:, :2]
     of_ground = errors.at_image(xy, relative_to=CENTRE_MARK).covariance
@@ -76,7 +76,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
     )
 
 
-def _in_view(truth: Camera, field: Field) -> tuple[Array, Array]:
+def points_in_view(truth: Camera, field: Field) -> tuple[Array, Array]:
     """Pixels (N, 2) of a grid that show the field, and the points that they show, (N, 3)."""
     width, height = truth.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))

@@ -12,6 +12,7 @@ from . import problem as problem
 from . import processes as processes
 from . import results as results
 from . import solve as solve
+from . import synthetic as synthetic
 from . import web as web
 from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
@@ -66,5 +67,6 @@ from .solve.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
 from .solve.options import PINHOLE_FLAGS as PINHOLE_FLAGS
 from .solve.options import CalibrationFlags as CalibrationFlags
 from .solve.sequence import calibrate_sequence as calibrate_sequence
+from .synthetic.samples import sample as sample
 
 __version__: str

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,7 +12,6 @@ import pytest
 from commands import calibrate, run
 
 import fieldcalib
-import fieldcalib.cli.demo
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.output_folder import output_folder
@@ -144,16 +142,6 @@ def test_help(capsys):
 
 
 # --- the other command, and the module itself ---
-
-
-def test_demo(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(fieldcalib.cli.demo, "run_demo", partial(fieldcalib.cli.demo.run_demo, count=1))
-    assert run("demo", "--out", tmp_path / "new") == 0
-    written = {str(path.relative_to(tmp_path / "new")) for path in tmp_path.rglob("*") if path.is_file()}
-    assert written == {"annotations/00.json", "frame_00.png", "overview.png", "true_cameras.json"}
-    printed = capsys.readouterr()
-    assert printed.err == ""
-    assert "overview.png shows them all" in printed.out
 
 
 def test_it_runs_as_a_module():

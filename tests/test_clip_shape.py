@@ -9,8 +9,6 @@ import pytest
 from networks import KnownCameras, looked_at
 from tripods import far_off
 
-from data_tools.synthetic.clips import camera_path
-from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import calibrate_video, soccer
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import complaints_of
@@ -24,6 +22,8 @@ from fieldcalib.images.pictures import within_borders
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.solve.aspect import WAS_SQUASHED
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS
+from fieldcalib.synthetic.film import Scene, TrueFrame, film
+from fieldcalib.synthetic.paths import camera_path
 
 SIZE, BAR = (480, 270), 45
 LETTERBOXED, SQUASHED = (SIZE[0], SIZE[1] + 2 * BAR), (360, 270)

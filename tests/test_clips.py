@@ -8,8 +8,6 @@ import pytest
 from networks import FIELD, GRID, KnownCameras, looked_at
 from tripods import far_off
 
-from data_tools.synthetic.clips import camera_path
-from data_tools.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import complaints_of
@@ -18,6 +16,8 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS, MOST_EXTRA
 from fieldcalib.images.finished_clip import MIXED
 from fieldcalib.images.keyframes import EVERY, tied_frames
+from fieldcalib.synthetic.film import BESIDE, Scene, TrueFrame, film
+from fieldcalib.synthetic.paths import camera_path
 
 KNOWN = soccer(size_known=True)
 SIZE = (480, 270)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import cameras, numbers
 
 from data_tools.crown import crowned, on_crown
-from data_tools.synthetic.clips import camera_path, labelled
+from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
 from fieldcalib.assess.level import if_level
@@ -23,6 +23,7 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.records import layout_from_record, layout_to_record
+from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -1,213 +1,191 @@
-"""The demonstration finds its true cameras, and writes files that the rest of the package reads."""
+"""The demo runs the product on a sample; samples are rendered once, whole or not at all."""
 
-import contextlib
-import io
 import json
-from dataclasses import astuple
+import os
+import shutil
+from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.cli import demo
-from fieldcalib.cli.demo import run_demo
-from fieldcalib.fields.segments import Arc
-from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.io import files
-from fieldcalib.io.images import write_image
-from fieldcalib.io.soccernet import camera_from_record, parse_annotation
-from fieldcalib.problem.simulated import IMAGE_SIZE, CameraDifference, camera_difference, observe, pan_over_field
-from fieldcalib.solve.batch import calibrate_batch
-
-FIELD = soccer()
-COUNT = 5
-
-
-def run(out, **options):
-    """Errors, and what was printed."""
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        errors = run_demo(out, **options)
-    return errors, printed.getvalue()
+import fieldcalib
+from fieldcalib.cli.main import main
+from fieldcalib.io.soccernet import parse_camera
+from fieldcalib.io.videos import VideoReader
+from fieldcalib.problem.simulated import camera_difference
+from fieldcalib.synthetic import sample_files, samples
+from fieldcalib.synthetic.film import read_cameras
+from fieldcalib.synthetic.sample_files import read_positions
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    out = tmp_path_factory.mktemp("demo") / "new" / "folder"
-    return (out, *run(out, count=COUNT))
+def cache(tmp_path_factory):
+    """An empty cache, and a clip that is short: it is cut after some frames."""
+    folder = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("XDG_CACHE_HOME", str(folder))
+        patched.setattr(sample_files, "STRETCHES", ((0, 3), (60, 63)))
+        samples._cache.cache_clear()
+        yield folder / "fieldcalib"
+    samples._cache.cache_clear()
 
 
-def read_image(path):
-    return cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+@pytest.fixture(scope="module")
+def clip(cache):
+    return fieldcalib.sample("clip", progress=False)
 
 
-# the files
+# samples
 
 
-def test_what_is_written(result):
-    out, _, _ = result
-    names = [f"{index:02d}" for index in range(COUNT)]
-    expected = {f"frame_{name}.png" for name in names} | {f"annotations/{name}.json" for name in names}
-    expected |= {"overview.png", "true_cameras.json"}
-    assert {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()} == expected
+def test_a_clip_has_its_truth_beside_it(clip, cache):
+    assert clip.parent.parent == cache
+    truths = read_cameras(clip.with_suffix(".jsonl"))
+    assert [truth.shot for truth in truths] == sorted(truth.shot for truth in truths)
+    assert truths[-1].shot == 1
+    with VideoReader(clip) as video:
+        assert [image.shape for image in video] == [(540, 960, 3)] * len(truths)
 
 
-def test_pictures(result):
-    out, _, _ = result
-    for path in out.glob("frame_*.png"):
-        picture = read_image(path)
-        assert picture.shape == (540, 960, 3)
-        blue, green, red = np.moveaxis(picture, -1, 0)
-        assert np.sum((blue > 150) & (green < 80) & (red > 150)) > 100  # the markings as calibrated, in magenta
-    overview = read_image(out / "overview.png")
-    assert overview.shape[0] > 2 * 270
-    assert overview.shape[1] > 3 * 480
-    assert len(np.unique(overview[-40:, :480].reshape(-1, 3), axis=0)) > 1  # the last row of tiles is there
+def test_the_feet_of_boxes_are_at_the_true_places(clip):
+    truths, places = read_cameras(clip.with_suffix(".jsonl")), read_positions(clip.with_name("players.csv"))
+    assert len(places) > 30
+    lines = clip.with_name("players.csv").read_text().splitlines()[1:]
+    for line in lines:
+        frame, track, team, *box, _, _ = line.split(",")
+        left, _, right, bottom = map(float, box)
+        found = truths[int(frame)].camera.image_to_field([(left + right) / 2.0, bottom])
+        np.testing.assert_allclose(found[:2], places[int(frame), int(track)], atol=0.05)
+        assert team in ("home", "away", "home keeper", "away keeper", "referee")
 
 
-def test_annotations_are_soccernets_and_calibrate_to_the_same_cameras(result):
-    out, errors, _ = result
-    contents = [path.read_bytes() for path in sorted((out / "annotations").glob("*.json"))]
-    assert "Goal left post left " in json.loads(contents[0])  # with SoccerNet's blank
-    assert "Goal right post left" in json.loads(contents[-1])
-    for points in (points for content in contents for points in json.loads(content).values()):
-        assert all(0.0 <= value <= 1.0 for point in points for value in (point["x"], point["y"]))
-    frames = [parse_annotation(content, IMAGE_SIZE) for content in contents]
-    found = calibrate_batch(FIELD, frames, IMAGE_SIZE)
-    for calibration, truth, error in zip(found, pan_over_field(COUNT), errors, strict=True):
-        np.testing.assert_allclose(
-            astuple(camera_difference(calibration.camera, truth, FIELD)), astuple(error), rtol=1e-3
-        )
+def test_a_sample_is_rendered_once(clip, monkeypatch):
+    monkeypatch.setattr(sample_files, "make", lambda *arguments: pytest.fail("rendered again"))
+    assert fieldcalib.sample("clip", progress=False) == clip
 
 
-def test_true_cameras_can_be_read_back(result):
-    records = json.loads((result[0] / "true_cameras.json").read_text())
-    assert list(records) == ["00", "01", "02", "03", "04"]
-    for record, truth in zip(records.values(), pan_over_field(COUNT), strict=True):
-        camera = camera_from_record(record)
-        assert camera.image_size == IMAGE_SIZE
-        np.testing.assert_allclose(camera.project([5.0, -20.0, -1.0]), truth.project([5.0, -20.0, -1.0]), atol=1e-6)
+def test_a_picture_shows_what_its_camera_sees(cache):
+    path = fieldcalib.sample("picture", progress=False)
+    truth = parse_camera(path.with_suffix(".json").read_bytes(), (960, 540))
+    found = fieldcalib.calibrate(path, progress=False)["picture"]
+    assert found.accepted
+    assert camera_difference(found.camera, truth, fieldcalib.soccer()).reprojection < 6.0
 
 
-def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    def fail(*paths):
+def test_a_sample_that_cannot_be_written_leaves_nothing(cache, monkeypatch):
+    folder = cache / f"picture-{samples._digest()}"
+    shutil.rmtree(folder, ignore_errors=True)
+
+    def fail(*arguments):
         raise OSError("disk full")
 
-    monkeypatch.setattr(files.os, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_image(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
-    assert list(tmp_path.iterdir()) == []
+    with monkeypatch.context() as patched:
+        patched.setattr(sample_files, "write_text", fail)
+        with pytest.raises(OSError, match="disk full"):
+            fieldcalib.sample("picture", progress=False)
+    assert not [path for path in cache.iterdir() if "picture" in path.name]
 
 
-# the errors
+def test_two_that_render_at_once_agree(cache, monkeypatch):
+    folder = cache / f"picture-{samples._digest()}"
+    shutil.rmtree(folder, ignore_errors=True)
+    write_text = sample_files.write_text
+
+    def overtaken(path, text):
+        write_text(path, text)
+        shutil.copytree(path.parent, folder)
+
+    monkeypatch.setattr(sample_files, "write_text", overtaken)
+    assert fieldcalib.sample("picture", progress=False).is_file()
+    assert [path.name for path in cache.iterdir() if "picture" in path.name] == [folder.name]
 
 
-def test_errors_are_small(result):
-    _, errors, _ = result
-    median = CameraDifference(*np.median([astuple(error) for error in errors], axis=0))
-    assert median.focal_length < 1.5
-    assert median.position < 1.0
-    assert max(median.pan, median.tilt, median.roll) < 0.3
-    assert median.reprojection < 6.0
+def test_where_nothing_can_be_kept_there_is_a_temporary_folder(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    samples._cache.cache_clear()
+    try:
+        folder = samples._cache()
+        assert folder.is_dir()
+        assert samples._cache() == folder
+        os.rmdir(folder)
+    finally:
+        samples._cache.cache_clear()
 
 
-def test_without_noise_the_cameras_are_exact(tmp_path):
-    errors, _ = run(tmp_path, count=2, noise=0.0)
-    for error in errors:
-        assert error.focal_length < 0.1
-        assert error.reprojection < 0.8  # the prior pulls a little, at the principal point too
+def test_unknown_samples():
+    with pytest.raises(ValueError, match='expected "clip" or "picture", got \'movie\''):
+        fieldcalib.sample("movie")
 
 
-def test_the_table(result):
-    _, errors, printed = result
+# the demo
+
+
+@pytest.fixture(scope="module")
+def demo(clip, tmp_path_factory):
+    """The folder of a demo, and what was printed."""
+    from contextlib import redirect_stdout
+    from io import StringIO
+
+    out = tmp_path_factory.mktemp("demo") / "new"
+    with redirect_stdout(StringIO()) as printed:
+        assert main(["demo", "--out", str(out)]) == 0
+    return out, printed.getvalue()
+
+
+def test_what_the_demo_writes(demo):
+    out, printed = demo
+    names = {"clip.mp4", "clip.jsonl", "players.csv", "cameras", "players_in_metres.csv", "map.mp4"}
+    assert {path.name for path in out.iterdir()} == names
+    for name in ("overlay.mp4", "motion.png", "report.html", "cameras.jsonl"):
+        assert (out / "cameras" / name).is_file()
+        assert str(out / "cameras" / name) in printed or name == "cameras.jsonl"
+    with VideoReader(out / "map.mp4") as video:
+        assert sum(1 for _ in video) == 6
+
+
+def test_the_errors_that_the_demo_prints(demo):
+    out, printed = demo
     lines = printed.splitlines()
-    title = next(index for index, line in enumerate(lines) if line.split()[:1] == ["frame"])
-    rows = [line.split() for line in lines[title + 1 : title + 2 + COUNT]]
-    assert [row[0] for row in rows] == ["00", "01", "02", "03", "04", "median"]
-    for row, error in zip(rows, errors, strict=False):
-        np.testing.assert_allclose([float(cell) for cell in row[1:7]], astuple(error), atol=6e-4)
-        assert row[8] == "accepted"
-    medians = np.median([astuple(error) for error in errors], axis=0)
-    np.testing.assert_allclose([float(cell) for cell in rows[-1][1:7]], medians, atol=6e-4)
-    assert len({line.index("accepted") for line in lines[title + 1 : title + 1 + COUNT]}) == 1  # aligned
+    title = next(number for number, line in enumerate(lines) if line.startswith("shot  frames"))
+    rows = [line.split() for line in lines[title + 1 : title + 3]]
+    assert [row[0] for row in rows] == ["1", "2"]
+    truths, results = read_cameras(out / "clip.jsonl"), fieldcalib.read(out / "cameras")
+    errors = [
+        camera_difference(results.cameras[f"{number:06d}"], truth.camera, fieldcalib.soccer()).reprojection
+        for number, truth in enumerate(truths)
+        if truth.shot == 0
+    ]
+    assert float(rows[0][-1]) == pytest.approx(max(errors), abs=0.006)
+    assert "places of players, from their boxes: off by 0." in printed
+    assert f"$ fieldcalib run {out}/clip.mp4 --out {out}/cameras --report" in printed
 
 
-def test_a_frame_without_camera_does_not_spoil_the_rest(tmp_path, monkeypatch):
-    seen = iter([{}, observe(pan_over_field(2)[1], FIELD, np.random.default_rng(0), 1.0)])
-    monkeypatch.setattr(demo, "observe", lambda *arguments: next(seen))
-    errors, printed = run(tmp_path, count=2)
-    assert np.all(np.isnan(astuple(errors[0])))
-    assert errors[1].reprojection < 20.0
-    lines = printed.splitlines()
-    assert next(line for line in lines if line.split()[:1] == ["00"]).endswith("too few segments")
-    medians = next(line for line in lines if line.split()[:1] == ["median"]).split()[1:7]
-    np.testing.assert_allclose([float(cell) for cell in medians], astuple(errors[1]), atol=6e-4)
-    assert (tmp_path / "frame_00.png").exists()
+def test_the_demo_again_is_as_quick_as_reading(demo, monkeypatch, capsys):
+    out, _ = demo
+    before = (out / "cameras" / "cameras.jsonl").read_bytes()
+    monkeypatch.setattr("fieldcalib.cli.clips.calibrate_video", lambda *arguments, **options: pytest.fail("again"))
+    assert main(["demo", "--out", str(out)]) == 0
+    assert (out / "cameras" / "cameras.jsonl").read_bytes() == before
+    assert "Next, try" in capsys.readouterr().out
 
 
-def test_the_same_seed_gives_the_same_demo(tmp_path):
-    first, again, other = (run(tmp_path, count=1, seed=seed)[0] for seed in (3, 3, 4))
-    assert first == again
-    assert first != other
+def test_another_clip_of_that_name_is_kept(clip, tmp_path, capsys):
+    (tmp_path / "clip.mp4").write_bytes(b"mine")
+    assert main(["demo", "--out", str(tmp_path)]) == 2
+    assert "is there already, and not that of the demo" in capsys.readouterr().err
+    assert (tmp_path / "clip.mp4").read_bytes() == b"mine"
 
 
-def test_errors_of_the_true_camera_are_zero():
-    truth = pan_over_field(3)[1]
-    np.testing.assert_allclose(astuple(camera_difference(truth, truth, FIELD)), 0.0, atol=1e-9)
+def test_a_frame_without_camera_does_not_spoil_the_table(demo):
+    from fieldcalib.cli.demo import _table
 
+    out, _ = demo
+    truths, results = read_cameras(out / "clip.jsonl"), fieldcalib.read(out / "cameras")
+    lines = [json.loads(line) for line in (out / "cameras" / "cameras.jsonl").read_text().splitlines()]
+    assert len(lines) == len(truths)
 
-def test_errors_of_known_displacements():
-    truth = Camera.from_angles(np.radians(179.9), np.radians(75), 0.0, 1000.0, (0, -60, -15), IMAGE_SIZE)
-    other = Camera.from_angles(np.radians(-179.9), np.radians(76), 0.01, 1010.0, (3, -56, -15), IMAGE_SIZE)
-    errors = camera_difference(other, truth, FIELD)
-    expected = (1.0, 5.0, 0.2, 1.0, np.degrees(0.01))
-    np.testing.assert_allclose(astuple(errors)[:5], expected, atol=1e-9)
-    shifted = Camera(truth.K + np.array([[0, 0, 3], [0, 0, 4], [0, 0, 0]]), truth.R, truth.C, IMAGE_SIZE)
-    assert camera_difference(shifted, truth, FIELD).reprojection == pytest.approx(5.0)
-    behind = Camera.from_angles(0.0, np.radians(75), 0.0, 1000.0, (0, -60, -15), IMAGE_SIZE)
-    assert camera_difference(behind, truth, FIELD).reprojection == np.inf
-
-
-# what is labelled
-
-
-def test_every_frame_of_the_pan_has_enough_labels_and_goals_are_seen():
-    labels = [set(observe(camera, FIELD, np.random.default_rng(0), 1.0)) for camera in pan_over_field(12)]
-    assert min(len(frame) for frame in labels) >= 6
-    goals = [any(label.startswith("Goal") for label in frame) for frame in labels]
-    assert goals[0]
-    assert goals[-1]
-    assert "Circle central" in labels[5]
-    for frame in labels:
-        assert frame <= set(FIELD)
-        assert not {"Circle central left", "Circle central right"} & frame
-
-
-@pytest.mark.parametrize("camera", pan_over_field(5))
-def test_labels_without_noise_lie_on_the_markings(camera):
-    for label, xy in observe(camera, FIELD, np.random.default_rng(0), 0.0).items():
-        curve = camera.project(FIELD[label].sample(0.005))
-        distance = np.linalg.norm(xy[:, None] - curve[None], axis=-1).min(axis=1)
-        assert distance.max() < 0.1
-        assert len(xy) == 9 if isinstance(FIELD[label], Arc) else len(xy) in (2, 3)
-        assert len(np.unique(xy.round(3), axis=0)) == len(xy)
-
-
-@pytest.mark.slow
-def test_the_noise_is_as_asked_for():
-    camera, offsets = pan_over_field(3)[0], []
-    curve = camera.project(FIELD["Circle left"].sample(0.005))
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        xy = observe(camera, FIELD, rng, 2.0)["Circle left"]
-        nearest = np.linalg.norm(xy[:, None] - curve[None], axis=-1).argmin(axis=1)
-        offsets.append(xy - curve[nearest])  # across the curve, so one of the two dimensions
-    assert np.sqrt(np.mean(np.sum(np.square(offsets), axis=-1))) == pytest.approx(2.0, rel=0.1)
-
-
-def test_labels_are_inside_the_image():
-    rng = np.random.default_rng(0)
-    for camera in pan_over_field(4):
-        for _ in range(20):
-            xy = np.concatenate(list(observe(camera, FIELD, rng, 4.0).values()))
-            assert np.all((xy >= 0.0) & (xy <= np.array(IMAGE_SIZE) - 1.0))
+    some = {id: None if id == "000000" else camera for id, camera in results.cameras.items()}
+    row = _table(SimpleNamespace(cameras=some), truths).splitlines()[4].split()
+    assert int(row[2]) == int(row[1]) - 1
+    assert np.isfinite([float(cell) for cell in row[3:]]).all()

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "pyproject.toml", ".ci/run")]
-PAGES += sorted(ROOT.glob("docs/*.md")) + sorted(ROOT.glob("fieldcalib/**/*.md"))
+PAGES += sorted(ROOT.glob("docs/**/*.md")) + sorted(ROOT.glob("fieldcalib/**/*.md"))
 PACKAGES = "fieldcalib|baselines|data_tools"
 SOURCES = [path for folder in (*PACKAGES.split("|"), "tests") for path in sorted((ROOT / folder).rglob("*.py*"))]
 SOURCES = [path for path in SOURCES if path.suffix in (".py", ".pyi")]
@@ -98,7 +98,7 @@ def test_names_are_looked_for_in_docstrings_and_comments():
 
 def test_the_page_and_its_docs_say_the_same_number_of_clicks():
     words = "seven clicks on three or four markings are enough for a good camera of most"
-    for path in (ROOT / "docs" / "page.md", ROOT / "fieldcalib" / "web" / "static" / "marks.js"):
+    for path in (ROOT / "docs" / "how-to" / "page.md", ROOT / "fieldcalib" / "web" / "static" / "marks.js"):
         text = " ".join(path.read_text(encoding="utf-8").lower().split())
         assert words in text, path
         assert "five or six" not in text, path

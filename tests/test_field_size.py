@@ -138,6 +138,24 @@ def test_calibrations_are_on_the_field_that_was_found():
     assert off < fixed_off
 
 
+def test_errors_have_those_of_the_size():
+    """One end says nothing of the length: places from the centre mark are unknown by half of it."""
+    pitch = soccer()
+    (frame,) = panned(pitch, (-0.75,))
+    end = {label: xy for label, xy in frame.items() if "left" in label}
+    (found,) = estimate_field_size(soccer(), [end], SIZE).calibrations
+    (known,) = estimate_field_size(soccer(size_known=True), [end], SIZE).calibrations
+    xy = end["Big rect. left main"].mean(axis=0)
+    sd, sd_known = (
+        np.sqrt(one.field_uncertainty(xy, relative_to="centre mark").covariance[..., 0, 0]) for one in (found, known)
+    )
+    assert sd > 0.45 * SIGMA[0] > 3.0 * sd_known
+    relative, of_known = (np.sqrt(one.field_uncertainty(xy).covariance[..., 0, 0]) for one in (found, known))
+    assert relative < 2.0 * of_known < 0.5
+    assert found.probability() <= known.probability() + 1e-9
+    np.testing.assert_array_equal(found.camera.C, known.camera.C)
+
+
 def test_the_middle_says_nothing_about_the_length():
     frame = {label: xy for label, xy in panned(soccer(110.0, 64.0), (0.05,))[0].items() if label in MIDDLE}
     assert len(frame) == 3

@@ -11,6 +11,7 @@ import pytest
 
 from fieldcalib.io import files
 from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
+from fieldcalib.io.images import write_image
 
 # --- finding and reading ---
 
@@ -265,3 +266,13 @@ def test_permissions_follow_the_umask(tmp_path, umask, write, content, mask, mod
     write(tmp_path / "a.json", content)
     assert stat.S_IMODE((tmp_path / "a.json").stat().st_mode) == mode
     assert umask(0o022) == mask  # writing did not change it
+
+
+def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    def fail(*paths):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(files.os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_image(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
+    assert list(tmp_path.iterdir()) == []

@@ -86,7 +86,7 @@ def test_every_name_of_a_package_is_there(package):
 
 
 def test_every_name_in_the_docs_is_there_on_a_fresh_import():
-    texts = [path.read_text() for path in (FOLDER.parent / "README.md", *(FOLDER.parent / "docs").glob("*.md"))]
+    texts = [path.read_text() for path in (FOLDER.parent / "README.md", *(FOLDER.parent / "docs").rglob("*.md"))]
     names = {name for text in texts for name in re.findall(r"\bfieldcalib(?:\.[A-Za-z_]\w*)+", text)}
     assert {"fieldcalib.plot", "fieldcalib.io.exports.opencv", "fieldcalib.processes.jobs.in_order"} <= names
     if importlib.util.find_spec("numba") is None:

@@ -9,13 +9,14 @@ from data_tools import measured_cameras
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
+from fieldcalib.synthetic.paths import SIZE
 
 C = np.array([1.0, 66.0, -16.0])
 
 
 def broadcast_camera(pan, f):
-    k = RadialLens(np.hypot(*measured_cameras.SIZE) / 2.0).to_opencv(np.array([0.03, 0.0]), f)
-    return Camera.from_angles(pan, 1.35, 0.0, f, C, measured_cameras.SIZE, k=k)
+    k = RadialLens(np.hypot(*SIZE) / 2.0).to_opencv(np.array([0.03, 0.0]), f)
+    return Camera.from_angles(pan, 1.35, 0.0, f, C, SIZE, k=k)
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_errors_are_percent_and_metres():
     truth = broadcast_camera(-0.4, 3400.0)
     ((_, frame),) = measured_cameras.with_simulated_pixels([truth], soccer(), 0.5, repeats=1)
     assert all(len(xy) <= 3 for label, xy in frame.items() if "Circle" not in label)
-    (found,) = measured_cameras.calibrate_batch(soccer(), [frame], measured_cameras.SIZE)
+    (found,) = measured_cameras.calibrate_batch(soccer(), [frame], SIZE)
     f, position = measured_cameras.errors(found, truth)
     assert f == pytest.approx(100.0 * abs(found.camera.K[0, 0] / 3400.0 - 1.0))
     assert position == pytest.approx(np.linalg.norm(found.camera.C - C))

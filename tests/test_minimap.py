@@ -10,7 +10,7 @@ import pytest
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.cli.players import COLOURS
-from fieldcalib.draw import draw_minimap, draw_players, overhead_camera, render_field
+from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera, render_field
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.players import Player, read_players
 from fieldcalib.io.videos import VideoReader
@@ -221,3 +221,17 @@ def test_players_of_a_table(tmp_path):
     assert np.isnan(players.frames["b"][0].X).all()
     assert players.groups == ["x", "9", "10"]
     assert (players.group_column, players.track_column, players.X.shape) == ("team", "track_id", (4, 2))
+
+
+# the part of a map that is projected
+
+
+@pytest.mark.parametrize("tilt", [20, 60, 75, 82, 95])
+@pytest.mark.parametrize("k1", [0.0, 0.02, -0.2])
+def test_a_map_does_not_depend_on_which_part_of_it_is_projected(tilt, k1, monkeypatch):
+    for pan, focal_length, C in ((0.4, 900.0, (3.0, 60.0, -15.0)), (-0.9, 350.0, (-20.0, 20.0, -8.0))):
+        camera = Camera.from_angles(pan, np.radians(tilt), 0.02, focal_length, C, SIZE, k=(k1, 0.0))
+        part = draw_minimap(camera, soccer())
+        with monkeypatch.context() as patched:
+            patched.setattr(minimap, "_part_in_view", lambda camera, X: (slice(None), slice(None)))
+            np.testing.assert_array_equal(part, draw_minimap(camera, soccer()))

@@ -10,8 +10,7 @@ from networks import KnownCameras, looked_at
 from strategies import bounded, generators
 from tripods import SIZE, far_off
 
-from data_tools.synthetic.clips import background_matches, camera_path, flight, labelled
-from data_tools.synthetic.film import Scene, TrueFrame, film
+from data_tools.synthetic.clips import background_matches, labelled
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.images.background_motion import background_motion, mapped, plane_motion
@@ -20,6 +19,8 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path
 from fieldcalib.solve.remaining_frames import OFF_PATH
 from fieldcalib.solve.sequence_problem import SHARED_IN_MOTION
+from fieldcalib.synthetic.film import Scene, TrueFrame, film
+from fieldcalib.synthetic.paths import camera_path, flight
 
 FIELD = soccer(size_known=True)
 COUNT = 61

@@ -1,4 +1,4 @@
-"""The court of docs/own-court.md: what is in its file is found in a picture."""
+"""The court of docs/how-to/own-court.md: what is in its file is found in a picture."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import read_field
 
-PAGE = Path(__file__).parents[1] / "docs" / "own-court.md"
+PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "own-court.md"
 TRUTH = Camera.from_angles(0.1, 1.2, 0.0, 1000.0, (-1.0, 13.0, -5.0), (960, 540))
 
 

@@ -362,6 +362,44 @@ def test_a_video(know, tmp_path):
         assert [image.shape for image in overlay] == [(540, 960, 3)] * 2
 
 
+def test_a_video_without_pictures_has_the_same_cameras(know, tmp_path):
+    truths = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (22, 23)]
+    write_video(tmp_path / "match.mp4", [picture(truth) for truth in truths])
+    contents = []
+    for name, *options in (("drawn",), ("one thread", "--threads", "1"), ("bare", "--no-pictures", "--report")):
+        know(truths)
+        assert run("run", tmp_path / "match.mp4", "--out", tmp_path / name, *options) == 0
+        contents.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    drawn, alone, bare = contents
+    assert set(drawn) - set(bare) == {"overlay.mp4", "motion.png", "worst_frames.jpg"}
+    assert set(bare) - set(drawn) == {"report.html"}
+    for name in ("cameras.jsonl", "solver.jsonl", "clip.jsonl", "camera_000000.json"):
+        assert drawn[name] == bare[name] == alone[name]
+    assert drawn["worst_frames.jpg"] == alone["worst_frames.jpg"]
+
+
+def test_a_frame_that_cannot_be_read_is_told_without_pictures_too(know, tmp_path, capsys):
+    truths = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (22, 23)]
+    for name, truth in zip("ac", truths, strict=True):
+        (tmp_path / f"{name}.png").write_bytes(encoded(picture(truth)))
+    (tmp_path / "b.png").write_bytes(b"none")
+    for out, *options in (("drawn",), ("bare", "--no-pictures")):
+        know(truths)
+        assert (
+            run("run", *(tmp_path / f"{name}.png" for name in "abc"), "--clip", "--out", tmp_path / out, *options) == 1
+        )
+        assert "b.png: " in capsys.readouterr().err
+    assert lines_of(tmp_path / "bare") == lines_of(tmp_path / "drawn")
+
+
+def test_images_without_pictures(know, tmp_path):
+    (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
+    know(TRUTHS[:1])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", "--no-pictures") == 0
+    names = {"camera_a.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+
+
 def test_a_portrait_video_has_verdicts(know, tmp_path):
     write_video(tmp_path / "phone.mp4", [np.full((640, 360, 3), 80, np.uint8)] * 3)
     know([None] * 12)  # some frames are looked at before, for the shape of the picture

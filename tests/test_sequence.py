@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import whole_circle_markings
 
-from data_tools.synthetic.clips import camera_path, labelled
+from data_tools.synthetic.clips import labelled
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
 from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
@@ -15,6 +15,7 @@ from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.centres import voted_centres
 from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.synthetic.paths import camera_path
 
 FIELD = soccer()
 SIZE = (1920, 1080)

@@ -1,4 +1,4 @@
-"""data_tools.synthetic.clips: paths of one tripod, what is labelled along them, and static points that are matched."""
+"""Synthetic clips without pictures: paths of one tripod, labels along them, and static points that are matched."""
 
 import numpy as np
 import pytest
@@ -6,24 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import generators, numbers
 
-from data_tools.measured_cameras import SIZE
-from data_tools.synthetic.clips import (
-    DISTANCES,
-    LEAN,
-    MEASURED_RATE,
-    OUTLIER_REACH,
-    PolynomialLaw,
-    background_matches,
-    background_points,
-    camera_between,
-    camera_path,
-    flight,
-    labelled,
-    operated,
-)
+from data_tools.measured_cameras import read_zoom
+from data_tools.synthetic.clips import DISTANCES, OUTLIER_REACH, background_matches, background_points, labelled
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.synthetic.paths import (
+    LEAN,
+    MEASURED_RATE,
+    SIZE,
+    PolynomialLaw,
+    camera_between,
+    camera_path,
+    flight,
+    operated,
+)
 
 
 def angles_of(cameras):
@@ -114,7 +111,7 @@ def test_image_sizes_show_the_same(path):
 
 
 def test_a_measured_camera_is_played_at_its_own_speed(measured):
-    cameras = camera_path(np.random.default_rng(0), 400, measured)
+    cameras = camera_path(np.random.default_rng(0), 400, read_zoom(measured))
     np.testing.assert_allclose(cameras[0].C, (1.0, 66.0, -16.0), atol=1e-9)
     f = np.array([camera.focal_length for camera in cameras])
     assert 4000.0 <= f.min() < 4002.0
@@ -128,7 +125,7 @@ def test_a_measured_camera_is_played_at_its_own_speed(measured):
 
 def test_measured_files_are_read(shared_data):
     for file in sorted((shared_data / "worldcup2022-cameras").glob("*.npz")):
-        cameras = camera_path(np.random.default_rng(0), 30, file)
+        cameras = camera_path(np.random.default_rng(0), 30, read_zoom(file))
         assert 2000.0 < cameras[0].focal_length < 8000.0
         assert -25.0 < cameras[0].C[2] < -8.0
         assert np.abs(np.diff(log_f(cameras))).max() < 0.02

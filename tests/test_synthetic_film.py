@@ -1,14 +1,14 @@
-"""data_tools.synthetic.film: the scene stands still in the world while cameras turn, players run and boards change."""
+"""fieldcalib.synthetic.film: the scene stands still in the world while cameras turn, players run and boards change."""
 
 import cv2
 import numpy as np
 import pytest
 
 from data_tools.synthetic.__main__ import main
-from data_tools.synthetic.clips import camera_path
-from data_tools.synthetic.film import BESIDE, Scene, _boards, _warp_maps, clip_frames, exposed, film, read_cameras
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.synthetic.film import BESIDE, Scene, _boards, _warp_maps, clip_frames, exposed, film, read_cameras
+from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (384, 216)
 SEED = 4  # a ground whose stripes and stands can be seen

@@ -11,8 +11,6 @@ import pytest
 from networks import KnownCameras
 from waiting import wait_until
 
-from data_tools.synthetic.clips import camera_path
-from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.markings import MarkingInView
@@ -26,6 +24,8 @@ from fieldcalib.images.paint_evidence import PaintEvidence
 from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, solve_shot
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
+from fieldcalib.synthetic.film import Scene, TrueFrame, film
+from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)

@@ -13,10 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from data_tools.measured_cameras import read_zoom
 from data_tools.synthetic import SIZE, frame
 from data_tools.synthetic.cache import write_cache
-from data_tools.synthetic.clips import with_displaced_lines
-from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
 from data_tools.synthetic.games import game_named
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.field_options import SOCCER, add_named_field
@@ -24,6 +23,8 @@ from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
+from fieldcalib.synthetic.paths import with_displaced_lines
 
 COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200
@@ -84,9 +85,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         speed = frames_per_second(options.processes, options.field)
         print(json.dumps({"processes": options.processes, "frames_per_second": round(speed, 1)}))
     if options.clip:
-        frames = clip_frames(
-            options.seed, options.frames, options.cuts, options.measured, options.size, flies=options.flies
-        )
+        measured = options.measured and read_zoom(options.measured)
+        frames = clip_frames(options.seed, options.frames, options.cuts, measured, options.size, flies=options.flies)
         field = with_displaced_lines(soccer(), np.random.default_rng((options.seed, PAINTED)))
         scene = Scene.random(field, options.seed, [frame.camera for frame in frames])
         write_clip(options.clip, scene, frames)

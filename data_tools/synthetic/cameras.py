@@ -3,7 +3,7 @@
 An image cannot tell the left of a field from its right: turned by 180 degrees about its centre mark, the field looks
 the same from the opposite stand. So labels are named as seen from the camera's side: the camera is turned about the
 centre mark to the main side, y > 0, or, if it stands behind a goal line (|x| beyond half the length and |y| within half
-the width plus `BEHIND_MARGIN`), to stand behind the left goal.
+the width plus `fieldcalib.fields.sides.BEHIND_MARGIN`), to stand behind the left goal.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import OPPOSITE, is_behind_end, looks_the_same_turned, side_of, turned_camera
 from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, soccer
 from fieldcalib.fields.stands import (
     BEHIND_LEFT_GOAL,
@@ -27,8 +28,6 @@ from fieldcalib.fields.stands import (
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
 from fieldcalib.problem.prior import sample_theta
-
-BEHIND_MARGIN = 5.0  # m on both sides of the goal line
 
 # Broadcasts, the paper's stands, and wide ranges around these. Opposite stands and those behind the right goal are left
 # out: turned by 180 degrees, they are among these.
@@ -102,17 +101,13 @@ def on_canonical_side(camera: Camera, field: Field) -> Camera:
     >>> on_canonical_side(opposite, soccer()).C
     array([-10.,  60., -15.])
     """
-    turned = camera.C[0] > 0.0 if is_behind_goal(camera, field) else camera.C[1] < 0.0
-    if turned and len(field.symmetric) == len(field):
-        turn = np.array([-1.0, -1.0, 1.0])
-        return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
-    return camera
+    is_turned = side_of(camera.C, field) == OPPOSITE and looks_the_same_turned(field)
+    return turned_camera(camera) if is_turned else camera
 
 
 def is_behind_goal(camera: Camera, field: Field) -> bool:
     """Whether the camera stands behind a goal line."""
-    x, y, _ = np.abs(camera.C)
-    return bool(x > field.length / 2.0 and y <= field.width / 2.0 + BEHIND_MARGIN)
+    return is_behind_end(camera.C, field)
 
 
 def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:

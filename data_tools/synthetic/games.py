@@ -11,13 +11,9 @@ import numpy as np
 from data_tools.synthetic.cameras import STANDS, random_field
 from data_tools.synthetic.floors import hall_light, random_floor
 from data_tools.synthetic.furniture import furniture
-from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.looks import Look, look_of
 from data_tools.synthetic.masks import Mask, classes_of, mirrored_values
-from data_tools.synthetic.objects import add_far_to_near, add_objects, players
-from data_tools.synthetic.people import Sun, random_suns
 from data_tools.synthetic.rink import add_boards
-from data_tools.synthetic.surroundings import GroundView, add_surroundings
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.console.field_options import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
@@ -26,6 +22,10 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
+from fieldcalib.synthetic.ground import random_ground, random_light
+from fieldcalib.synthetic.objects import add_far_to_near, add_objects, players
+from fieldcalib.synthetic.people import Sun, random_suns
+from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size

@@ -8,10 +8,11 @@ from typing import Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
+from fieldcalib._html import long_table, spread
 from fieldcalib._json import reading
 from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 
 class Codec(NamedTuple):
@@ -92,6 +93,18 @@ class FrameSequence(Sequence[Calibration]):
         if type(other) is not type(self):
             return NotImplemented
         return self is other or self.to_dict() == other.to_dict()
+
+    def _repr_html_(self) -> str:
+        """The field with what some frames see of it, and a table of these frames, for notebooks."""
+        frames = {index: self[index] for index in spread(len(self))}
+        cameras = [frame.camera for frame in frames.values() if frame.camera is not None]
+        field = next((frame.field for frame in frames.values() if frame.field is not None), None)
+        picture = "" if field is None else field.as_svg(cameras)
+        rows = [
+            [str(index), str(frame.verdict), *camera_cells(frame.camera), frame.reason]
+            for index, frame in frames.items()
+        ]
+        return picture + long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(self))
 
     @property
     def cameras(self) -> list[Camera | None]:

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number
 from fieldcalib._deprecated import deprecated
+from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
@@ -28,7 +28,7 @@ from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
 from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
@@ -76,7 +76,8 @@ class Calibration:
     suspect_labels: tuple[SuspectLabel, ...] = ()
     """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
-    """Cameras that fit the labels equally well: the one turned by 180 degrees about the centre mark."""
+    """Cameras that are as good: the one turned by 180 degrees about the centre mark, where nothing tells on which side
+    of the field the camera is (`fieldcalib.fields.sides`)."""
     _complaints: tuple[str, ...] = attribute(default=(), repr=False)
     """Further evidence against an accepted camera, in words; it is part of `reason`."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
@@ -271,12 +272,13 @@ class Calibration:
     def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
-        Positions are relative to the markings in view, see `field_uncertainty`. For a single frame the probability
-        comes from a model that was fitted to synthetic frames of the field (`fieldcalib.assess.probability`) and, if
-        its image was examined, from the share of the markings that show paint; for a frame of a sequence it follows
-        from the covariance. It is NaN where no part of the field is in view or the camera does not come from labelled
-        pixels, and 0 where there is no camera or an implausible one: of 22 implausible ones on synthetic frames none
-        was right.
+        Positions are relative to the markings in view, see `field_uncertainty`, and up to the side of the field where
+        that is open: then the camera that is turned by 180 degrees is in `alternatives`. For a single frame the
+        probability comes from a model that was fitted to synthetic frames of the field
+        (`fieldcalib.assess.probability`) and, if its image was examined, from the share of the markings that show
+        paint; for a frame of a sequence it follows from the covariance. It is NaN where no part of the field is in view
+        or the camera does not come from labelled pixels, and 0 where there is no camera or an implausible one: of 22
+        implausible ones on synthetic frames none was right.
 
         Parameters
         ----------
@@ -356,9 +358,9 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """The calibration as a dict for `json.dumps`; the inverse is `from_dict`.
 
-        Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
-        builds the field, as `soccer`; a user's function cannot be written to JSON. Numbers that are not finite are null
-        (NaN), "inf" and "-inf"; an `rms` or a `loss_ndc` of NaN is left out.
+        Keys are those of ``cameras.jsonl``, see ``docs/reference/files.md``. The size model of a field is kept if this
+        package builds the field, as `soccer`; a user's function cannot be written to JSON. Numbers that are not finite
+        are null (NaN), "inf" and "-inf"; an `rms` or a `loss_ndc` of NaN is left out.
 
         Examples
         --------
@@ -406,21 +408,20 @@ class Calibration:
         return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
 
     def _repr_html_(self) -> str:
-        """A table for notebooks."""
+        """The field with what the camera sees of it, and a table, for notebooks."""
         rows = {"verdict": str(self.verdict), "reason": self.reason, "status": str(self.status)}
         if self.camera is not None:
-            camera, degree = self.camera, "\N{DEGREE SIGN}"
+            camera = self.camera
+            rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
             rows |= {
-                "focal length": f"{camera.focal_length:.1f} px",
-                "pan, tilt, roll": ", ".join(f"{angle:.2f}{degree}" for angle in np.degrees(camera.angles)),
-                "position": ", ".join(f"{x:.2f}" for x in camera.C) + " m",
                 "image size": "{} x {}".format(*camera.image_size),
                 "rms": f"{self.rms:.2f} px",
             }
         if self.field is not None and self.has_probability:
-            rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}"
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>"
+            up_to = ", up to the side" * bool(self.alternatives)
+            rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
+        picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
+        return picture + table(rows)
 
 
 def doubted(

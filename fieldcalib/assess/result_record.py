@@ -1,4 +1,4 @@
-"""Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl``, see ``docs/files.md``."""
+"""Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl`` (``docs/reference/files.md``)."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -17,7 +17,8 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.words import UP_TO_SIDE, Status
+from fieldcalib.fields.sides import turned_camera
 
 if TYPE_CHECKING:
     import pandas
@@ -64,8 +65,9 @@ class VideoCalibration(FrameSequence):
         "number": Codec(np.ndarray.tolist, partial(np.array, dtype=np.intp)),
         "notes": Codec(list, tuple),
         "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
+        "is_side_open": Codec(bool, bool),
     }
-    _added: ClassVar[frozenset[str]] = frozenset({"shape"})
+    _added: ClassVar[frozenset[str]] = frozenset({"shape", "is_side_open"})
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
@@ -80,6 +82,9 @@ class VideoCalibration(FrameSequence):
     shape: Shape | None = None
     """Black borders and pixels that are not square; `tripods` are in square pixels within the borders, the frames of
     this sequence in pixels of the pictures. None where there are neither."""
+    is_side_open: bool = False
+    """Whether nothing tells on which side of the field the camera is: each frame has the one that is turned by 180
+    degrees among its `alternatives`."""
 
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
@@ -100,6 +105,7 @@ class VideoCalibration(FrameSequence):
             np.concatenate([np.zeros(0, dtype=np.intp), *(part.number for part in parts)]),
             tuple(note for part in parts for note in part.notes),
             next((part.shape for part in parts), None),
+            any(part.is_side_open for part in parts),
         )
 
     def __len__(self) -> int:
@@ -110,6 +116,8 @@ class VideoCalibration(FrameSequence):
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot determines the camera")
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
         found = tripod[int(self.number[t])]
+        if self.is_side_open and found.camera is not None:
+            found = replace(found, alternatives=(turned_camera(found.camera),))
         return found if self.shape is None else self.shape.in_picture(found)
 
     def _at(self, index: IntArray) -> VideoCalibration:
@@ -129,7 +137,13 @@ class VideoCalibration(FrameSequence):
             number,
             self.notes,
             self.shape,
+            self.is_side_open,
         )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """The notes, and what holds for all cameras."""
+        return (*self.notes, *([UP_TO_SIDE] if self.is_side_open else []))
 
     @property
     def shot(self) -> IntArray:

@@ -12,6 +12,12 @@ from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LOOK, PICTURE
 BESIDE = 5.0  # px: nearer pixels lie on the line
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 
+UP_TO_SIDE = (
+    "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
+    "the main one is taken; the camera turned by 180 degrees about the centre mark is in alternatives, and side or "
+    "prior decide which one it is"
+)
+
 
 class Verdict(StrEnum):
     """Verdict on a calibration: what to do with it."""

@@ -20,7 +20,7 @@ COMMANDS = {
     "topview": "the field as seen from above, of an image or a clip",
     "undistort": "images or a clip without the distortion of the lens",
     "join": "put the results of shards together",
-    "demo": "calibrate a synthetic pan over a pitch and draw it",
+    "demo": "all of it on a rendered clip, with errors against the truth",
 }
 
 

@@ -1,143 +1,157 @@
-"""The demonstration: a synthetic pan over a field, calibrated from noisy labels and compared with the truth.
+"""The demonstration: what the package does with a clip, on a rendered one whose true cameras and players are known.
 
-It needs no data: the cameras are made up, the frames are rendered, the labels are projected markings with noise.
+It gives the commands that a user would give, and shows them; what they write lies in one folder. Frames are rendered,
+cameras are found from their pictures.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Sequence
+import filecmp
+import shlex
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration
+from fieldcalib.cli.commands import command_parser
 from fieldcalib.console.arguments import folder_name
-from fieldcalib.draw.minimap import add_minimap
-from fieldcalib.draw.overlays import draw_field, draw_segments
-from fieldcalib.draw.scene import render_field
-from fieldcalib.draw.sheet import contact_sheet
-from fieldcalib.fields.field import Field
+from fieldcalib.console.program import show
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import write_text
-from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
+from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.soccernet import camera_to_record, format_annotation
-from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.simulated import IMAGE_SIZE, CameraDifference, camera_difference, observe, pan_over_field
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.io.players import read_players
+from fieldcalib.problem.simulated import camera_difference
+from fieldcalib.results.collection import Results
+from fieldcalib.results.reading import read
+from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT
+from fieldcalib.synthetic.film import TrueFrame, read_cameras
+from fieldcalib.synthetic.sample_files import read_positions
+from fieldcalib.synthetic.samples import PLAYERS, TRUTH, sample
 
-TITLE = "fieldcalib: one pan, every frame on its own"
-LEGEND = "dots: labelled pixels    magenta: the markings as calibrated from them    inset: what the camera sees"
+CAMERAS, PLACES, MAP = "cameras", "players_in_metres.csv", "map.mp4"
+TRAIL = "15"  # frames
+TITLES = ("focal length [%]", "position [m]", "pan [°]", "tilt [°]", "roll [°]", "worst point [px]")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
-        "Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
-        "and write overlays. Needs no data and no network."
+        "Render a clip of a match with known cameras, find the cameras from its pictures, print their errors, and "
+        "write an overlay video, a report, the players in metres and a map with them. Needs no data and no download."
     )
-    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the pictures go")
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where all of it goes")
 
 
 def run(options: argparse.Namespace) -> int:
     """Demonstrate; returns the exit code."""
-    with output_folder(options.out):
-        run_demo(options.out)
+    out: Path = options.out
+    with output_folder(out):
+        clip = _copied(sample("clip"), out)
+        truths = read_cameras(clip.with_suffix(TRUTH))
+        show(f"{clip}: {len(truths)} rendered frames of one camera; the truth is in {clip.stem}{TRUTH}, {PLAYERS}")
+        cameras = out / CAMERAS
+        if code := _command("run", clip, "--out", cameras, "--report", "--resume"):
+            return code
+        results = read(cameras)
+        show(_table(results, truths))
+        _command("project", out / PLAYERS, "--cameras", cameras, "--out", out / PLACES)
+        show(_errors_of_players(out / PLACES, read_positions(out / PLAYERS)))
+        _command("minimap", out / PLACES, "--cameras", cameras, "--out", out / MAP, "--trails", TRAIL)
+    show(_what_next(out))
     return 0
 
 
-def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -> list[CameraDifference]:
-    """Calibrate a synthetic pan, print the errors against the truth and write pictures of it.
+def _copied(path: Path, out: Path) -> Path:
+    """Copy the sample with its truth, each file whole; returns the clip.
 
-    Written are ``frame_XX.png`` (the rendered frame with the labelled pixels, the markings as calibrated and the view
-    from above), ``overview.png`` (all frames), ``annotations/XX.json`` (the labels in SoccerNet's form, x divided by
-    width - 1 and y by height - 1) and ``true_cameras.json`` (SoccerNet's records by frame).
-
-    Parameters
-    ----------
-    out : Path
-        Folder; it is made if need be. Files of these names are replaced.
-    count : int
-        Number of frames.
-    noise : float
-        Standard deviation of the labelled pixels along x and along y.
-    seed : int
-        Seed of the noise and of the rendered crowd.
-
-    Returns
-    -------
-    list of CameraDifference
-        One for each frame.
-
-    Examples
-    --------
-    >>> import contextlib, io, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-    ...     errors = run_demo(Path(folder), count=1)
-    >>> errors[0].reprojection < 5.0
-    True
+    Raises
+    ------
+    FileExistsError
+        If another file of that name is there.
     """
-    rng = np.random.default_rng(seed)
-    field, truths = soccer(), pan_over_field(count)
-    frames = [observe(truth, field, rng, noise) for truth in truths]
-    calibrations = calibrate_batch(field, frames, IMAGE_SIZE)
-    errors = [camera_difference(found.camera, truth, field) for found, truth in zip(calibrations, truths, strict=True)]
-    print(f"{count} frames, each calibrated on its own from {noise:g} px noise; errors against the true cameras,")
-    print("worst: the largest error in the image of any visible point of the ground.\n")
-    print(_table(errors, calibrations))
-
-    annotations = out / "annotations"
-    annotations.mkdir(parents=True, exist_ok=True)
-    names = [f"{index:02d}" for index in range(count)]
-    pictures = []
-    for name, truth, frame, found in zip(names, truths, frames, calibrations, strict=True):
-        rendered = render_field(truth, field, rng=np.random.default_rng(seed))  # the same crowd in every frame
-        write_image(out / f"frame_{name}.png", _picture(rendered, field, frame, found, names=True))
-        write_text(annotations / f"{name}.json", format_annotation(frame, IMAGE_SIZE) + "\n")
-        pictures.append(_picture(rendered, field, frame, found, names=False))
-    captions = [_caption(name, truth, error) for name, truth, error in zip(names, truths, errors, strict=True)]
-    write_image(out / "overview.png", contact_sheet(pictures, captions, title=TITLE, legend=LEGEND))
-    records = {name: camera_to_record(truth) for name, truth in zip(names, truths, strict=True)}
-    write_text(out / "true_cameras.json", json.dumps(records, indent=1) + "\n")
-    print(f"\nPictures, annotations and the true cameras are in {out}; overview.png shows them all.")
-    return errors
+    for file in (path, path.with_suffix(TRUTH), path.with_name(PLAYERS)):
+        copy = out / file.name
+        if copy.exists() and not filecmp.cmp(file, copy, shallow=False):
+            raise FileExistsError(f"{copy} is there already, and not that of the demo: give another folder")
+        if not copy.exists():
+            with file.open("rb") as source, whole_file(copy) as target:
+                shutil.copyfileobj(source, target)
+    return out / path.name
 
 
-def _table(errors: Sequence[CameraDifference], calibrations: Sequence[Calibration]) -> str:
-    """Errors of every frame and their median, aligned."""
-    titles = ("focal [%]", "position [m]", "pan [°]", "tilt [°]", "roll [°]", "worst [px]", "rms [px]")
-    values = np.array([[*astuple(error), found.rms] for error, found in zip(errors, calibrations, strict=True)])
+def _command(*arguments: str | Path) -> int:
+    """Show a command and run it; returns its exit code."""
+    given = list(map(str, arguments))
+    show(f"\n$ fieldcalib {shlex.join(argument for argument in given if argument != '--resume')}")
+    options = command_parser(given).parse_args(given)
+    return int(options.run(options))
 
-    def line(name: str, row: Array, note: str) -> str:
-        cells = (f"{value:{len(title)}.3f}" for value, title in zip(row, titles, strict=True))
-        return "  ".join([f"{name:>6}", *cells, note]).rstrip()
 
-    lines = ["  ".join([" frame", *titles, "status"])]
-    for index, (row, found) in enumerate(zip(values, calibrations, strict=True)):
-        lines.append(line(f"{index:02d}", row, str(found.status)))
-    calibrated = values[np.isfinite(values[:, 0])]
-    if len(calibrated):
-        lines.append(line("median", np.median(calibrated, axis=0), ""))
+def _table(results: Results, truths: Sequence[TrueFrame]) -> str:
+    """Errors of the cameras of each shot against the true ones, aligned: medians, and the largest distance."""
+    field = soccer()
+    errors = np.full((len(truths), len(TITLES)), np.nan)
+    for id, camera in results.cameras.items():
+        errors[int(id)] = astuple(camera_difference(camera, truths[int(id)].camera, field))
+    lines = [
+        "\nErrors against the true cameras, medians of each shot; the last column is the largest of all its frames",
+        "",
+    ]
+    lines.append("  ".join(["shot", "frames", "cameras", *TITLES, "largest"]))
+    shots = np.array([truth.shot for truth in truths])
+    for shot in range(shots[-1] + 1):
+        of_shot = errors[shots == shot]
+        found = of_shot[np.isfinite(of_shot[:, 0])]
+        values = [*np.median(found, axis=0), found[:, -1].max()] if len(found) else [np.nan] * (len(TITLES) + 1)
+        cells = [f"{shot + 1:4d}", f"{len(of_shot):6d}", f"{len(found):7d}"]
+        cells += [f"{value:{len(title)}.2f}" for value, title in zip(values, (*TITLES, "largest"), strict=True)]
+        lines.append("  ".join(cells))
     return "\n".join(lines)
 
 
-def _picture(rendered: Image, field: Field, frame: Pixels, found: Calibration, *, names: bool) -> Image:
-    """A frame with the calibrated markings, the labelled pixels and, in a corner, the view from above."""
-    camera = found.camera
-    if camera is None:
-        return draw_segments(rendered, frame, names=names)
-    return add_minimap(
-        draw_segments(draw_field(rendered, camera, field, thickness=1), frame, names=names), camera, field
+def _errors_of_players(path: Path, truth: Mapping[tuple[int, int], tuple[float, float]]) -> str:
+    """How far the players in a table are from where they are, in words."""
+    distances = _distances(path, truth)
+    if not len(distances):
+        return "no player has a place in metres"
+    median, most = np.quantile(distances, (0.5, 0.95))
+    return (
+        f"{len(distances)} places of players, from their boxes: off by {median:.2f} m in the median, "
+        f"95 % by less than {most:.2f} m"
     )
 
 
-def _caption(name: str, truth: Camera, error: CameraDifference) -> str:
-    """A line of text below a picture."""
-    pan = np.degrees(truth.angles[0])
-    return f"{name}   pan {pan:+.0f} deg   f {truth.focal_length:.0f} px   worst error {error.reprojection:.1f} px"
+def _distances(path: Path, truth: Mapping[tuple[int, int], tuple[float, float]]) -> Array:
+    """Distances of the players in a table from their true places, metres (N,)."""
+    found = [
+        np.subtract(player.X, truth[int(frame), int(player.track)])
+        for frame, players in read_players(path).frames.items()
+        for player in players
+    ]
+    distances = np.linalg.norm(np.reshape(found, (-1, 2)), axis=1)
+    return np.asarray(distances[np.isfinite(distances)])
+
+
+def _what_next(out: Path) -> str:
+    """Where to look, and what to try."""
+    cameras = out / CAMERAS
+    looks = (
+        (cameras / OVERLAY, "the clip with the markings as calibrated, in magenta"),
+        (out / MAP, "the map: what the camera sees, and the players with their trails"),
+        (cameras / MOTION, "the cameras over time"),
+        (cameras / REPORT, "a page with all of it, for any browser"),
+        (out / PLACES, "the players in metres, with their uncertainty"),
+    )
+    tries = (
+        (f"fieldcalib open {shlex.quote(str(cameras))}", "see and mend it in the browser (extra: web)"),
+        (f"fieldcalib export {shlex.quote(str(cameras))} --format homography", "homographies from pixels to metres"),
+        ("fieldcalib run YOUR_CLIP.mp4 --out results --report", "a clip of yours; of another sport: --field tennis"),
+        ("python -c \"import fieldcalib; print(fieldcalib.calibrate(fieldcalib.sample('picture')))\"", "from Python"),
+    )
+    width = max(len(str(path)) for path, _ in looks)
+    seen = "\n".join(f"  {path!s:{width}}  {what}" for path, what in looks)
+    return f"\nLook at\n{seen}\n\nNext, try\n" + "\n".join(f"  {line}\n      {what}" for line, what in tries)

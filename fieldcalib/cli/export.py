@@ -21,6 +21,7 @@ from fieldcalib.io.exports.freed import freed_error, freed_files
 from fieldcalib.io.exports.homography import homography_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
+from fieldcalib.io.exports.rerun import rerun_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
@@ -41,6 +42,7 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "gsr": gamestate_files,
     "csv": table_files,
     "homography": homography_files,
+    "rerun": rerun_files,
 }
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {

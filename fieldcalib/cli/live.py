@@ -37,6 +37,7 @@ def run_stream(request: RunRequest) -> int:
         open_camera_folder(request.run, record, began) as results,
         VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
     ):
+        results.notes = options.notes
         frames = checked_frames(stream, reader, options.placement)
         if options.known.intrinsics is not None:  # these are for the size of the frames, which the first one tells
             first = list(islice(frames, 1))
@@ -81,4 +82,5 @@ def _add(
     calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
     results.calibrating += time.perf_counter() - start
     results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
-    video.write(options.drawn(frame.image, calibration))
+    if options.draws:
+        video.write(options.drawn(frame.image, calibration))

@@ -146,9 +146,10 @@ def _run_one_by_one(request: RunRequest) -> int:
     ) as source:
         if source.frames_per_second is not None and run.shard is not None:
             raise ValueError("--shard is of images: give every machine some of the videos")
-        writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
+        writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if options.draws else (CAMERAS,))]
         record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
         with open_camera_folder(run, record, began, source.files) as results:
+            results.notes = options.notes
             if is_finished(run.out):
                 return results.exit_code
             if request.same_field:
@@ -239,7 +240,8 @@ class ImageCalibrator:
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), MOST)).round().astype(int)]
         read = [image for image in (self.options.read(file).image for file in some) if image is not None]
         images = [self.options.placement(image).image_in_frame(image) for image in read]
-        place = pooled_place(self.options.field, images, flags=self.options.known.flags, prior=self.options.prior)
+        options = self.options
+        place = pooled_place(options.field, images, flags=options.known.flags, prior=options.prior, side=options.side)
         if place is None:
             say("the images tell no common place of their camera: each is searched by itself")
         else:
@@ -260,11 +262,10 @@ class ImageCalibrator:
         return [replace(one, declared=options.pictures.declared) for one in found]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
-        picture = self.options.drawn(image, calibration)
+        picture = self.options.drawn(image, calibration) if self.options.draws else None
         if frame.line is not None:
             return Outcome(frame.line, picture=picture, is_written=True)
         if frame.is_of_video:
             return self.options.outcome(frame.id, calibration, picture=picture)
-        return self.options.outcome(
-            frame.id, calibration, files={OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
-        )
+        files = {} if picture is None else {OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
+        return self.options.outcome(frame.id, calibration, files=files)

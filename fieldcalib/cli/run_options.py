@@ -10,6 +10,7 @@ from typing import Any, cast, get_args
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import UP_TO_SIDE
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import ESTIMATED, cut_of
@@ -19,7 +20,9 @@ from fieldcalib.console.network import NetworkOptions
 from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import SIDES, Side
 from fieldcalib.images.from_video import Mount
+from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.cuts import Cut
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels
@@ -63,8 +66,22 @@ class CalibrationOptions:
         default=TRIPOD,
         choices=get_args(Mount),
     )
+    side: Side | None = option(
+        "the side of the field that the camera is on: main (in front of the near touchline or behind the left end, the "
+        "default) or opposite (beyond the far one or behind the right end)",
+        choices=SIDES,
+    )
     keep_rejected: bool = switch("write the best camera of every frame, whatever the verdict says")
-    show_paint: bool = switch("draw markings that lie beside their paint in orange, and those without any in grey")
+    draws: bool = option(
+        "draw nothing: no overlays, no plot, no sheet of the worst frames",
+        name="--no-pictures",
+        default=True,
+        action="store_false",
+        exclusive="drawing",
+    )
+    show_paint: bool = switch(
+        "draw markings that lie beside their paint in orange, and those without any in grey", exclusive="drawing"
+    )
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> CalibrationOptions:
@@ -104,10 +121,18 @@ class CalibrationOptions:
             **self.known.given(frame_size)._asdict(),
             "flags": self.known.flags,
             "prior": self.prior,
+            "side": self.side,
             "take_off_borders": self.pictures.crop_of is None,
             "estimate_aspect": self.pictures.is_aspect_estimated,
             "estimate_size": self.estimate_size,
         }
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is said once of the cameras of all pictures."""
+        known = replace(self.known, intrinsics=None)  # these say nothing of the place
+        on = CameraSide.of(self.field, known.given((1, 1)), known.flags, self.prior, self.side)
+        return (UP_TO_SIDE,) if on.is_open else ()
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
         """The outcome of a frame; `more` are keywords of `Outcome.of`."""

@@ -24,6 +24,7 @@ from fieldcalib.io.image import Image, checked_image
 DARK: Colour = (24, 24, 24)
 POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
+BORDER, AROUND = 64, 12.0  # points along a side of the image; pixels of the map around what is in view
 MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
 
 
@@ -158,29 +159,69 @@ def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> 
     (True, False)
     """
     picture = np.array(checked_image(image), order="C")
+    inset_map(picture, camera, field)
+    return picture
+
+
+def inset_map(picture: Image, camera: Camera | RationalCamera, field: Field) -> None:
+    """As `add_minimap`, in place."""
     unit = picture.shape[1] / 960.0
     width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones are slow to render
     gap, rim = round(12.0 * unit), 2
     left, bottom = picture.shape[1] - width - gap, gap + height
     if gap < rim or bottom + gap > picture.shape[0]:
-        return picture
+        return
     picture[gap - rim : bottom + rim, left - rim : left + width + rim] = (200, 200, 200)
     picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
-    return picture
 
 
 def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> None:
     """Light the ground that a camera sees on a map whose pixels are at X (height, width, 3), in place."""
-    centre = (np.array(camera.image_size) - 1.0) / 2.0
-    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
-    inside = np.maximum(inside, -centre[0])  # far outside and below the camera it is not linear
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
-    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
-    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+    seen, rim = np.zeros((2, *X.shape[:2]), np.float32)
+    part = _part_in_view(camera, X)
+    if X[part].size:
+        inside = _inside(camera, X[part])
+        seen[part] = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0)
+        rim[part] = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0)
     picture *= 0.62 + 0.38 * seen
     mix(picture, SPOTLIGHT, 0.22 * seen)
     mix(picture, SPOTLIGHT, 0.9 * rim)
+
+
+def _inside(camera: Camera | RationalCamera, X: Array) -> Array:
+    """Distance from the border of the view, of ground points (height, width, 3) of a map: its pixels, < 0 outside."""
+    centre = (np.array(camera.image_size) - 1.0) / 2.0
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px of the image
+    inside = np.maximum(inside, -centre[0])  # far outside and below the camera it is not linear
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(inside / np.hypot(*np.gradient(inside)))
+
+
+def _part_in_view(camera: Camera | RationalCamera, X: Array) -> tuple[slice, slice]:
+    """Rows and columns of a map that hold all that a camera sees; all of them where it sees the horizon.
+
+    Most cameras see a small part of the field, and what is outside need not be projected.
+    """
+    whole = slice(0, X.shape[0]), slice(0, X.shape[1])
+    if isinstance(camera, RationalCamera):  # its lens may fold back, so that the border does not enclose what is seen
+        return whole
+    width, height = camera.image_size
+    share = np.linspace(0.0, 1.0, BORDER)
+    zero, one = np.zeros(BORDER), np.ones(BORDER)
+    border = np.stack([np.concatenate([share, one, share, zero]), np.concatenate([zero, share, one, share])], axis=-1)
+    corners = camera.image_to_field(border * (width, height) - 0.5)[:, :2]
+    if not np.all(np.isfinite(corners)):
+        return whole
+    rim = AROUND * np.abs(X[1, 1, :2] - X[0, 0, :2])
+    low, high = corners.min(axis=0) - rim, corners.max(axis=0) + rim
+    x, y = X[0, :, 0], X[:, 0, 1]
+    columns = np.flatnonzero((x >= low[0]) & (x <= high[0]))
+    rows = np.flatnonzero((y >= low[1]) & (y <= high[1]))
+    if not (len(rows) and len(columns)):
+        return slice(0), slice(0)
+    if min(len(rows), len(columns)) < 2:  # too few for a gradient
+        return whole
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ from fieldcalib._checks import CAMERA, expect
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
-from fieldcalib.draw.minimap import DARK, add_minimap
+from fieldcalib.draw.minimap import DARK, inset_map
 from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -215,16 +215,18 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     """
     expect(calibration, Calibration, "that of calibrate_from_segments")
     check_object(field)
-    picture = np.array(checked_image(image), order="C")
-    height, camera, accepted = picture.shape[0], calibration.camera, calibration.accepted
-    if camera is not None:
+    height, camera, accepted = checked_image(image).shape[0], calibration.camera, calibration.accepted
+    if camera is None:
+        picture = np.array(image, order="C")
+    else:
         colours = {one.label: ORANGE if one.is_beside else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
-            picture, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
+            image, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
         )
         if accepted:
-            return add_minimap(picture, camera, field)
+            inset_map(picture, camera, field)
+            return picture
     scale = height / 900.0
     place = (round(20.0 * scale), height - round(20.0 * scale))
     reason = calibration.message.partition(";")[0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
@@ -28,6 +29,7 @@ from fieldcalib.editor.table import Row, Table
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
+from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
@@ -36,6 +38,8 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 from fieldcalib.run_folder.numbered_frames import NumberedArrays, NumberedFiles, NumberedFrames, NumberedVideo
+from fieldcalib.solve.given_camera import NOTHING_GIVEN
+from fieldcalib.solve.options import ALL
 
 AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
 
@@ -190,8 +194,20 @@ class Editor:
 
     @property
     def network(self) -> Network | None:
-        """The network that knows the markings of the field; None if there is none."""
-        return network_of(self.field)
+        """The network that knows the markings of the field, as seen from the side that the run was told.
+
+        None if there is none.
+        """
+        network = network_of(self.field)
+        return None if network is None else self._side.network(network, self.field)
+
+    @cached_property
+    def _side(self) -> CameraSide:
+        """The side of the field that the run of the folder was told."""
+        record = None if self.stored is None else self.stored.record
+        options = {} if record is None else record.options
+        prior = options.get("prior") if options.get("prior") in self.field.named_stands else ALL
+        return CameraSide.of(self.field, NOTHING_GIVEN, 0, prior, options.get("side"))
 
     @property
     def table(self) -> Table:

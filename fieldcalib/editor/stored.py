@@ -223,7 +223,7 @@ class Stored:
             write_clip(self.folder, clip, new.rate)
         self._read()
         if is_whole and self._file is not None:
-            _write_summary(self.folder, self._file, new.options, None if clip is None else clip.notes, moved)
+            _write_summary(self.folder, self._file, new.options, None if clip is None else clip.remarks, moved)
         self.versions.read_now((*SHARED, *DRAWN))
         return states
 

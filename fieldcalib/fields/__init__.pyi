@@ -5,6 +5,7 @@ from . import ground_homography as ground_homography
 from . import mirrored as mirrored
 from . import records as records
 from . import segments as segments
+from . import sides as sides
 from . import sports as sports
 from . import stands as stands
 from . import traits as traits

@@ -11,7 +11,7 @@ camera, z down, so that a crossbar is at z = -2.44.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -19,11 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._html import long_table, spread, table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
+from fieldcalib.fields.plan import plan
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.geometry.camera import Camera
 
 TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a good camera
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
@@ -158,6 +161,24 @@ class Field(Mapping[str, Segment]):
     def __len__(self) -> int:
         return len(self.segments)
 
+    def _repr_html_(self) -> str:
+        """The markings, the size and some labels, for notebooks."""
+        labels = list(self)
+        rows = [[label, type(self[label]).__name__] for label in (labels[index] for index in spread(len(labels)))]
+        size = {"size": f"{self.length:g} x {self.width:g} m", "surface": self.surface}
+        return self.as_svg() + table(size) + long_table(["label", "segment"], rows, len(labels))
+
+    def as_svg(self, cameras: Sequence[Camera] = ()) -> str:
+        """The markings as seen from above as SVG, whose unit is the metre, with the ground in view of some cameras.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> soccer().as_svg()[:60]
+        '<svg xmlns="http://www.w3.org/2000/svg" width="480" height="3'
+        """
+        return plan(self.length, self.width, self.markings.values(), cameras)
+
     def paint_of(self, label: str) -> Paint:
         """The paint of a segment, its width filled in: its entry in `paint`, by default a line of the field's width.
 
@@ -209,7 +230,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def half_extent(self) -> Array:
-        """Largest |x| and |y| of the field and of its markings on the ground, (2,) metres.
+        """Largest absolute x and y of the field and of its markings on the ground, (2,) metres.
 
         Examples
         --------

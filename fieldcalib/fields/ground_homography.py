@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._html import long_table, table
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -42,6 +43,16 @@ class FieldHomography:
     rms_m: float
     """The same on the ground, metres."""
     largest_m: float
+
+    def _repr_html_(self) -> str:
+        """Both matrices and what the lens leaves, for notebooks."""
+        raw, exact = ([[f"{value:.6g}" for value in row] for row in H] for H in (self.from_raw, self.from_undistorted))
+        left = {
+            "left by the lens, rms": f"{self.rms_px:.2f} px, {self.rms_m:.3f} m",
+            "largest": f"{self.largest_px:.2f} px, {self.largest_m:.3f} m",
+        }
+        names = (("from raw pixels", raw), ("from undistorted pixels", exact))
+        return "".join(long_table([name, "", ""], H, len(H)) for name, H in names) + table(left)
 
 
 def field_homography(camera: Camera, field: Field) -> FieldHomography:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import real_array
+from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
 from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
@@ -23,6 +24,7 @@ from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_ang
 
 LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning
 PIXELS_PER_AXIS = 17  # of the grid on which the lens is compared with a pinhole
+CAMERA_TITLES = ("focal length", "pan, tilt, roll", "position")
 NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
 
 
@@ -354,6 +356,11 @@ class Camera:
     def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
         return Camera, (self.K, self.R, self.C, self.image_size, self.dist)  # copies are read-only too
 
+    def _repr_html_(self) -> str:
+        """A table for notebooks."""
+        size = "{} x {} px".format(*self.image_size)
+        return table(dict(zip(CAMERA_TITLES, camera_cells(self), strict=True)) | {"image size": size})
+
     def __repr__(self) -> str:
         pan, tilt, roll = np.degrees(self.angles)
         x, y, z = self.C
@@ -363,6 +370,14 @@ class Camera:
             f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({', '.join(f'{value:.4g}' for value in k)}), "
             f"image_size={self.image_size[0]}x{self.image_size[1]})"
         )
+
+
+def camera_cells(camera: Camera | None) -> tuple[str, str, str]:
+    """The cells of a camera in a table with `CAMERA_TITLES`; empty without one."""
+    if camera is None:
+        return "", "", ""
+    angles = ", ".join(f"{angle:.2f}°" for angle in np.degrees(camera.angles))
+    return f"{camera.focal_length:.1f} px", angles, ", ".join(f"{x:.2f}" for x in camera.C) + " m"
 
 
 def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
 from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.matches import Matches
+from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
@@ -37,6 +40,8 @@ class ClipOptions:
     shared: tuple[str, ...] = SHARED
     """Names of the parameters that frames share, as in `calibrate_sequence`."""
     given: GivenCamera = NOTHING_GIVEN
+    side: Side | None = None
+    """As `Task.side`."""
 
     def check(self, network: Network | None) -> None:
         """Raise a ValueError for an invalid calibration object or network, or flags that cannot hold for a clip."""
@@ -46,9 +51,14 @@ class ClipOptions:
         check_of_clip(self.flags)
 
     @property
+    def field(self) -> Field | None:
+        """The calibration object if it is a `Field`."""
+        return self.object_segments if isinstance(self.object_segments, Field) else None
+
+    @property
     def task(self) -> Task:
         """The task of each frame by itself."""
-        return Task(self.object_segments, self.given, self.flags, prior=self.prior)
+        return Task(self.object_segments, self.given, self.flags, prior=self.prior, side=self.side)
 
     def calibrate_alone(self, images: Sequence[Image], network: Network | None) -> list[Calibration]:
         """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio.
@@ -73,6 +83,13 @@ class ClipOptions:
         if self.flags == DEFAULT_FLAGS | position or self.flags & CalibrationFlags.CALIB_AUTO_LENS:
             return default_flags(self.prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
         return self.flags
+
+
+def on_side(options: ClipOptions, side: Side | None) -> tuple[ClipOptions, CameraSide]:
+    """The options for cameras on a side of the field, and that side; a ValueError as `CameraSide.of`."""
+    check_object(options.object_segments)
+    on = CameraSide.of(options.field, options.given, options.flags, options.prior, side)
+    return replace(options, prior=on.prior(options.prior, options.field), side=on.side), on
 
 
 def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the fie
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
 # Fitted by `python -m data_tools.score_courts fit` to the best camera of 144 pairs of picture and field, 67 of them
 # right: frames of courts and synthetic ones under their own field; soccer, courts and nonsense under other fields.
-COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5, 0.0])
+COEFFICIENTS = np.array([-24.7, 1.46, -0.69, 3.83, 1.34, 12.5])
 LEAST_PROBABILITY = (
     0.9  # of an accepted camera: 57 right ones have it, one 15 px off 0.87, other wrong ones 0.44 at most
 )
@@ -51,9 +51,14 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """What the probability is computed from, (7,): 1, logarithms of score and margin, and the other shares."""
+        """What the probability is computed from, (6,): 1, logarithms of score and margin, and the other shares."""
         score, margin = np.log(max(self.score, 1.0)), np.log1p(min(self.margin, NO_RIVAL))
-        return np.array([1.0, score, self.mean, self.explained, margin, self.paint, self.visible])
+        return np.array([1.0, score, self.mean, self.explained, margin, self.paint_shown])
+
+    @property
+    def paint_shown(self) -> float:
+        """`paint` as a share of what should be found, at most 1."""
+        return min(self.paint / max(self.visible, self.paint, 1e-9), 1.0)
 
     @property
     def margin(self) -> float:
@@ -79,7 +84,7 @@ class CourtEvidence:
                 self.explained < FEW_EXPLAINED
             ),
             "another camera explains the picture nearly as well": self.margin < RIVAL,
-            f"only {100.0 * self.paint:.0f} % of the markings in view show paint": self.paint < LITTLE_PAINT,
+            f"only {100.0 * self.paint:.0f} % of the markings in view show paint": self.paint_shown < LITTLE_PAINT,
             "the picture has few lines where the markings are projected": self.mean < LITTLE,
         }
         return tuple(text for text, is_true in found.items() if is_true)

@@ -18,6 +18,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import TURN, looks_the_same_turned
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.localize.long_lines import LongLines
 
@@ -62,6 +63,11 @@ class Cameras:
     def take(self, index: BoolArray | IntArray) -> Cameras:
         """Some of them, by mask or by index."""
         return Cameras(self.f[index], self.c[index], self.R[index], self.C[index], self.size)
+
+    def turned(self, some: BoolArray) -> Cameras:
+        """The cameras, those of a mask (B,) turned by 180 degrees about the centre mark."""
+        turn = np.where(some[:, None], TURN, 1.0)
+        return Cameras(self.f, self.c, self.R * turn[:, None], self.C * turn, self.size)
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], size: tuple[int, int]) -> Cameras:
@@ -151,7 +157,7 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
     cameras = quads.cameras if row is None else quads.cut_out
-    is_symmetric = len(field.symmetric) == len(field)
+    is_symmetric = looks_the_same_turned(field)
     parts = [Cameras.none(size)]
     for turned in (False,) if is_symmetric else (False, True):
         for x in combinations(on_field.across, 2):
@@ -189,8 +195,7 @@ def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
     """The cameras, those on the far side or behind the right end turned by 180 degrees about the centre mark."""
     x, y, _ = cameras.C.T
     is_behind = np.abs(x) - 0.5 * field.length > np.abs(y) - 0.5 * field.width
-    turn = np.where(np.where(is_behind, x > 0.0, y < 0.0)[:, None], (-1.0, -1.0, 1.0), 1.0)
-    return Cameras(cameras.f, cameras.c, cameras.R * turn[:, None], cameras.C * turn, cameras.size)
+    return cameras.turned(np.where(is_behind, x > 0.0, y < 0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,12 @@ class Ranked:
     """(B,)."""
     bend: Bend
     """The distortion of the picture."""
+
+    @property
+    def turned(self) -> Ranked:
+        """The same on the other side of the field, turned by 180 degrees about the centre mark."""
+        every = np.ones(len(self.score), dtype=bool)
+        return replace(self, cameras=self.cameras.turned(every))
 
     def camera(self, index: int) -> Camera:
         """One of them, with its lens."""

@@ -26,6 +26,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
 from fieldcalib.images.court_hypotheses import Cameras, stands
@@ -36,7 +37,8 @@ from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.images.resized import on_field_as_seen
 from fieldcalib.images.stripe_likelihood import MarkingPoints
-from fieldcalib.images.twins import moved_by_steps, twin_of
+from fieldcalib.images.twins import twin_of
+from fieldcalib.images.yard_steps import moved_by_steps
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
@@ -172,6 +174,8 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, stripes.lines)]
     picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, stripes.maps)
     ranked = stripes.ranked(field, are_cut_out=are_cut_out)
+    if task.side == OPPOSITE:
+        ranked = ranked.turned
     started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])

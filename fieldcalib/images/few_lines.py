@@ -17,6 +17,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import looks_the_same_turned
 from fieldcalib.fields.stands import focal_length_from_fov
 from fieldcalib.images.court_hypotheses import (
     Cameras,
@@ -43,7 +44,7 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -
     stands for its twin too.
     """
     c, lengths = 0.5 * np.array(size), focal_lengths(field)
-    on_field, is_symmetric = FieldLines.of(field), len(field.symmetric) == len(field)
+    on_field, is_symmetric = FieldLines.of(field), looks_the_same_turned(field)
     parts = [Cameras.none(size)]
     for are_across in (True, False):
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):

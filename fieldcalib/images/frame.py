@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.images.background_motion import mapped
+from fieldcalib.images.players import blobs_on_ground, thumbnail
 from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames.
@@ -55,6 +56,8 @@ class Frame:
     """(height, width), at most `WORKING_WIDTH` wide."""
     image_size: tuple[int, int]
     """Size of the picture in full size."""
+    colours: Image | None = None
+    """The picture in colour, `fieldcalib.images.players.WIDTH` wide; None if it is grey."""
 
     @classmethod
     def of(cls, image: Image) -> Frame:
@@ -77,8 +80,10 @@ class Frame:
         if halvings:
             size = (max(width >> halvings, 1), max(height >> halvings, 1))
             small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else small
-        return cls(np.asarray(grey, dtype=np.uint8), (width, height))
+        if image.ndim == 2:
+            return cls(np.asarray(small, dtype=np.uint8), (width, height))
+        grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+        return cls(np.asarray(grey, dtype=np.uint8), (width, height), thumbnail(small))
 
     @property
     def scale(self) -> Array:
@@ -86,8 +91,33 @@ class Frame:
         return np.divide(self.image_size, self.grey.shape[::-1])
 
     @cached_property
+    def all_corners(self) -> Float32:
+        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these."""
+        return _best_corners(self._strength)
+
+    @cached_property
     def corners(self) -> Float32:
-        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these.
+        """Corners (n, 2) as `all_corners`, without those on players, as far as these can be told by colour."""
+        if self.colours is None:
+            return self.all_corners
+        return _best_corners(np.where(self.players(self._strength.shape), 0.0, self._strength))
+
+    def players(self, shape: tuple[int, ...]) -> BoolArray:
+        """Where players stand in a picture of another size (height, width); nowhere in a grey one."""
+        import cv2
+
+        if self.colours is None:
+            return np.zeros(shape, dtype=bool)
+        return np.asarray(cv2.resize(self._players, shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+
+    @cached_property
+    def _players(self) -> Image:
+        assert self.colours is not None
+        return blobs_on_ground(self.colours)
+
+    @cached_property
+    def _strength(self) -> Any:
+        """The strength of a corner at each pixel.
 
         They are sought at half the size, which takes a fifth of the time: flow needs a window with texture, not a peak.
         """
@@ -98,18 +128,7 @@ class Frame:
         strength = cv2.cornerMinEigenVal(half, 3)
         border = BORDER // 2
         strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
-        cell = max(round(strength.shape[1] / CELLS_ACROSS), 1)
-        down, across = (side // cell for side in strength.shape)
-        cells: Any = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
-        cells = cells.reshape(down * across, cell * cell)
-        if not len(cells):
-            return np.zeros((0, 2), np.float32)
-        best = np.argmax(cells, axis=1)
-        peak = cells[np.arange(len(cells)), best]
-        order = np.argsort(-peak, kind="stable")[:MOST_CORNERS]
-        order = order[peak[order] > LEAST_CORNER]
-        y, x = np.divmod(order, across) * np.array([[cell]]) + np.divmod(best[order], cell)
-        return (2.0 * np.column_stack([x, y]) + 0.5).astype(np.float32)
+        return strength
 
     @cached_property
     def descriptors(self) -> tuple[Float32, Image]:
@@ -128,6 +147,22 @@ class Frame:
         xy = np.array([feature.pt for feature in found], np.float32).reshape(-1, 2)
         xy = (xy + np.float32(0.5)) * np.float32(self.grey.shape[1] / grey.shape[1]) - np.float32(0.5)
         return xy, np.zeros((0, 32), np.uint8) if bits is None else np.asarray(bits, dtype=np.uint8)
+
+
+def _best_corners(strength: Any) -> Float32:
+    """The best corner of each cell, (n, 2) pixels of a picture twice as large as the one of their strength."""
+    cell = max(round(strength.shape[1] / CELLS_ACROSS), 1)
+    down, across = (side // cell for side in strength.shape)
+    cells: Any = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
+    cells = cells.reshape(down * across, cell * cell)
+    if not len(cells):
+        return np.zeros((0, 2), np.float32)
+    best = np.argmax(cells, axis=1)
+    peak = cells[np.arange(len(cells)), best]
+    order = np.argsort(-peak, kind="stable")[:MOST_CORNERS]
+    order = order[peak[order] > LEAST_CORNER]
+    y, x = np.divmod(order, across) * np.array([[cell]]) + np.divmod(best[order], cell)
+    return (2.0 * np.column_stack([x, y]) + 0.5).astype(np.float32)
 
 
 def to_full(scale: Array) -> Array:
@@ -195,8 +230,8 @@ def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
     """Share of the contrast of either picture that is in the other, once the first is moved by H (in full size).
 
     It is the covariance over the larger variance in each block, and the median over the half of the blocks with more
-    contrast, since players and boards change some blocks only. Graphics, which are the same in place and not once
-    moved, are left out. A mixture ``(1 - a) A + a B`` of two shots has a likeness of about 1 - a with A and a with B.
+    contrast, since boards change some blocks only. Players are left out, and graphics, which are the same in place and
+    not once moved. A mixture ``(1 - a) A + a B`` of two shots has a likeness of about 1 - a with A and a with B.
     """
     import cv2
 
@@ -205,11 +240,13 @@ def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
     height, width = b.shape
     T = to_full(np.divide(first.frame.image_size, (width, height)))
     small = np.linalg.inv(T) @ H @ T
-    inside = cv2.warpPerspective(np.ones_like(a), small, (width, height), flags=cv2.INTER_NEAREST)
+    of_first, of_second = (1.0 - one.frame.players(b.shape).astype(np.float32) for one in (first, second))
+    inside: Any = cv2.warpPerspective(of_first, small, (width, height), flags=cv2.INTER_NEAREST)
     moved = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
     same, unlike, around = GRAPHIC
     graphic = ((np.abs(a - b) < same) & (np.abs(moved - b) > unlike)).astype(np.uint8)
     inside[cv2.dilate(graphic, np.ones((around, around), np.uint8)) > 0] = 0.0
+    inside *= of_second
     a, b = moved * inside, b * inside
     blocks = (max(width // BLOCK, 1), max(height // BLOCK, 1))
     means = (cv2.resize(z, blocks, interpolation=cv2.INTER_AREA) for z in (inside, a * a, b * b, a * b))

@@ -14,6 +14,7 @@ from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
 from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
@@ -22,7 +23,7 @@ from fieldcalib.images.pictures import Method, with_aspect_estimated, without_bo
 from fieldcalib.images.place_search import Place, search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.images.resized import on_field_as_seen
-from fieldcalib.images.twins import with_twin
+from fieldcalib.images.twins import CameraSide
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -62,6 +63,7 @@ def calibrate_from_images(
     estimate_aspect: bool = True,
     estimate_size: bool = True,
     place: Place | None = None,
+    side: Side | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
@@ -75,8 +77,7 @@ def calibrate_from_images(
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the court is searched for in each image
         (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
-        refined, and the aspect is not estimated. Of a court that looks the same from both sides the camera on the
-        usual side is returned (`fieldcalib.images.twins`); the other one is in `Calibration.alternatives`.
+        refined, and the aspect is not estimated.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -96,6 +97,11 @@ def calibrate_from_images(
     place : Place, optional
         Where the one camera stands that took all images (`fieldcalib.images.pooled_place.pooled_place`): courts are
         searched for from there. Not with a network.
+    side : {"main", "opposite"}, optional
+        The side of the field that the camera is on, where this looks the same from both (`fieldcalib.fields.sides`):
+        "main" in front of the near touchline or behind the left end, "opposite" beyond the far one or behind the right
+        end. By default what a position, a rotation or a `prior` on one side tells, or else "main", and then the camera
+        on the other side is in `Calibration.alternatives`.
     executor : concurrent.futures.Executor, optional
         Works on the images, e.g. `Processes`, or the executor of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of the arguments. The results are the same.
@@ -124,13 +130,16 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message.split(":")[0]
     ('too few segments', 'the picture shows nothing')
     """
-    task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    task = Task(object_segments, given, flags, prior=prior)
+    on = CameraSide.of(task.field, given, flags, prior, side)
+    task = replace(task, prior=on.prior(prior, task.field), side=on.side)
     of_part: Method = partial(_searched, task, place, estimate_size)
     if network is not None:
         if place is not None:
             raise ValueError("a place is of courts that are searched for: leave it or the network out")
         check_network(network)
-        of_part = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
+        of_part = partial(calibrate_alone, ImageTask(task, on.network(network, task.field), refine, estimate_size))
         if estimate_aspect and camera_matrix is None and prior is not None:
             of_part = partial(with_aspect_estimated, of_part, task)
     if take_off_borders and camera_matrix is None:
@@ -138,17 +147,16 @@ def calibrate_from_images(
     of_part = partial(said_plainly, of_part, object_segments, by_network=network is not None)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
-    return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
+    found = (calibration for part in in_order(executor, of_part, parts) for calibration in part)
+    return [on.with_alternatives(one, task.field) for one in found]
 
 
 def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequence[Image]) -> list[Calibration]:
-    """Courts that are searched for, from anywhere or from a place, with the cameras on the other side of the court."""
+    """Courts that are searched for, from anywhere or from a place."""
     found = search_courts(task, images if place is None else [], estimate_size=estimate_size)  # raises what is wrong
     field = task.field
     assert field is not None
-    if place is not None:
-        found = [search_from(task, field, image, place) for image in images]
-    return [with_twin(one, field) for one in found]
+    return found if place is None else [search_from(task, field, image, place) for image in images]
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,9 +29,10 @@ from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
 from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_models import crown_notes
-from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
+from fieldcalib.images.clip_problem import ClipOptions, on_side, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
 from fieldcalib.images.finished_clip import find_clip_lines, finish_clip, finish_clip_again, off_paint
 from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
@@ -81,6 +82,7 @@ def calibrate_video(
     estimate_size: bool = True,
     every: int = EVERY,
     camera: Mount = "tripod",
+    side: Side | None = None,
     parts: PartStore | None = None,
 ) -> VideoCalibration:
     """Calibrate the frames of a video together.
@@ -119,6 +121,8 @@ def calibrate_video(
     camera : {"tripod", "moving"}
         How the camera is carried. One that moves (a drone, on wires, in a hand) has a smooth path instead of one place,
         and its frames are tied by the ground alone; each of its shots is calibrated by itself.
+    side : {"main", "opposite"}, optional
+        The side of the field that the camera is on, as in `calibrate_from_images`.
     parts : mapping of int to VideoCalibration, optional
         Calibrations of parts of the video (`PART` frames) by their number, e.g. of an earlier call that was
         interrupted: these are not calibrated again, and the others are added when they are done.
@@ -155,18 +159,21 @@ def calibrate_video(
     if camera not in SHARED_BY:
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED_BY[camera], estimate_size), given)
+    shared = shared_parameters(SHARED_BY[camera], estimate_size)
+    options, on = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)
     options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
     network = _network_for(object_segments) if network is None else Padded(network)
+    network = None if network is None else on.network(network, options.field)
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
     found = _calibrated_parts(clip, options, network, every, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
     asked = () if network is None else clip_notes(found, object_segments)
-    return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape, *asked))
+    notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)
+    return replace(found, shape=clip.shape, notes=notes, is_side_open=on.is_open)
 
 
 def _network_for(object_segments: ObjectSegments) -> Network | None:

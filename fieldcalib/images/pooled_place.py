@@ -8,18 +8,22 @@ the pictures together. From there all pictures are searched again, and those tha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_search import find_courts
 from fieldcalib.images.place_search import Place, rank_views, search_from, views_from
+from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 from fieldcalib.solve.centres import voted_centres
+from fieldcalib.solve.given_camera import NOTHING_GIVEN
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
 
@@ -55,7 +59,7 @@ def _zoom(camera: Camera) -> float:
 
 
 def pooled_place(
-    field: Field, images: Sequence[Image], *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
+    field: Field, images: Sequence[Image], *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL, side: Side | None = None
 ) -> Place | None:
     """The place of the one camera that took some pictures; None if too few of them are found from any.
 
@@ -65,7 +69,7 @@ def pooled_place(
         The field that the pictures show.
     images : sequence of (height, width, 3) uint8 arrays
         Blue, green, red; a few of all are enough (`MOST`).
-    flags, prior
+    flags, prior, side
         As in `calibrate_from_images`.
 
     Raises
@@ -73,7 +77,8 @@ def pooled_place(
     ValueError
         As `find_courts`.
     """
-    task = Task(field, flags=flags, prior=prior)
+    on = CameraSide.of(field, NOTHING_GIVEN, flags, prior, side)
+    task = Task(field, flags=flags, prior=prior, side=on.side and MAIN)
     images = [images[k] for k in _spread(len(images), MOST)]
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
     found = [one[0].calibration for one in searched if one]
@@ -87,7 +92,10 @@ def pooled_place(
         found = [search_from(task, field, image, place) for image in images]
         place = place_of(found, share)
     agreeing = sum(one.accepted for one in found)
-    return place if agreeing >= min(AGREE, len(images)) else None
+    if place is None or agreeing < min(AGREE, len(images)):
+        return None
+    is_there = on.side is None or side_of(place.C, field) == on.side
+    return place if is_there else replace(place, C=place.C * TURN)
 
 
 def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> Place | None:

@@ -21,7 +21,8 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
+from fieldcalib.fields.sides import Side
+from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, on_side, shared_parameters
 from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker
 from fieldcalib.images.live_shot import FollowedFrame, LiveShot, follow
@@ -74,6 +75,8 @@ class Tracker:
         As in `calibrate_video`.
     every : int
         Frames from one keyframe to the next, at most.
+    side : {"main", "opposite"}, optional
+        The side of the field that the camera is on, as in `calibrate_from_images`.
     wait : bool
         Whether `update` waits until a keyframe is calibrated: for files, where each run is to give the same result.
         Otherwise a thread runs the network, and another Python process does the rest; the classes of `object_segments`
@@ -111,15 +114,18 @@ class Tracker:
         estimate_aspect: bool = True,
         estimate_size: bool = True,
         every: int = EVERY,
+        side: Side | None = None,
         wait: bool = False,
     ) -> None:
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-        self._options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED, estimate_size), given)
+        shared = shared_parameters(SHARED, estimate_size)
+        self._options, self._side = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)
         self._options.check(network)
         self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         # one core is left to `update`
-        self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
+        network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
+        self._network = self._side.network(network, self._options.field)
         if self._other is not None:
             self._other.run(prepare, self._options)
         estimator = ShapeEstimator(self._options, self._network, take_off_borders, estimate_aspect)
@@ -197,7 +203,7 @@ class Tracker:
             if self._shape.update(image):
                 self._begin()
             image = self._shape.image_in_frame(image)
-        calibration = self._updated(image)
+        calibration = self._side.with_alternatives(self._updated(image), self._options.field)
         return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
 
     def _updated(self, image: Image) -> Calibration:

@@ -1,26 +1,41 @@
-"""Other cameras that take the same picture: of a field that looks the same from both sides, or a step further on.
+"""The side of a field on which a camera of a picture is: by what the user says, else by convention.
 
-A court turned by 180 degrees about its centre mark is the same court, and so is its picture from a camera that is
-turned with it. Labels name the ends; what is found by search does not. Of both cameras that one is taken that stands
-in front of the near touchline (y > 0) or, where it stands farther beyond an end than beyond a touchline, behind the
-left end (x < 0); the other one is its alternative.
-
-Yard lines look alike every 5 yards (`Field.repeats`): where neither an end nor anything else in view tells which ones
-they are, the camera moved along the field by some steps takes the same picture.
+A field turned by 180 degrees about its centre mark is the same field, and so is its picture from a camera that is
+turned with it. A person's labels name the ends. Those of a network name them as seen from the main side
+(`fieldcalib.fields.sides`), and a search finds either camera. So a camera is on the main side, and the turned one is
+its alternative, unless the user says on which side it is: by name, by its position or rotation, or by a prior whose
+stands are all on one side.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldcalib._types import Array, Float32
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import (
+    MAIN,
+    OPPOSITE,
+    SIDES,
+    Side,
+    looks_the_same_turned,
+    side_of,
+    side_of_stand,
+    turned_camera,
+    turned_stand,
+)
+from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, checked_prior
 
-TURN = np.array([-1.0, -1.0, 1.0])
-MOST_STEPS = 10  # by which a camera is moved along a field that repeats: half of it
+_F = CalibrationFlags
 
 
 def twin_of(camera: Camera, field: Field) -> Camera | None:
@@ -33,30 +48,106 @@ def twin_of(camera: Camera, field: Field) -> Camera | None:
     >>> twin_of(camera, tennis()).C.tolist()
     [32.0, -1.0, -9.0]
     """
-    if len(field.symmetric) < len(field):
-        return None
-    return Camera(camera.K, camera.R * TURN, camera.C * TURN, camera.image_size, camera.dist)
-
-
-def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:
-    """The camera moved along the field by up to `MOST_STEPS` steps after which its markings look alike; [] without any.
-
-    Examples
-    --------
-    >>> from fieldcalib.fields import american_football
-    >>> camera = Camera.from_angles(0.1, 1.3, 0.0, 1400.0, (5.0, 70.0, -20.0), (960, 540))
-    >>> [round(float(one.C[0]), 1) for one in moved_by_steps(camera, american_football("nfl"))][:4]
-    [0.4, 9.6, -4.1, 14.1]
-    """
-    if field.repeats is None:
-        return []
-    steps = [sign * k * field.repeats for k in range(1, MOST_STEPS + 1) for sign in (-1.0, 1.0)]
-    return [Camera(camera.K, camera.R, camera.C + (x, 0.0, 0.0), camera.image_size, camera.dist) for x in steps]
+    return turned_camera(camera) if looks_the_same_turned(field) else None
 
 
 def with_twin(calibration: Calibration, field: Field) -> Calibration:
-    """The calibration of a camera that was found by search, on the usual side, the other one its first alternative."""
+    """The calibration of a camera whose side nothing tells, the camera on the other side its first alternative."""
     if calibration.camera is None:
         return calibration
     twin = twin_of(calibration.camera, field)
     return calibration if twin is None else replace(calibration, alternatives=(twin, *calibration.alternatives))
+
+
+@dataclass(frozen=True)
+class TurnedNetwork:
+    """A network whose labels are those of the opposite side: the ends have changed their names."""
+
+    network: Network
+    field: Field
+
+    @property
+    def classes(self) -> Sequence[str]:
+        """Class of each probability map."""
+        return tuple(self.field.symmetric.get(name, name) for name in self.network.classes)
+
+    def __call__(self, images: Sequence[Image]) -> Float32:
+        """Probabilities (N, K, h, w) of the K classes."""
+        return self.network(images)
+
+
+@dataclass(frozen=True)
+class CameraSide:
+    """The side on which the cameras of pictures are."""
+
+    side: Side | None
+    """None for an object without sides: it looks different once it is turned."""
+    is_said: bool
+    """Whether the user said so; otherwise it is the convention."""
+
+    @classmethod
+    def of(
+        cls, field: Field | None, given: GivenCamera, flags: int, prior: Prior, side: Side | None = None
+    ) -> CameraSide:
+        """The side that the arguments of a calibration say.
+
+        Raises
+        ------
+        ValueError
+            If `side` is none, contradicts the camera or the prior, or the object has no sides.
+        """
+        if side is not None and side not in SIDES:
+            raise ValueError(f"side must be {' or '.join(map(repr, SIDES))}, got {side!r}")
+        if field is None or not looks_the_same_turned(field):
+            if side is not None:
+                raise ValueError(f"side={side!r} is of a field that looks the same from both sides: leave it out")
+            return cls(None, is_said=False)
+        told = _told(field, given, flags, prior)
+        if None not in (side, told) and side != told:
+            raise ValueError(f"side={side!r}, but the camera or its prior is on the {told} side: leave one of them out")
+        said = side or told
+        return cls(said or MAIN, is_said=said is not None)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing tells the side: the camera on the other side is as likely."""
+        return self.side is not None and not self.is_said
+
+    def prior(self, prior: Prior, field: Field | None) -> Prior:
+        """The prior; where it is of all stands, those of the main side as they are on the opposite side."""
+        if self.side != OPPOSITE or prior != ALL or field is None:
+            return prior
+        return tuple(turned_stand(stand) for stand in field.stands if side_of_stand(stand, field) == MAIN)
+
+    def network(self, network: Network, field: Field | None) -> Network:
+        """The network, with the names of the ends as seen from this side."""
+        return network if self.side != OPPOSITE or field is None else TurnedNetwork(network, field)
+
+    def with_alternatives(self, calibration: Calibration, field: Field | None) -> Calibration:
+        """The calibration, with the camera on the other side as alternative where that is open."""
+        return calibration if field is None or not self.is_open else with_twin(calibration, field)
+
+
+def _told(field: Field, given: GivenCamera, flags: int, prior: Prior) -> Side | None:
+    """The side of the given position or rotation, or of all stands of a prior; None if these do not tell it."""
+    if given.tvec is not None and flags & (_F.CALIB_FIX_POSITION | _F.CALIB_USE_EXTRINSIC_GUESS):
+        return side_of(given.camera((2, 2)).C, field)
+    if given.rvec is not None and flags & _F.CALIB_FIX_ROTATION:
+        return _side_looking(given.camera((2, 2)).angles[0], field)
+    if prior is None:
+        return None
+    sides = {side_of_stand(stand, field) for stand in checked_prior(prior, field)}
+    return sides.pop() if len(sides) == 1 else None
+
+
+def _side_looking(pan: float, field: Field) -> Side:
+    """The side of the stand whose cameras look most like one with this pan, radians."""
+    stands: Sequence[CameraDistribution] = field.stands or tuple(field.named_stands.values())
+    middle, half = (np.radians(values) for values in zip(*map(_pan_range, stands), strict=True))
+    away: Array = np.abs(np.angle(np.exp(1j * (pan - middle)))) / half
+    return side_of_stand(stands[int(np.argmin(away))], field)
+
+
+def _pan_range(stand: CameraDistribution) -> tuple[float, float]:
+    """Middle and half of the range of a stand's pan, degrees."""
+    return (stand.pan[0] + stand.pan[1]) / 2.0, (stand.pan[1] - stand.pan[0]) / 2.0

@@ -49,7 +49,7 @@ class NetworkSource:
     """SHA-256 of the ONNX file and its JSON file."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SegmentationNetwork:
     """A segmentation network, ready to run.
 
@@ -119,6 +119,11 @@ class SegmentationNetwork:
         if self.source is None:
             raise TypeError("this network cannot be pickled: SegmentationNetwork.load gives one that can")
         return SegmentationNetwork, (self.description, _LateSession(self.source), self.source)
+
+    def __repr__(self) -> str:
+        size = "{} x {}".format(*self.description.input_size)
+        model = "" if self.source is None else f", {self.source.model or 'the one of the package'}"
+        return f"SegmentationNetwork({len(self.classes)} classes, {size} px{model})"
 
     @property
     def classes(self) -> tuple[str, ...]:

@@ -9,22 +9,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.words import UP_TO_SIDE, Verdict
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import encode_image
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
@@ -110,7 +110,25 @@ class Results(Mapping[str, Calibration]):
     def __repr__(self) -> str:
         count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
         broken = f", {len(self.broken)} broken files" if self.broken else ""
-        return f"Results({count}: {self._counts()}{broken})"
+        side = ", up to the side" if self.is_side_open else ""
+        return f"Results({count}: {self._counts()}{broken}{side})"
+
+    @cached_property
+    def is_side_open(self) -> bool:
+        """Whether nothing tells on which side of the field the cameras are.
+
+        Then each is on the main side by convention, and `Calibration.alternatives` has the one that is turned by 180
+        degrees about the centre mark. The first good frame tells it.
+        """
+        good = next((id for id, verdict in self.verdicts.items() if verdict is Verdict.GOOD), None)
+        return good is not None and bool(self[good].alternatives)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be known of all cameras, in words: of a clip its camera model too, where that is not the usual."""
+        if self.video is not None:
+            return self.video.remarks
+        return (UP_TO_SIDE,) if self.is_side_open else ()
 
     def _counts(self) -> str:
         counts = Counter(self.verdicts.values())
@@ -128,7 +146,7 @@ class Results(Mapping[str, Calibration]):
 
     @property
     def lines(self) -> Sequence[Mapping[str, Any]]:
-        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/files.md``."""
+        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/reference/files.md``."""
         return LazyList(len(self.frames.ids), self.frames.line)
 
     @property
@@ -261,9 +279,9 @@ class Results(Mapping[str, Calibration]):
         ----------
         everything : bool
             By default there are the columns of `fieldcalib.results.tables.COLUMNS`: verdict and reason, the camera in
-            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of ``docs/files.md``
-            without those that only serve to read results back; nested ones as "angles_degrees.pan", matrices and lists
-            in one cell.
+            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of
+            ``docs/reference/files.md`` without those that only serve to read results back; nested ones as
+            "angles_degrees.pan", matrices and lists in one cell.
 
         Raises
         ------
@@ -302,14 +320,25 @@ class Results(Mapping[str, Calibration]):
         return self.frames.line(self._number(id))
 
     def _repr_html_(self) -> str:
-        """A table for notebooks, and a picture where one can be made."""
+        """Verdicts, a picture where one can be made, and a table of some frames, for notebooks."""
         rows = {"frames": str(len(self.frames.ids)), "verdicts": self._counts()}
         if self.broken:
             rows["broken files"] = str(len(self.broken))
+        if self.is_side_open:
+            rows["side"] = "open"
         if self.video is not None:
             rows |= {"shots": str(len(self.video.shots)), "tripods": str(len(self.video.tripods))}
-        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
-        return f"<table>{''.join(cells)}</table>{self._html_picture()}"
+        return table(rows) + self._html_picture() + self._html_frames()
+
+    def _html_frames(self) -> str:
+        """A table of some of the frames, broken ones included."""
+        ids, rows = list(self.frames.ids), []
+        for id in (ids[index] for index in spread(len(ids))):
+            if id in self.broken:
+                rows.append([id, "broken file", "", "", "", self.broken[id]])
+            else:
+                rows.append([id, str(self.verdicts[id]), *camera_cells(self.cameras[id]), self[id].reason])
+        return long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(ids))
 
     def _html_picture(self) -> str:
         import cv2

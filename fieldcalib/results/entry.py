@@ -13,6 +13,7 @@ from fieldcalib.console.field_options import AUTO
 from fieldcalib.console.progress import Progress
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import Side
 from fieldcalib.images.from_video import Mount
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file, read_field
@@ -46,6 +47,7 @@ def calibrate(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
     camera: Mount = "tripod",
+    side: Side | None = None,
     progress: Progress = True,
 ) -> Results:
     """Calibrate the cameras of pictures, of a clip, or of labelled pixels.
@@ -85,6 +87,8 @@ def calibrate(
         What is known of the camera, as in `calibrate_from_segments`.
     camera : {"tripod", "moving"}
         How the camera of a clip is carried, see `calibrate_video`.
+    side : {"main", "opposite"}, optional
+        The side of the field that the camera of pictures is on, as in `calibrate_from_images`; labelled pixels name it.
     progress : bool or function
         True shows a bar on a terminal and in a notebook, and prints a line every ten seconds elsewhere. A function is
         called with the number of frames that are done, how many there are (None if that is not known), and the stage;
@@ -114,7 +118,7 @@ def calibrate(
     taken = input_of(source, _cut(start, end, step), clip)
     if field == AUTO:
         field = auto_field(pictures_of(taken))
-    method = Method(_field(field), given, flags, prior, camera, network, image_size, progress)
+    method = Method(_field(field), given, flags, prior, camera, network, image_size, progress, side)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
     return replace(taken.calibrate(method), options=options)

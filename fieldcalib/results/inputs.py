@@ -17,6 +17,7 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import Side
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount, calibrate_video
 from fieldcalib.images.tracker import Tracker
@@ -63,11 +64,17 @@ class Method:
     network: Network | None
     image_size: tuple[int, int] | None
     progress: Progress
+    side: Side | None = None
 
     @property
     def keywords(self) -> dict[str, Any]:
         """Keyword arguments of the functions that calibrate."""
         return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
+
+    @property
+    def of_pictures(self) -> dict[str, Any]:
+        """Keyword arguments of those that take pictures."""
+        return {**self.keywords, "side": self.side}
 
     def loaded(self) -> Network | None:
         """The network that is given, or the one of the package; None where that does not know the field."""
@@ -77,6 +84,8 @@ class Method:
 
     def check(self, *, labelled: bool = False, clip: bool = False) -> None:
         """Raise a ValueError if an option does not apply to the input."""
+        if self.side is not None and labelled:
+            raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
         if self.image_size is not None and not labelled:
             raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
         if self.camera != "tripod" and not clip:
@@ -229,7 +238,7 @@ class OneByOne:
         with progress_bar(unit="frame", total=total, progress=method.progress) as bar:
             for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
                 images = [frame.image for frame in part if frame.image is not None]
-                found = iter(calibrate_from_images(method.field, images, network, **method.keywords))
+                found = iter(calibrate_from_images(method.field, images, network, **method.of_pictures))
                 for frame in part:
                     if frame.image is None:
                         collected.add_broken(frame.id, frame.problem)
@@ -277,7 +286,7 @@ class Clip:
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
         with solving(SOLVING, method.progress):
-            found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.keywords)
+            found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.of_pictures)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
@@ -302,7 +311,7 @@ class LiveStream:
             )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
-            Tracker(method.field, network, wait=not self.stream.is_live, **method.keywords) as tracker,
+            Tracker(method.field, network, wait=not self.stream.is_live, **method.of_pictures) as tracker,
             progress_bar(unit="frame", total=len(reader.numbers), progress=method.progress) as bar,
         ):
             for frame in checked_frames(self.stream, reader, accepted):

@@ -90,6 +90,7 @@ class _Whole:
     """How results of whole frames are written and drawn."""
 
     results: Results
+    draws = True
 
     def placement(self, image: Image) -> Placement:
         return whole_frame(image)
@@ -116,13 +117,13 @@ def _write_clip(results: Results, video: VideoCalibration, writer: ResultsWriter
     for id in results.frames.ids:
         broken = id in results.broken
         writer.add(_broken(results, id) if broken else options.outcome(id, results[id]))
-    writer.notes = video.notes
+    writer.notes = video.remarks
     write_clip(writer.out, video, results.frames_per_second or 0.0)
 
 
 def _write_frames(results: Results, writer: ResultsWriter, *, overlays: bool) -> None:
     """Write frames that were calibrated one by one, with their pictures where they can be read again."""
-    options = _Whole(results)
+    options, writer.notes = _Whole(results), results.notes
     if overlays and results.pictures.is_video:
         path, source = writer.out / OVERLAY, results.pictures.frames()
         with VIDEOS.write(path, source.frames_per_second) as video:

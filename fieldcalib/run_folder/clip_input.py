@@ -170,8 +170,13 @@ class ClipInput:
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, by the first one that can be read."""
+        placement = self.placement()
+        return (0, 0) if placement is None else placement.frame_size
+
+    def placement(self) -> Placement | None:
+        """Where the images lie in their frames, by the first one that can be read; None if there is none."""
         first = next((frame.image for frame in self.source if frame.image is not None), None)
-        return (0, 0) if first is None else self._placement(first).frame_size
+        return None if first is None else self._placement(first)
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import os
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,10 +29,12 @@ from fieldcalib.io.files import (
 )
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
+from fieldcalib.io.images import read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.io.videos import DEFAULT_RATE
+from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.clip_input import ClipInput
+from fieldcalib.run_folder.images import Frame
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
 
@@ -51,8 +56,15 @@ WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; othe
 }
 
 
+_Written = tuple[Frame, Calibration | None, Image | None]  # None is a frame that cannot be read, and one not drawn
+
+
 class FrameOptions(Protocol):
     """How frames are written and drawn."""
+
+    @property
+    def draws(self) -> bool:
+        """Whether there are pictures."""
 
     def placement(self, image: Image) -> Placement:
         """Placement of an image in its frame."""
@@ -67,12 +79,15 @@ class FrameOptions(Protocol):
 def write_clip_results(
     results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None = None
 ) -> str:
-    """Write everything of a clip that is calibrated; returns a note about the overlay video, if there is one."""
+    """Write everything of a clip that is calibrated; returns a note about the overlay video, if there is one.
+
+    `threads` are for drawing, and as many for decoding and for encoding; by default as many as there are cores.
+    """
     out, rate = results.out, clip.source.frames_per_second
-    results.notes = found.notes
+    results.notes = found.remarks
     worst, note = _write_frames(results, clip, found, options, threads)
     write_clip(out, found, rate)
-    if worst:
+    if options.draws and worst:
         write_image(out / MOTION, plot_sequence(found, frames_per_second=rate))
         write_image(out / WORST, contact_sheet(list(worst.values()), list(worst)))
     return note
@@ -86,24 +101,55 @@ def _write_frames(
     calibrations, basis = list(found), found.basis
     worst = worst_frames(calibrations, SHEET_FRAMES)
     pictures: dict[int, tuple[str, Image]] = {}
+    frames = _drawn(clip, calibrations, options, threads) if options.draws else _listed(clip, calibrations, options)
     readable = 0
-    with VIDEOS.write(path, clip.source.frames_per_second, threads=threads) as video:
-        for index, frame in enumerate(clip.frames()):
+    with VIDEOS.write(path, clip.source.frames_per_second, threads=threads) as video, closing(frames):
+        for index, (frame, calibration, picture) in enumerate(frames):
             results.check_restored(index, frame.id)
-            if frame.image is None:
+            if calibration is None:
                 if index >= done:  # its problem was told when it was read first
                     results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
                 continue
-            calibration = options.placement(frame.image).from_frame(calibrations[readable])
             if index >= done:
                 results.add(options.outcome(frame.id, calibration, details={"basis": str(basis[readable])}))
-            picture = options.drawn(frame.image, calibration)
-            video.write(picture)
-            if readable in worst:
-                pictures[readable] = caption(frame.id, calibrations[readable]), picture
+            if picture is not None:
+                video.write(picture)
+                if readable in worst:
+                    pictures[readable] = caption(frame.id, calibrations[readable]), picture
             readable += 1
     note = f"{path} {video.note}" if video.note else ""
     return dict(pictures[index] for index in worst if index in pictures), note
+
+
+def _drawn(
+    clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions, threads: int | None
+) -> Generator[_Written]:
+    """All frames in order with their overlays: read in a thread, and drawn in others while earlier ones are encoded."""
+    rest = iter(calibrations)
+
+    def draw(item: tuple[Frame, Calibration | None]) -> _Written:
+        frame, calibration = item
+        if frame.image is None or calibration is None:
+            return frame, None, None
+        return frame, calibration, options.drawn(frame.image, calibration)
+
+    def placed(frame: Frame) -> tuple[Frame, Calibration | None]:
+        return frame, None if frame.image is None else options.placement(frame.image).from_frame(next(rest))
+
+    count = threads or os.cpu_count() or 1
+    with ThreadPoolExecutor(count, "drawing") as pool:
+        yield from in_order(pool, draw, map(placed, read_ahead(clip.frames())), ahead=count)
+
+
+def _listed(clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions) -> Generator[_Written]:
+    """All frames in order, without reading them again."""
+    placement, broken = clip.placement(), clip.source.broken
+    rest = iter(calibrations)
+    for id in clip.ids:
+        if id in broken or placement is None:
+            yield Frame(id, None, broken.get(id, "")), None, None
+        else:
+            yield Frame(id, None), placement.from_frame(next(rest)), None
 
 
 def caption(id: str, calibration: Calibration | None) -> str:

@@ -6,7 +6,9 @@ frames: Levenberg-Marquardt minimises the cost of all frames, each with a camera
 size; the cameras are eliminated from its steps (`fieldcalib.problem.levenberg_marquardt`). Then the frames are
 calibrated again, as segments that seemed mislabelled may fit a pitch of another size, until the size converges.
 
-The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two more parameters.
+The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two more parameters. In the errors of each camera
+the size is a considered parameter with that covariance V: with P the covariance of the camera on a pitch of known size
+and K the derivatives of its estimate by the size, that of the camera is P + K V K^T, the marginal one of both.
 """
 
 from __future__ import annotations
@@ -16,9 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.shared import ReducedSystem
+from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS
@@ -52,7 +56,7 @@ class FieldSize:
     """Share of the estimate that comes from the labels, (2,); the rest comes from the prior: ``information / (1 +
     information)``, with the information of the labels in units of the prior's."""
     calibrations: tuple[Calibration, ...]
-    """Calibrations of the frames on that pitch, with its size taken as known."""
+    """Calibrations of the frames on that pitch, whose errors have those of its size."""
 
     @property
     def length(self) -> float:
@@ -63,6 +67,12 @@ class FieldSize:
     def width(self) -> float:
         """Length of a goal line, metres."""
         return self.field.width
+
+    def _repr_html_(self) -> str:
+        """The field, its size with standard deviations, and how much of it the labels tell, for notebooks."""
+        sizes = zip(("length", "width"), (self.length, self.width), self.std_deviations, self.from_labels, strict=True)
+        rows = {name: f"{size:.2f} ± {sd:.2f} m, {share:.0%} from the labels" for name, size, sd, share in sizes}
+        return self.field.as_svg() + table(rows | {"frames": str(len(self.calibrations))})
 
     @property
     def is_told(self) -> bool:
@@ -160,8 +170,9 @@ def estimate_field_size(
     """
     size_prior = _checked_prior(field)
 
-    def calibrated(pitch: Field) -> list[Calibration]:
-        return calibrate_batch(replace(pitch, size_known=True), frames, image_size, flags=flags, prior=prior, tau=tau)
+    def calibrated(pitch: Field, *, size_known: bool = True) -> list[Calibration]:
+        on = replace(pitch, size_known=size_known)
+        return calibrate_batch(on, frames, image_size, flags=flags, prior=prior, tau=tau)
 
     pitch = given = field.resized(field.length, field.width)
     calibrations = calibrated(pitch)
@@ -180,7 +191,10 @@ def estimate_field_size(
     accepted = _with_status(calibrations, Status.ACCEPTED)
     if not accepted and pitch is not given:
         pitch, calibrations = given, calibrated(given)
-    return FieldSize(pitch, *_uncertainty(accepted, size_prior), tuple(calibrations))
+    covariance, from_labels = _uncertainty(accepted, size_prior)
+    if prior is not None and not field.size_known:  # without a prior nothing is known of a size that labels leave open
+        calibrations = [_of_size(one, covariance) for one in calibrated(pitch, size_known=False)]
+    return FieldSize(pitch, covariance, from_labels, tuple(calibrations))
 
 
 def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
@@ -218,6 +232,23 @@ def _checked_prior(field: Field) -> SizeBlock:
             f"first"
         )
     return SizeBlock(size, sizes.sigma, sizes.limits)
+
+
+def _of_size(calibration: Calibration, covariance: Array) -> Calibration:
+    """A calibration on a pitch of a size that is known with a covariance (2, 2)."""
+    solved = calibration.solved
+    if solved is None:
+        return calibration
+    alone = solved.alone
+    problem, crown = alone.evaluation.problem, alone.uncertainty.with_crown
+    if not np.any(problem.layout.considered):
+        return calibration
+    considered = np.zeros(2 * (np.count_nonzero(problem.layout.considered),))
+    considered[:2, :2] = covariance
+    if crown is not None:
+        considered[2, 2] = crown.moment[2, 2]
+    known = replace(problem, considered=considered)
+    return replace(calibration, errors=Solved(alone.evaluation.of(known), alone.unit))
 
 
 def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list[Calibration]:

@@ -272,7 +272,8 @@ def _judged(frames: _Frames) -> list[Calibration]:
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
         status, message = verdict(evidence, options.tau)
-        alternatives = (options.layout.camera(other.theta[t]),) if other.fits[t] else ()
+        is_open = options.side is None and other.fits[t]
+        alternatives = (options.layout.camera(other.theta[t]),) if is_open else ()
         notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * len(alternatives)]
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))

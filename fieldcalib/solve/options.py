@@ -17,6 +17,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.problem.evaluation import Problem
@@ -154,6 +155,8 @@ class Options:
     """Whether every label is taken as right."""
     considered: Array | None = None
     """Covariance of the parameters that the layout considers; None for that of the prior of the field's size."""
+    side: Side | None = None
+    """As `Task.side`."""
 
     @property
     def field(self) -> Field | None:

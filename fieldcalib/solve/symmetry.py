@@ -13,6 +13,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.problem.layout import CENTER, PAN, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
@@ -50,9 +51,9 @@ def on_main_side(
 ) -> tuple[Array, GaussianPrior]:
     """Cameras (B, n) and their priors; those that fit equally well on the main side, the usual one, are turned to it.
 
-    Cameras are not turned if the position is given.
+    Cameras are not turned if the position is given, or if they are known to be on the other side.
     """
-    if not np.isnan(options.known[CENTER]).any():
+    if options.side == OPPOSITE or not np.isnan(options.known[CENTER]).any():
         return theta, prior
     other = other_side(observations, theta, options)
     turn = (other.fits & (theta[:, CENTER][:, 1] < 0.0))[:, None]

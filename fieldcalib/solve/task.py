@@ -12,6 +12,7 @@ from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import lens_with
@@ -64,6 +65,8 @@ class Task:
     tau: float | None = None
     paint: float = 0.0
     trust_labels: bool = False
+    side: Side | None = None
+    """Side of the field on which cameras are whose labels do not tell it; None where a person names the ends."""
 
     def __post_init__(self) -> None:
         check_object(self.object_segments)
@@ -115,6 +118,7 @@ class Task:
             self.tau,
             self.paint,
             self.trust_labels,
+            side=self.side,
         )
 
     @property

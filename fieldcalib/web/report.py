@@ -94,7 +94,13 @@ def _about(results: Results) -> dict[str, Any]:
     """What is written about the run."""
     if results.folder is not None and is_finished(results.folder):
         return read_summary(results.folder)
-    return {"frames": len(results.frames.ids), "options": dict(results.options), "version": fieldcalib.__version__}
+    notes = {"notes": list(results.notes)} if results.notes else {}
+    return {
+        "frames": len(results.frames.ids),
+        **notes,
+        "options": dict(results.options),
+        "version": fieldcalib.__version__,
+    }
 
 
 def thumbnails(results: Results, numbers: Sequence[int], progress: Progress = False) -> dict[str, bytes]:

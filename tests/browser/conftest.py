@@ -29,6 +29,13 @@ ARGUMENTS = [
     "--disable-component-update",
     "--disable-sync",
 ]
+COMPILE = """
+import numpy as np
+from fieldcalib import calibrate_batch, soccer
+from fieldcalib.problem.simulated import IMAGE_SIZE, observe, pan_over_field
+rng = np.random.default_rng(0)
+calibrate_batch(soccer(), [observe(camera, soccer(), rng, 1.0) for camera in pan_over_field(2)], IMAGE_SIZE)
+"""
 
 
 def pytest_collection_modifyitems(items):
@@ -51,10 +58,9 @@ def chromium():
 
 
 @pytest.fixture(scope="session")
-def compiled(tmp_path_factory):
+def compiled():
     """Numba has compiled the solver, which may take longer than a test waits."""
-    command = [sys.executable, "-m", "fieldcalib", "demo", "--out", tmp_path_factory.mktemp("demo")]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True, cwd=ROOT)
+    subprocess.run([sys.executable, "-c", COMPILE], check=True, capture_output=True, cwd=ROOT)
 
 
 @pytest.fixture

@@ -6,5 +6,6 @@ from . import freed as freed
 from . import homography as homography
 from . import nerfstudio as nerfstudio
 from . import opencv as opencv
+from . import rerun as rerun
 from . import soccernet as soccernet
 from . import table as table

@@ -1,0 +1,25 @@
+"""
+Courts
+======
+
+Every court that comes with the package: its map, and a view of it rendered from a seat.
+"""
+
+import matplotlib.pyplot as plt
+
+import fieldcalib
+from fieldcalib.draw import contact_sheet, draw_minimap, render_field
+
+NAMES = ("badminton", "basketball-fiba", "basketball-nba", "futsal", "handball", "padel", "tennis", "volleyball")
+pictures = []
+for name in NAMES:
+    field = fieldcalib.field(name)
+    reach = max(field.length, field.width)
+    camera = fieldcalib.Camera.from_angles(0.0, 1.0, 0.0, 430.0, (0.0, 0.78 * reach, -0.5 * reach), (480, 300))
+    pictures += [draw_minimap(None, field, size=(480, 300)), render_field(camera, field)]
+
+sheet = contact_sheet(pictures, [text for name in NAMES for text in (name, "")], columns=4, width=360)
+plt.figure(figsize=(12, 9))
+plt.imshow(sheet[..., ::-1])
+plt.axis("off")
+plt.tight_layout(pad=0)

@@ -1,0 +1,26 @@
+"""
+Rinks and turf
+==============
+
+Ice hockey, American football, rugby, field hockey and soccer: maps, and views from a stand.
+"""
+
+import matplotlib.pyplot as plt
+
+import fieldcalib
+from fieldcalib.draw import contact_sheet, draw_minimap, render_field
+
+NAMES = ("soccer", "rugby-union", "american-football-nfl", "american-football-ncaa", "field-hockey", "ice-hockey-nhl")
+NAMES += ("ice-hockey-nhl-2013", "ice-hockey-iihf")
+pictures = []
+for name in NAMES:
+    field = fieldcalib.field(name)
+    reach = max(field.length, field.width)
+    camera = fieldcalib.Camera.from_angles(0.0, 1.0, 0.0, 430.0, (0.0, 0.78 * reach, -0.5 * reach), (480, 300))
+    pictures += [draw_minimap(None, field, size=(480, 300)), render_field(camera, field)]
+
+sheet = contact_sheet(pictures, [text for name in NAMES for text in (name, "")], columns=4, width=360)
+plt.figure(figsize=(12, 9))
+plt.imshow(sheet[..., ::-1])
+plt.axis("off")
+plt.tight_layout(pad=0)
