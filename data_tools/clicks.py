@@ -1,7 +1,7 @@
 """Pictures labelled from nothing by clicks as of a person, until the camera is good.
 
     python -m data_tools.clicks PICTURES RESULTS [--names NAME...] [--repeats N] [--noise PX] [--width PX] [--out DIR]
-        [--whole-frame] [--field-size LxW]
+        [--squash WxH] [--shape-known] [--whole-frame] [--field-size LxW]
 
 RESULTS is a folder that `fieldcalib run` wrote of the pictures. Its cameras tell where the markings are, so look at
 their overlays first: name the pictures (--names) whose markings lie on their paint. In each picture markings are
@@ -9,7 +9,8 @@ clicked one after the other, with errors of --noise pixels along x and y before 
 first the longest painted ones, at both ends of a line and at three places of an arc; as soon as there is a camera, the
 mark that the editor advises, if the picture shows it. A mark that the page shows far from its marking is dragged onto
 it, with another error of that size; that counts as a click. The person stops when the verdict is good, or at 16 clicks.
-With --width wider pictures are reduced to that width first: the errors of the clicks stay, in pixels. With
+With --width wider pictures are reduced to that width first: the errors of the clicks stay, in pixels. With --squash
+pictures of 16:9 are squashed to that size, and with --shape-known the person knows it. With
 --whole-frame and --field-size the person knows that nothing is cut off the pictures, and the size of the field.
 
 Printed: for each picture the clicks of each repeat, with the verdict where it is not good; then how many of all are
@@ -30,6 +31,7 @@ from dataclasses import field as attribute
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from fieldcalib import read
@@ -41,7 +43,8 @@ from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.fitting import is_stray, mark_errors
-from fieldcalib.editor.frame import FrameEditor, Known
+from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.known import Known
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
@@ -49,6 +52,7 @@ from fieldcalib.io.formats import CAMERAS, IMAGES
 from fieldcalib.io.image import size_of
 from fieldcalib.io.images import at_most_wide
 from fieldcalib.io.results import LINES
+from fieldcalib.problem.prior import BROADCAST_SHAPE
 from fieldcalib.run_folder.outcome import calibration_line
 
 GOAL, MOST = 12, 16  # clicks
@@ -171,7 +175,8 @@ def labelled(begin: FrameEditor, seen: Calibration, noise: float, rng: np.random
 def run(options: argparse.Namespace) -> int:
     """Label all pictures and print what came of it; returns the exit code."""
     results, field = read(options.results), soccer()
-    known = Known(principal_point=options.whole_frame, field_size=options.field_size)
+    aspect = BROADCAST_SHAPE if options.shape_known else None
+    known = Known(principal_point=options.whole_frame, field_size=options.field_size, aspect=aspect)
     files = {file.id: file for file in IMAGES.find([options.pictures])}
     found: dict[str, list[Labelling]] = {}
     for name in options.names or [id for id in files if id in results and results[id].verdict == Verdict.GOOD]:
@@ -179,6 +184,8 @@ def run(options: argparse.Namespace) -> int:
             raise ValueError(f"expected a picture {name!r} in {options.pictures}, and its camera in {options.results}")
         image = IMAGES.read(files[name].read())
         image = image if options.width is None else at_most_wide(image, options.width)
+        if options.squash is not None:
+            image = cv2.resize(image, options.squash, interpolation=cv2.INTER_AREA).astype(np.uint8)
         begin = FrameEditor.of(image, field, known=known)
         seen = replace(results[name], camera=results[name].required_camera.scaled(size_of(image)))
         rngs = map(np.random.default_rng, range(options.repeats))
@@ -233,6 +240,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--field-size", type=image_size, metavar="LxW", help="and that the field is of this size, metres"
     )
     parser.add_argument("--width", type=count, metavar="PX", help="reduce wider pictures to that width")
+    parser.add_argument("--squash", type=image_size, metavar="WxH", help="squash pictures of 16:9 to that size")
+    parser.add_argument("--shape-known", action="store_true", help="the person knows that they were squashed from 16:9")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the cameras go")
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))

@@ -14,7 +14,13 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import torch
+from fieldcalib._extras import missing
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise missing(error, "train") from None
+
 from torch import Tensor
 
 from data_tools.deeplab import DeepLabV3

@@ -1,9 +1,12 @@
-"""Real frames with hand-labelled field points: pixels of up to 32 points, each with an index.
+"""Real frames with cameras: results of fieldcalib, or hand-labelled field points, up to 32 of them, each with an index.
 
-The layout is that of the pitch keypoints from Roboflow's Universe: ``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed
-from 16:9 to a square, beside a ``.txt`` with one line ``0 cx cy w h  x0 y0 v0  x1 y1 v1 ...``, normalised, v = 2 for
-visible points. The field is 105 x 68 m; a JSON next to the folder holds the position of each index, in metres from the
-far left corner.
+Results are a folder that `fieldcalib open`, `calibrate` or `run` wrote. Pictures with the verdict "good" are taken, if
+they lie where they were then.
+
+The layout of labelled points is that of the pitch keypoints from Roboflow's Universe:
+``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed from 16:9 to a square, beside a ``.txt`` with one line
+``0 cx cy w h  x0 y0 v0  x1 y1 v1 ...``, normalised, v = 2 for visible points. The field is 105 x 68 m; a JSON next to
+the folder holds the position of each index, in metres from the far left corner.
 """
 
 from __future__ import annotations
@@ -16,8 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.words import Verdict
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.results import lines_file
+from fieldcalib.results.reading import read
 from fieldcalib.solve.from_points import calibrate_from_points
 from fieldcalib.solve.options import DEFAULT_FLAGS
 
@@ -35,12 +42,10 @@ class LabelledFrame:
 
     image: Path
     camera: Camera
-    """Camera for an image of `SIZE`; the field is `soccer()`."""
-
-    @property
-    def clip(self) -> str:
-        """Name of the clip that it was taken from."""
-        return clip_of(self.image)
+    """Camera for an image of the aspect ratio of the original picture."""
+    clip: str
+    """Name of the clip that it was taken from."""
+    field: Field
 
 
 def clip_of(image: Path) -> str:
@@ -55,11 +60,39 @@ def clip_of(image: Path) -> str:
 
 
 def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
-    """The frames of a folder whose points give an accepted camera, in the order of their names."""
+    """The frames of a folder of results that are good, or whose labelled points give an accepted camera, in order.
+
+    Raises
+    ------
+    ValueError
+        If there is no picture in it.
+    """
+    if is_results(folder):
+        yield from _results(folder)
+        return
+    if not any(folder.glob("*.jpg")):
+        raise ValueError(f"{folder}: expected results of fieldcalib open, or *.jpg with labelled points beside them")
     for image in sorted(folder.glob("*.jpg")):
         camera = _camera(*labelled_points(image))
         if camera is not None:
-            yield LabelledFrame(image, camera)
+            yield LabelledFrame(image, camera, clip_of(image), soccer())
+
+
+def is_results(folder: Path) -> bool:
+    """Whether a folder holds results of fieldcalib."""
+    return lines_file(folder).is_file()
+
+
+def _results(folder: Path) -> Iterator[LabelledFrame]:
+    """The good pictures of a folder of results, each a clip of its own."""
+    results = read(folder)
+    for file in results.pictures.files:
+        found = results.get(file.id)
+        if found is None or found.verdict is not Verdict.GOOD or found.camera is None or found.field is None:
+            continue
+        if file.path.suffix == ".zip" or not file.path.is_file():
+            raise ValueError(f"{folder}: its picture {file.path} is not there as a file of its own")
+        yield LabelledFrame(file.path, found.camera, file.id, found.field)
 
 
 def labelled_points(image: Path) -> tuple[Array, Array]:

@@ -9,19 +9,104 @@ from __future__ import annotations
 import json
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
+
+from fieldcalib._extras import missing
+
+try:
+    import onnx
+except ModuleNotFoundError as error:
+    raise missing(error, "train") from None
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from data_tools.network import MarkingsNet
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.localize import BACKGROUND
+from fieldcalib.localize.description import NetworkDescription
 
 CHANNELS = "RGB"
 MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as is usual
 STD = (0.229, 0.224, 0.225)
 OPSET = 17
+
+
+def read_network(path: Path, images: Tensor) -> tuple[MarkingsNet, list[str]]:
+    """A network to train on, rebuilt from what `write_model` wrote of a `MarkingsNet`, and its classes.
+
+    In the file, normalisations are folded into the convolutions before them. Here each gets the mean and the variance
+    that its input has over some images, and the scale and shift that undo them: the logits are the same to rounding,
+    and training, which normalises by the batch, begins where the network is.
+
+    Parameters
+    ----------
+    path : Path
+        The .onnx file, with its .json beside it.
+    images : (N, 3, H, W) tensor
+        Normalised images; 16 are enough.
+
+    Raises
+    ------
+    ValueError
+        If the network in the file is another one.
+    """
+    classes = list(NetworkDescription.parse(path.with_suffix(".json").read_bytes()).classes[1:])
+    graph = onnx.load(str(path)).graph
+    weights = {one.name: torch.from_numpy(onnx.numpy_helper.to_array(one).copy()) for one in graph.initializer}
+    nodes = [node for node in graph.node if node.op_type == "Conv"]
+    network = MarkingsNet(1 + len(classes)).eval()
+    called: list[nn.Module] = []
+    _run_with(network, images[:1], nn.Conv2d, lambda module, _: called.append(module))
+    shapes = [[*weights[node.input[1]].shape] for node in nodes]
+    if shapes != [[*module.weight.shape] for module in called]:
+        raise ValueError(f"{path} is no network of data_tools.train: its convolutions are others")
+    after = _normalisations(network)
+    with torch.no_grad():
+        for node, module in zip(nodes, called, strict=True):
+            module.weight.copy_(weights[node.input[1]])
+            norm, bias = after.get(module), weights[node.input[2]]
+            if norm is None:
+                module.bias.copy_(bias)
+            else:
+                norm.weight.fill_(1.0)
+                norm.running_var.fill_(1.0 - norm.eps)
+                norm.running_mean.zero_()
+                norm.bias.copy_(bias)
+        _run_with(network, images, nn.BatchNorm2d, _measure)
+    return network, classes
+
+
+def _normalisations(network: nn.Module) -> dict[nn.Module, nn.BatchNorm2d]:
+    """The normalisation after each convolution that has one."""
+    parts = [list(one) for one in network.modules() if isinstance(one, nn.Sequential)]
+    pairs = [pair for part in parts for pair in pairwise(part)]
+    return {a: b for a, b in pairs if isinstance(a, nn.Conv2d) and isinstance(b, nn.BatchNorm2d)}
+
+
+def _run_with(network: nn.Module, images: Tensor, kind: type[nn.Module], see: Callable[[Any, Tensor], object]) -> None:
+    """Run a network, and show the modules of a kind with their input, in the order in which they are called."""
+    handles = [
+        one.register_forward_pre_hook(lambda module, inputs: see(module, inputs[0]) and None)
+        for one in network.modules()
+        if isinstance(one, kind)
+    ]
+    with torch.no_grad():
+        network(images)
+    for handle in handles:
+        handle.remove()
+
+
+def _measure(norm: Any, x: Tensor) -> None:
+    """Give a normalisation that does nothing but shift the statistics of its input, so that it does the same."""
+    mean, variance = x.mean((0, 2, 3)), x.var((0, 2, 3), unbiased=False)
+    norm.bias.add_(mean)
+    norm.weight.copy_(torch.sqrt(variance + norm.eps))
+    norm.running_mean.copy_(mean)
+    norm.running_var.copy_(variance)
 
 
 def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tuple[int, int]) -> None:

@@ -3,6 +3,10 @@
     python -m data_tools.synthetic --cache FRAMES --count 20000
     python -m data_tools.train OUT --cache FRAMES --labelled KEYPOINTS/train --held-out KEYPOINTS/valid
 
+With few pictures of one's own, whose cameras `fieldcalib open` gave, it goes on from a network that is there:
+
+    python -m data_tools.train OUT --start-from package --cache FRAMES --labelled RESULTS --held-out OTHERS --steps 1000
+
 Networks of other fields learn from synthetic frames alone:
 
     python -m data_tools.synthetic --field basketball-fiba --cache FRAMES --count 20000
@@ -21,20 +25,29 @@ import json
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from importlib.resources import as_file
 from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
+
+from fieldcalib._extras import missing
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise missing(error, "train") from None
+
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
 from torch.optim.swa_utils import AveragedModel
 from torch.utils.data import DataLoader
 
-from data_tools.labelled import clip_of, labelled_frames
+from data_tools.labelled import clip_of, is_results, labelled_frames
 from data_tools.network import MarkingsNet
-from data_tools.onnx_model import write_model
+from data_tools.onnx_model import read_network, write_model
 from data_tools.synthetic import CLASSES, Mask, frame
 from data_tools.synthetic.cache import check_cached_classes
 from data_tools.synthetic.games import game_named
@@ -44,8 +57,12 @@ from fieldcalib.console.arguments import image_size
 from fieldcalib.console.field_options import SOCCER, add_named_field
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
+from fieldcalib.localize.network import SHIPPED
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
+FINE_TUNING_RATE = 3e-4  # of a network that was trained before: larger ones forget it
+MEASURED_FRAMES = 16  # on which the normalisations of that network are measured
+PACKAGE = "package"
 AVERAGED = 0.999  # decay of the exported moving average of the weights: over about the last thousand steps
 BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
 BACKGROUND_SAMPLED = 0.25  # random share of background pixels in the loss: saves time
@@ -63,15 +80,22 @@ class Training:
     optimizer: torch.optim.Optimizer
     device: torch.device
     step: int = 0
+    rate: float = LEARNING_RATE
+    """Largest learning rate."""
 
     @classmethod
     def begin(cls, seed: int, device: torch.device, classes: int = len(CLASSES)) -> Training:
         """Random weights, determined by the seed, for `classes` and the background."""
         torch.manual_seed(seed)
-        network = MarkingsNet(1 + classes).to(device)
+        return cls.of(MarkingsNet(1 + classes), device)
+
+    @classmethod
+    def of(cls, network: MarkingsNet, device: torch.device, rate: float = LEARNING_RATE) -> Training:
+        """Begin with the weights of a network."""
+        network = network.to(device)
         averaged = AveragedModel(network, multi_avg_fn=_average, use_buffers=True)
-        optimizer = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-        return cls(network, averaged, optimizer, device)
+        optimizer = torch.optim.AdamW(network.parameters(), rate, weight_decay=WEIGHT_DECAY)
+        return cls(network, averaged, optimizer, device, rate=rate)
 
     def save(self, path: Path) -> None:
         """Write the state atomically."""
@@ -90,7 +114,7 @@ class Training:
     def advance(self, images: Tensor, classes: Tensor, steps: int) -> float:
         """Take one of `steps` steps on a batch; returns the loss before it."""
         for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(self.step, steps)
+            group["lr"] = learning_rate(self.step, steps, self.rate)
         self.network.train()
         chosen = sampled_pixels(classes, self.step)
         loss = _loss(self.network, images.to(self.device), classes.to(self.device), chosen.to(self.device))
@@ -102,7 +126,7 @@ class Training:
         return float(loss.detach())
 
 
-def learning_rate(step: int, steps: int) -> float:
+def learning_rate(step: int, steps: int, most: float = LEARNING_RATE) -> float:
     """A short warm-up, then half a cosine down to 0.
 
     Examples
@@ -110,7 +134,7 @@ def learning_rate(step: int, steps: int) -> float:
     >>> learning_rate(0, 1000) < learning_rate(WARM_UP, 1000) > learning_rate(999, 1000)
     True
     """
-    return LEARNING_RATE * min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * step / steps))
+    return most * min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * step / steps))
 
 
 def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tensor | int) -> None:
@@ -199,13 +223,40 @@ def train(training: Training, batches: Batches, report: Report, steps: int, minu
     report(training, losses)
 
 
+def _going_on(name: str, classes: Sequence[str], size: tuple[int, int], field: str, device: torch.device) -> Training:
+    """Training that goes on from a network in a file.
+
+    Raises
+    ------
+    ValueError
+        If the network is another one, or has other classes.
+    """
+    with as_file(SHIPPED) if name == PACKAGE else nullcontext(Path(name)) as path:
+        made = [frame(seed, name=field) for seed in range(MEASURED_FRAMES)]
+        images, _ = stacked([(one.image, one.mask) for one in made], size)
+        network, known = read_network(path, normalised(images))
+    if known != list(classes):
+        raise ValueError(f"{name} knows other classes than --field {field}: {', '.join(known[:3])}, ...")
+    return Training.of(network, device, FINE_TUNING_RATE)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Train a model."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the model, the checkpoint and the log")
     add_named_field(parser)
     parser.add_argument("--cache", type=Path, metavar="DIR", help="frames of data_tools.synthetic --cache")
-    parser.add_argument("--labelled", type=Path, metavar="DIR", help="real frames of soccer, see data_tools.labelled")
+    parser.add_argument(
+        "--start-from",
+        metavar="FILE.onnx",
+        help=f'a network of this program to go on from; "{PACKAGE}": that of the package',
+    )
+    parser.add_argument(
+        "--labelled",
+        type=Path,
+        metavar="DIR",
+        help="real frames: results of fieldcalib open, or see data_tools.labelled",
+    )
     parser.add_argument("--held-out", type=Path, metavar="DIR", help="real frames whose clips are only measured")
     parser.add_argument(
         "--steps", type=int, default=40000, help="steps; the learning rate falls to 0 at the last one (40000)"
@@ -220,8 +271,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in OUT")
     options = parser.parse_args(arguments)
-    if options.field != SOCCER and (options.labelled or options.held_out):
-        parser.error("--labelled and --held-out are frames of soccer")
+    for folder in (options.labelled, options.held_out):
+        if folder and options.field != SOCCER and not is_results(folder):
+            parser.error(f"{folder}: labelled points are of soccer; of other fields give results of fieldcalib open")
+    if options.start_from and options.resume:
+        parser.error("--resume goes on from the checkpoint: leave --start-from out")
     try:
         classes = game_named(options.field).classes
         if options.cache:
@@ -232,15 +286,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cv2.setNumThreads(1)
     options.out.mkdir(parents=True, exist_ok=True)
 
-    training = Training.begin(options.seed, torch.device("cuda" if torch.cuda.is_available() else "cpu"), len(classes))
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if options.start_from:
+        try:
+            training = _going_on(options.start_from, classes, options.size, options.field, device)
+        except (ValueError, OSError) as error:
+            parser.error(str(error))
+    else:
+        training = Training.begin(options.seed, device, len(classes))
     if options.resume:
         training.load(options.out / "checkpoint.pt")
     made = [frame(seed, name=options.field) for seed in VALIDATION_SEEDS]
     validation: dict[str, MaskedImages] = {"synthetic": [(one.image, one.mask) for one in made]}
     clips: set[str] = set()
     if options.held_out:
-        clips = {clip_of(path) for path in options.held_out.glob("*.jpg")}
-        validation["held_out"] = [whole(one) for one in labelled_frames(options.held_out)]
+        held_out = list(labelled_frames(options.held_out))
+        clips = {clip_of(path) for path in options.held_out.glob("*.jpg")} | {one.clip for one in held_out}
+        validation["held_out"] = [whole(one, classes) for one in held_out]
     labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
     cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
     batches = Batches(options.seed, options.batch, options.size, cached, labelled, options.field)

@@ -22,9 +22,8 @@ from data_tools.onnx_model import MEAN, STD
 from data_tools.synthetic import SIZE, Mask, frame
 from data_tools.synthetic.cache import read_frame
 from data_tools.synthetic.games import game_named
-from data_tools.synthetic.masks import markings_mask
+from data_tools.synthetic.masks import CLASSES, markings_mask
 from fieldcalib.console.field_options import SOCCER
-from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.synthetic.pictures import degraded
@@ -47,7 +46,7 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
     cached: Sequence[Path] = ()
     """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are generated."""
     labelled: Sequence[LabelledFrame] = ()
-    """Real frames, of soccer."""
+    """Real frames, of the field."""
     field: str = SOCCER
     """Name of the field, see `data_tools.synthetic.frame`."""
 
@@ -57,7 +56,9 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
 
     def _sample(self, rng: np.random.Generator) -> tuple[Image, Mask]:
         if self.labelled and rng.random() < LABELLED_SHARE:
-            image, mask = window(self.labelled[int(rng.integers(len(self.labelled)))], rng)
+            image, mask = window(
+                self.labelled[int(rng.integers(len(self.labelled)))], rng, game_named(self.field).classes
+            )
             behind_goal = False
         elif self.cached:
             image, mask, behind_goal = read_frame(self.cached[int(rng.integers(len(self.cached)))])
@@ -84,20 +85,24 @@ def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
     return game_named(name).mirrored_values(behind_goal=behind_goal)
 
 
-def window(labelled: LabelledFrame, rng: np.random.Generator) -> tuple[Image, Mask]:
+def window(labelled: LabelledFrame, rng: np.random.Generator, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:
     """A random window of a real frame, with the blur, noise and compression of synthetic frames."""
     share = rng.uniform(SMALLEST_WINDOW, 1.0)
     corner = rng.uniform(0.0, 1.0 - share, size=2)
-    return cut(labelled, share, (corner[0], corner[1]), rng)
+    return cut(labelled, share, (corner[0], corner[1]), rng, classes)
 
 
-def whole(labelled: LabelledFrame) -> tuple[Image, Mask]:
+def whole(labelled: LabelledFrame, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:
     """A whole real frame and its mask."""
-    return cut(labelled, 1.0, (0.0, 0.0), None)
+    return cut(labelled, 1.0, (0.0, 0.0), None, classes)
 
 
 def cut(
-    labelled: LabelledFrame, share: float, corner: tuple[float, float], rng: np.random.Generator | None
+    labelled: LabelledFrame,
+    share: float,
+    corner: tuple[float, float],
+    rng: np.random.Generator | None,
+    classes: Sequence[str],
 ) -> tuple[Image, Mask]:
     """A window of a frame; its size and corner are shares of the frame's width and height."""
     picture = np.asarray(cv2.imread(str(labelled.image), cv2.IMREAD_COLOR), np.uint8)
@@ -106,7 +111,7 @@ def cut(
     image = np.asarray(cv2.resize(picture[y : y + h, x : x + w], SIZE, interpolation=cv2.INTER_AREA), np.uint8)
     camera = labelled.camera.scaled((int(pixels[0]), int(pixels[1])))
     moved = Camera(camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]], camera.R, camera.C, (int(w), int(h)), camera.dist)
-    mask = markings_mask(moved.scaled(SIZE), soccer())
+    mask = markings_mask(moved.scaled(SIZE), labelled.field, classes)
     return image if rng is None else degraded(image, rng), mask
 
 

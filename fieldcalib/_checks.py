@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
@@ -47,6 +49,42 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
+def number(value: Any, name: str) -> Any:
+    """The value if it is a real number, which may be NaN; a ValueError that begins with its name if it is none.
+
+    Examples
+    --------
+    >>> number("1", "cell")
+    Traceback (most recent call last):
+        ...
+    ValueError: cell must be a number, got '1'
+    """
+    if not is_number(value):
+        raise ValueError(f"{name} must be a number, got {short(value)}")
+    return value
+
+
+def listed(values: Any, what: str) -> Any:
+    """The values if they can be counted and gone through in order; a ValueError that says what they should be if not.
+
+    Examples
+    --------
+    >>> listed(3, "pictures")
+    Traceback (most recent call last):
+        ...
+    ValueError: expected pictures, a list, got an int
+    """
+    if not (isinstance(values, Iterable) and hasattr(values, "__len__")) or isinstance(values, str | bytes | Mapping):
+        raise ValueError(f"expected {what}, a list, got {named(values)}")
+    return values
+
+
+def named(value: object) -> str:
+    """The class of a value with its article, for messages."""
+    name = type(value).__name__
+    return f"{'an' if name[0].lower() in 'aeio' else 'a'} {name}"
+
+
 def expect(value: Any, kinds: type | tuple[type, ...], example: str) -> Any:
     """The value if it is of one of some classes; a ValueError that says what was expected if it is not.
 
@@ -59,5 +97,5 @@ def expect(value: Any, kinds: type | tuple[type, ...], example: str) -> Any:
     """
     if not isinstance(value, kinds):
         first = kinds[0] if isinstance(kinds, tuple) else kinds
-        raise ValueError(f"expected a {first.__name__}, as {example}, got a {type(value).__name__}")
+        raise ValueError(f"expected a {first.__name__}, as {example}, got {named(value)}")
     return value

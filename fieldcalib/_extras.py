@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from types import ModuleType
 
@@ -26,3 +27,30 @@ def imported(name: str, extra: str, user: str) -> ModuleType:
     except ImportError as error:
         package = name.partition(".")[0]
         raise ImportError(f"{user} needs {package}: pip install 'fieldcalib[{extra}]'") from error
+
+
+def missing(error: ModuleNotFoundError, extra: str) -> BaseException:
+    """What to raise where a module that is imported at the top needs an optional package, which is not installed.
+
+    Where Python runs a program by ``-m`` that imports the module, its end, with one line on stderr: which package is
+    missing and how to install it. Elsewhere the error itself.
+
+    Examples
+    --------
+    >>> missing(ModuleNotFoundError("no torch", name="torch"), "train")
+    ModuleNotFoundError('no torch')
+    """
+    program = _program()
+    if not program:
+        return error
+    return SystemExit(
+        f"{program} needs {error.name}, which is not installed: pip install '.[{extra}]' in a checkout, "
+        f"otherwise pip install 'fieldcalib[{extra}]'"
+    )
+
+
+def _program() -> str:
+    """Name of the program of this project that Python was asked to run by -m; empty if it is another."""
+    arguments = sys.orig_argv[1:]
+    name = arguments[arguments.index("-m") + 1] if "-m" in arguments[:-1] else ""
+    return name if name.partition(".")[0] in ("baselines", "data_tools") else ""

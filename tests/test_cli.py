@@ -124,7 +124,7 @@ def test_an_output_folder_that_another_run_writes_to(annotated_folder, tmp_path,
     monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
     with output_folder(tmp_path):
         assert calibrate(tmp_path, annotated_folder / "a.json") == 2
-    assert capsys.readouterr().err.startswith(f"fieldcalib: another run writes to {tmp_path}: wait for its end")
+    assert capsys.readouterr().err.startswith(f"fieldcalib: another run or page writes to {tmp_path}: wait for its end")
     assert list(tmp_path.iterdir()) == []
 
 

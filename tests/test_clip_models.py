@@ -14,7 +14,14 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip_models import HeldOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import ClipLines, find_clip_lines, finish_clip, finish_clip_again, off_paint
+from fieldcalib.images.finished_clip import (
+    UNTIED,
+    ClipLines,
+    find_clip_lines,
+    finish_clip,
+    finish_clip_again,
+    off_paint,
+)
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
@@ -299,3 +306,16 @@ def test_left_out_labels_are_predicted_by_the_right_cameras_only():
 def test_runs_of_keyframes_are_parts(contradicted, expected):
     some = np.array([one == "x" for one in contradicted])
     assert parts(12 * np.arange(len(some)), some) == expected
+
+
+def test_a_frame_that_nothing_ties_does_not_say_that_it_shows_no_marking():
+    """As in a dissolve, of which lines were not even looked for."""
+    clip = clip_of(panned(8, -0.4, 0.4))
+    matches = {pair: one for pair, one in clip.shots.matches.items() if 7 not in pair}
+    loose = np.arange(8) == 7
+    labels = {t: one for t, one in clip.labels.items() if t != 7}
+    found = finished(solved(replace(clip, labels=labels, shots=replace(clip.shots, matches=matches, loose=loose))))
+    assert found[7].camera is None
+    assert found[7].message == UNTIED
+    assert "no marking" not in found[7].reason
+    assert all(found[t].accepted for t in range(7))

@@ -26,13 +26,21 @@ def prose(path):
     """Docstrings and comments of a source file; the whole text of any other file."""
     if path.suffix not in (".py", ".pyi"):
         return path.read_text(encoding="utf-8")
-    with tokenize.open(path) as source:
-        comments = [
-            token.string for token in tokenize.generate_tokens(source.readline) if token.type == tokenize.COMMENT
-        ]
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
     nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-    return "\n".join([*comments, *(ast.get_docstring(node) or "" for node in nodes if isinstance(node, documented))])
+    docstrings = (ast.get_docstring(node) or "" for node in nodes if isinstance(node, documented))
+    return "\n".join([*comments_of(path), *docstrings])
+
+
+def comments_of(path):
+    """The comments of a source file; none if no comment names anything, which is seen without its tokens."""
+    with tokenize.open(path) as source:
+        lines = source.readlines()
+    after = [line[line.index("#") :] for line in lines if "#" in line]
+    if not any(pattern.search(text) for text in after for pattern in (DOTTED, INSIDE, PATH)):
+        return []
+    tokens = tokenize.generate_tokens(iter(lines).__next__)
+    return [token.string for token in tokens if token.type == tokenize.COMMENT]
 
 
 def dotted_names(text):

@@ -14,7 +14,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import NoCameraError, Status
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.advice import GRID, click_errors, likely_labels, next_mark
-from fieldcalib.editor.frame import FrameEditor, Known
+from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.known import Known
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.snapping import REACH, snapped
 

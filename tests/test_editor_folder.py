@@ -111,6 +111,49 @@ def test_history_survives(blank, tmp_path):
     again.close()
 
 
+def test_a_change_that_was_taken_back_is_nothing_to_save(blank, tmp_path):
+    editor = opened(blank, tmp_path / "out")
+    marked(editor, 2)
+    assert editor.save() == 1
+    editor[0] = editor[0].undo()
+    assert editor.unsaved == 1
+    editor[0] = editor[0].redo()
+    assert (editor.unsaved, editor.save()) == (0, 0)
+    editor[0] = editor[0].undo()
+    editor.close()
+    again = opened(blank, tmp_path / "out")
+    assert again.unsaved == 1
+    again[0] = again[0].redo()
+    assert (again.unsaved, again.save()) == (0, 0)
+
+
+def test_a_folder_that_is_open_elsewhere_is_said_to_be_so(blank, tmp_path):
+    out = tmp_path / "out"
+    first, second = opened(blank, out), opened(blank, out)
+    assert (first.claim(), second.claim(), out.exists()) == ("", "", False)  # nothing is made, and nobody has begun
+    marked(first, 1)
+    assert second.claim().startswith(f"another run or page writes to {out}")
+    with pytest.raises(OSError, match="another run or page writes to"):
+        marked(second, 1)
+    third = opened(blank, out)
+    assert "writes to" in third.claim()
+    first.close()
+    assert third.claim() == ""
+    assert "writes to" in second.claim()
+    third.close()
+    assert second.claim() == f"{out / JOURNAL} was changed by another program: end this one and open the folder again"
+
+
+def test_a_folder_that_is_looked_at_is_held_before_the_first_change(blank, tmp_path):
+    out = tmp_path / "out"
+    marked(opened(blank, out), 1).close()
+    first, second = opened(blank, out), opened(blank, out)
+    assert first.claim() == ""
+    assert "writes to" in second.claim()
+    marked(first, 2)
+    first.close()
+
+
 def test_two_undos_at_once_are_a_change_of_their_own(blank, tmp_path):
     """What a journal has no word for is kept as the state that it leads to."""
     editor = marked(opened(blank, tmp_path / "out"), 4)
@@ -445,6 +488,73 @@ def test_a_kept_clip_is_saved(clip, tmp_path):
     assert BESIDE not in notes_of(out)
     editor.close()
     assert opened(clip, out).unsaved == 0
+
+
+def files_of(out):
+    """Contents of the files of a folder, without its history and its journal."""
+    paths = [one for one in out.rglob("*") if one.is_file() and "history" not in one.parts]
+    return {one.relative_to(out).as_posix(): one.read_bytes() for one in paths if one.name != JOURNAL}
+
+
+def test_a_clip_of_which_some_frames_were_saved_is_opened_whole(clip, tmp_path):
+    editor = marked(opened(clip, tmp_path / "out"), 1, number=5)
+    assert editor.save() == 1
+    editor.close()
+    again = opened(clip, tmp_path / "out")
+    assert len(again) == 8
+    assert len(again[5].marks) == 1
+    assert again[6].is_automatic
+
+
+def test_keep_is_undone(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = marked(opened(clip, out), 2, number=5)
+    editor.save()
+    marked(editor, 3, number=5)
+    _, found = editor.fitted(2), editor.fitted(5).calibration
+    before, rows = files_of(out), list(editor.table.rows)
+    anchors = {5: editor.revision(5)}
+    kept = proposal(nothing(8, (0, 3)), Window(0, 8), anchors, anchors)
+    assert not editor.can_undo_keep
+    editor.keep(kept)
+    assert editor.can_undo_keep
+    assert files_of(out) != before
+    _ = editor.fitted(7)  # looked at since
+    assert editor.undo_keep() is kept
+    assert files_of(out) == before
+    assert (editor.unsaved, editor.cuts, list(editor.table.rows)) == (1, [], rows)
+    assert editor.fitted(5).calibration is found
+    with pytest.raises(ValueError, match="expected a solution that was kept last"):
+        editor.undo_keep()
+    editor.close()
+    again = opened(clip, out)
+    assert again.unsaved == 1
+    assert len(again[5].marks) == 5
+    assert again.keep(kept) == 8  # and may be kept again
+
+
+def test_what_is_changed_after_keep_stays_when_that_is_undone(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = marked(opened(clip, out), 2, number=5)
+    anchors = {5: editor.revision(5)}
+    editor.keep(proposal(nothing(8, (0, 3)), Window(0, 8), anchors, anchors))
+    marked(editor, 1, number=5)
+    marked(editor, 1, number=6)
+    editor.undo_keep()
+    assert [name for name in files_of(out) if name.startswith(("cameras", "clip", "labels"))] == []
+    assert (len(editor[5].marks), len(editor[6].marks), editor.unsaved) == (3, 1, 2)
+    assert editor.save() >= 2
+    assert not editor.can_undo_keep
+
+
+def test_a_save_after_keep_ends_its_undo(clip, tmp_path):
+    editor = marked(opened(clip, tmp_path / "out"), 2, number=5)
+    anchors = {5: editor.revision(5)}
+    editor.keep(proposal(nothing(8), Window(0, 8), anchors, anchors))
+    marked(editor, 1, number=6)
+    editor.save()
+    with pytest.raises(ValueError, match="expected a solution that was kept last"):
+        editor.undo_keep()
 
 
 def test_a_mended_frame_has_the_camera_of_the_clip_again_with_its_marks(clip, tmp_path):

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ import killed
 import numpy as np
 import pytest
 from commands import lines_of, run
+from killed import LONGEST
 from networks import FIELD
 
 import fieldcalib
@@ -260,6 +262,40 @@ def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_
     assert json.loads((tmp_path / "summary.json").read_text())["frames"] == 3
     with VideoReader(tmp_path / "overlay.mp4") as overlay:
         assert len(list(overlay)) == 3
+
+
+@pytest.mark.parametrize("frame", [0, 3])
+def test_a_live_stream_goes_on_when_its_other_process_is_killed(
+    know, film, tmp_path, on_stdin, monkeypatch, capfd, frame
+):
+    """As the system kills one when memory is short: cameras, lines and overlay go on."""
+    from fieldcalib.images.tracker import Tracker
+
+    know([TRUTH] * 6)
+    on_stdin(film)
+    monkeypatch.setattr(Stream, "is_live", True)
+    update, seen, ended = Tracker.update, [], []
+
+    def disturbed(tracker, image):
+        seen.append(image)
+        if len(seen) == frame + 1:
+            ended.append(tracker._other._process)
+            ended[0].kill()
+        calibration, until = update(tracker, image), time.monotonic() + LONGEST
+        while ended and not calibration.accepted and time.monotonic() < until:  # frames come faster than solutions
+            time.sleep(0.05)
+            calibration = update(tracker, image)
+        return calibration
+
+    monkeypatch.setattr(Tracker, "update", disturbed)
+    assert run("run", "-", "--out", tmp_path) == 0
+    assert ended[0].poll() == -9
+    assert "with exit code -9: another one goes on" in capfd.readouterr().err
+    lines = lines_of(tmp_path)
+    assert [line["status"] for line in lines[frame:]] == ["accepted"] * (6 - frame)
+    assert len(lines) == 6
+    with VideoReader(tmp_path / "overlay.mp4") as overlay:
+        assert len(list(overlay)) == 6
 
 
 def test_nothing_on_standard_input(know, tmp_path, on_stdin, capfd):

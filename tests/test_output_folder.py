@@ -8,7 +8,7 @@ import pytest
 
 from fieldcalib.io.output_folder import output_folder
 
-OTHER_RUN = "another run writes to .*: wait for its end, or give another folder"
+OTHER_RUN = "another run or page writes to .*: wait for its end, or give another folder"
 
 
 def test_it_is_made_and_nothing_is_left_in_it(tmp_path):

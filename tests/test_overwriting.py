@@ -269,6 +269,49 @@ def test_repeated_lines_are_no_results(frames, tmp_path):
         read(out)
 
 
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda line: line.pop("image_size"), "'image_size'"),
+        (lambda line: line.pop("R"), "'R', each three rows"),
+        (lambda line: line.update(K="K"), "'K' and 'R'"),
+        (lambda line: line["R"].pop(), "'R', each three rows"),
+        (lambda line: line["C"].pop(), "'C', three numbers"),
+        (lambda line: line.update(dist=None), "'dist', a list of numbers"),
+    ],
+)
+def test_cameras_that_are_not_whole_are_named(frames, tmp_path, change, problem):
+    out = tmp_path / "out"
+    assert calibrate(out, frames) == 0
+    first, *others = (out / "cameras.jsonl").read_text().splitlines(keepends=True)
+    line = json.loads(first)
+    change(line)
+    (out / "cameras.jsonl").write_text("".join([json.dumps(line) + "\n", *others]))
+    with pytest.raises(BrokenFileError, match=r"cameras\.jsonl, line 1: ") as error:
+        dict(read(out).cameras)
+    assert problem in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda solved: solved["problem"]["prior"]["sigma"].pop(), "'prior', 'sigma'"),
+        (lambda solved: solved["problem"]["prior"].update(mean=1.0), "'prior', 'mean'"),
+        (lambda solved: solved["theta"].pop(), "'theta'"),
+        (lambda solved: solved["unit"].pop(), "'unit'"),
+    ],
+)
+def test_solutions_that_do_not_fit_together_are_named(frames, tmp_path, change, name):
+    out = tmp_path / "out"
+    assert calibrate(out, frames) == 0
+    first, *others = (out / "solver.jsonl").read_text().splitlines(keepends=True)
+    line = json.loads(first)
+    change(line["solved"])
+    (out / "solver.jsonl").write_text("".join([json.dumps(line) + "\n", *others]))
+    with pytest.raises(BrokenFileError, match=rf"cameras\.jsonl, line 1: .*{name}: expected numbers of shape"):
+        read(out)["0"]
+
+
 def test_long_names_do_not_block_a_folder(frames, tmp_path):
     out, long = tmp_path / "out", "a" * 245
     (frames / f"{long}.json").write_bytes((frames / "0.json").read_bytes())

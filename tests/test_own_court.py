@@ -18,7 +18,7 @@ TRUTH = Camera.from_angles(0.1, 1.2, 0.0, 1000.0, (-1.0, 13.0, -5.0), (960, 540)
 
 @pytest.fixture(scope="module")
 def court(tmp_path_factory):
-    (text,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    text, *_ = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(text.splitlines()) == 10
     path = tmp_path_factory.mktemp("court") / "court.yaml"
     path.write_text(text, encoding="utf-8")

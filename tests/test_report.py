@@ -12,11 +12,14 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
+from fieldcalib.assess.remedies import BY_HAND, LOOK, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
+from fieldcalib.assess.words import REMEDIES
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
 from fieldcalib.web.bundle import bundled, one_file
 from fieldcalib.web.report import write_report
-from fieldcalib.web.report_table import LOOK, UNREADABLE, ReportTable
+from fieldcalib.web.report_advice import LOOK_AND_LABEL, UNREADABLE, Commands
+from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 3)]
@@ -151,11 +154,35 @@ def many(count):
 def test_frames_with_one_reason_are_counted_together():
     lines = [*many(30), {"id": "x", "status": "broken file", "message": "is cut off"}]
     table = ReportTable.of(lines, soccer())
-    assert [(one.verdict, one.count, one.remedy) for one in table.reasons] == [("", 1, UNREADABLE), ("check", 3, LOOK)]
+    assert [(one.verdict, one.count, one.remedy) for one in table.reasons] == [
+        ("", 1, UNREADABLE),
+        ("check", 3, LOOK_AND_LABEL),
+    ]
+    assert [one.how for one in table.reasons] == [Commands().how(one.remedy) for one in table.reasons]
     assert table.reasons[0].words == "is cut off"
     assert table.reasons[1].words == "… lies … px beside its paint"
     assert [table.columns["group"][number] for number in (0, 1, 10, 30)] == [1, -1, 1, 0]
     assert table.worst[:4] == [30, 0, 10, 20]
+
+
+@pytest.mark.parametrize("remedy", [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, LOOK_AND_LABEL, UNREADABLE])
+def test_each_advice_says_what_to_type(remedy):
+    said = Commands("my folder", "match.mp4").how(remedy)
+    assert ("fieldcalib open my folder" in said) == (remedy != UNREADABLE)
+    options = how(remedy.replace(LOOK, "").replace(BY_HAND, ""), Tool.COMMAND)
+    again = f"fieldcalib run match.mp4 --out NEW-FOLDER with {options}"
+    assert (again in said) == bool(options)
+
+
+def test_a_report_names_the_folder_and_the_input_of_its_run(know, tmp_path):
+    folder, picture = tmp_path / "two words", tmp_path / "a.png"
+    grass = np.random.default_rng(0).integers(60, 120, (270, 480, 3), np.uint8)
+    cv2.imwrite(str(picture), grass)
+    know([None])
+    assert run("run", picture, "--out", folder, "--report") == 0
+    (reason,) = Page(folder / "report.html").report["reasons"]
+    assert f"fieldcalib open '{folder}' (" in reason["how"]
+    assert f"fieldcalib run {picture} --out NEW-FOLDER with" in reason["how"]
 
 
 @pytest.mark.parametrize("most", [90_000, 50_000, 10_000])

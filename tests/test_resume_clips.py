@@ -110,6 +110,24 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
+@pytest.mark.parametrize("lines", [0, 3])
+@pytest.mark.parametrize("clip", ["--clip", "--independent"])
+def test_a_finished_video_whose_lines_are_gone_is_calibrated_again(short, know, tmp_path, clip, lines):
+    def calibrated(*options):
+        know(TRUTHS[:12] if clip == "--independent" else [TRUTHS[0]] * 12)
+        return run("run", short, clip, "--out", tmp_path / "out", *options)
+
+    assert calibrated() == 0
+    before, summary = content_of(tmp_path / "out")
+    for name in ("cameras.jsonl", "solver.jsonl"):
+        path = tmp_path / "out" / name
+        path.write_text("".join(path.read_text().splitlines(keepends=True)[:lines]))
+    if not lines:
+        (tmp_path / "out" / "cameras.jsonl").unlink()
+    assert calibrated("--resume") == 0
+    assert content_of(tmp_path / "out") == (before, summary)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 7, 25])
 def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeypatch, count):

@@ -1,26 +1,33 @@
 """data_tools.train: it learns, goes on as if it had not been interrupted, and what it writes runs elsewhere."""
 
 import json
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
+from torch import nn
 
 from data_tools import score_images
 from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
+from data_tools.onnx_model import read_network, write_model
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.games import game_named
 from data_tools.train import Training, intersection_over_union, learning_rate, main
 from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
-from fieldcalib import Arc, Field, Line
+from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, soccer
 from fieldcalib.cli.main import main as fieldcalib
+from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import write_field
+from fieldcalib.io.images import write_image
 
 STEPS = 3
 SMALL = (160, 96)
+MODEL = Path(__file__).parents[1] / "fieldcalib" / "models" / "soccer.onnx"
 CPU = torch.device("cpu")
 
 
@@ -210,3 +217,72 @@ def test_real_frames_have_cameras_that_their_points_agree_on(shared_data):
     assert len(np.unique(mask)) > 3
     image, mask = window(frames[0], np.random.default_rng(0))
     assert image.shape == (288, 512, 3)
+
+
+# going on from a network that is there
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    """The network of the package rebuilt on some images, and these."""
+    noise = torch.from_numpy(np.random.default_rng(0).normal(size=(4, 3, 96, 160)).astype(np.float32))
+    images = 3.0 * torch.nn.functional.avg_pool2d(noise, 5, 1, 2)
+    return *read_network(MODEL, images), images
+
+
+def test_the_network_of_the_package_is_rebuilt(shipped):
+    network, classes, images = shipped
+    assert tuple(classes) == CLASSES
+    session = onnxruntime.InferenceSession(str(MODEL))
+    others = torch.nn.functional.interpolate(images[:2], size=(192, 320))
+    (expected,) = session.run(None, {"image": others.numpy()})
+    with torch.inference_mode():
+        found = network.eval()(others).numpy()
+    assert np.abs(expected).max() > 1.0
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_normalising_by_the_batch_it_was_measured_on_changes_nothing(shipped):
+    network, _, images = shipped
+    copy = deepcopy(network)
+    with torch.no_grad():
+        expected, found = copy.eval()(images), copy.train()(images)
+    np.testing.assert_allclose(found.numpy(), expected.numpy(), atol=1e-3)
+
+
+def test_every_weight_of_a_rebuilt_network_learns(shipped):
+    network, _, images = shipped
+    copy = deepcopy(network).train()
+    copy(images).square().mean().backward()
+    assert all(float(p.grad.abs().max()) > 0.0 for p in copy.parameters())
+
+
+def test_another_network_is_not_rebuilt(tmp_path):
+    write_model(nn.Conv2d(3, 27, 1).eval(), tmp_path / "other.onnx", CLASSES, SMALL)
+    with pytest.raises(ValueError, match="is no network of data_tools"):
+        read_network(tmp_path / "other.onnx", torch.zeros(1, 3, 64, 96))
+
+
+def test_training_goes_on_from_own_pictures(tmp_path):
+    """Two pictures with good cameras in a folder of results, and the network of the package."""
+    camera = Camera.from_angles(0.1, 1.3, 0.0, 900.0, (0.0, 60.0, -16.0), (480, 270))
+    good = Calibration(camera, Status.ACCEPTED, "", 0.0, 0.0, {}, field=soccer())
+    results = {}
+    for name in "ab":
+        write_image(tmp_path / f"{name}.png", render_field(camera, soccer(), rng=np.random.default_rng(0)))
+        results[name] = {"id": name, **good.to_dict(), "verdict": "good"}
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / "cameras.jsonl").write_text("".join(json.dumps(one) + "\n" for one in results.values()))
+    record = {"command": "run", "options": {"input": [str(tmp_path / f"{name}.png") for name in "ab"]}}
+    (folder / "summary.json").write_text(json.dumps({"options": record["options"], "seconds": {}}))
+    frames = list(labelled_frames(folder))
+    assert [one.image.name for one in frames] == ["a.png", "b.png"]
+    image, mask = whole(frames[0])
+    assert image.shape[:2] == mask.shape
+    assert mask.any()
+
+
+def test_a_folder_without_pictures_is_told(tmp_path):
+    with pytest.raises(ValueError, match="expected results of fieldcalib open, or"):
+        list(labelled_frames(tmp_path))

@@ -586,6 +586,11 @@ def test_a_clip_is_solved_in_the_background(tmp_path):
     solved(one)
     assert one.post("api/clip/draw", {}).status_code == 400  # first the solution is kept or discarded
     assert one.post("api/clip/keep", {}).json()["saved"] == 30
+    assert one.get("api/clip/job").json()["can_undo_keep"]
+    assert one.post("api/clip/undo_keep", {}).json()["state"] == "ready"
+    assert not (tmp_path / "out" / "cameras.jsonl").exists()
+    assert one.post("api/clip/undo_keep", {}).status_code == 400
+    assert one.post("api/clip/keep", {}).json()["saved"] == 30
     assert one.get("api/clip/next").json()["number"] == 14
     assert one.get("api/clip/job").json()["to_draw"] == []
     assert one.post("api/clip/draw", {}).status_code == 200

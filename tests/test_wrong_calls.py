@@ -1,24 +1,51 @@
 """Arguments of wrong types and values: errors that say what was expected; names that would steer a terminal."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from commands import run
 
 from fieldcalib import (
+    DISTRIBUTIONS,
     Camera,
+    Field,
+    Point,
+    PointCloud,
+    Processes,
+    RobustLoss,
     calibrate_from_homography,
     calibrate_from_points,
     calibrate_from_segments,
+    calibrate_sequence,
+    camera_from_homography,
+    field,
+    field_homography,
+    key_points,
+    locate_on_ground,
     soccer,
 )
-from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, overhead_camera, render_field
+from fieldcalib.draw import (
+    contact_sheet,
+    draw_calibration,
+    draw_field,
+    draw_minimap,
+    draw_players,
+    draw_segments,
+    label_colour,
+    overhead_camera,
+    plot_sequence,
+    render_field,
+    worst_frames,
+)
+from fieldcalib.fields import ice_hockey
 from fieldcalib.io.boxes.files import open_boxes
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.label_studio import parse_label_studio
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -26,6 +53,7 @@ LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. l
 PIXELS = {label: CAMERA.project(soccer()[label].sample(7.0)) for label in LABELS}
 X = np.array([point.X for name, point in soccer().points.items() if name.startswith("L_PENALTY")])
 XY = CAMERA.project(X)
+H = CAMERA.homography
 IMAGE = np.zeros((540, 960, 3), np.uint8)
 
 
@@ -73,6 +101,70 @@ WRONG = {
     "a fine picture from above": (lambda _: overhead_camera(soccer(), 1e-308), "the picture would have"),
     "a text as metres": (lambda found: found.probability("1"), "metres must be a positive number, got '1'"),
     "a list as metres": (lambda found: found.probability([1]), "metres must be a positive number"),
+    "a number for labels": (lambda _: draw_segments(IMAGE, 3), "expected a Mapping"),
+    "a text as radius": (lambda _: draw_segments(IMAGE, PIXELS, radius="4"), "radius must be a number"),
+    "a number as label": (lambda _: label_colour(3), "expected a str"),
+    "a fine brush": (lambda _: draw_field(IMAGE, CAMERA, soccer(), thickness=0.5), "thickness must be a whole number"),
+    "no colours": (lambda _: draw_field(IMAGE, CAMERA, soccer(), colours=None), "expected a Mapping"),
+    "no trails": (lambda _: draw_minimap(CAMERA, soccer(), trails=None), "expected trails of points, a list"),
+    "no camera of players": (lambda _: draw_players(IMAGE, None, X), "expected a Camera"),
+    "no random numbers": (lambda _: render_field(CAMERA, soccer(), rng=3), "expected a Generator"),
+    "no pictures": (lambda _: contact_sheet(None, []), "expected pictures, a list, got a NoneType"),
+    "no calibrations": (lambda _: worst_frames(3), "expected calibrations, a list, got an int"),
+    "no number of frames": (lambda found: worst_frames([found], "2"), "count must be a number"),
+    "a rate of a plot": (lambda found: plot_sequence([found], frames_per_second="25"), "frames_per_second must be a"),
+    "no camera of a homography": (lambda _: field_homography(H, soccer()), "expected a Camera"),
+    "no field of a homography": (lambda _: field_homography(CAMERA, None), "expected a Field"),
+    "a text as zeta": (lambda _: camera_from_homography(H, SIZE, zeta="1"), "zeta must be positive"),
+    "no ground points": (lambda _: camera_from_homography(H, SIZE, points=3), "expected a Mapping"),
+    "cells of nothing": (lambda _: iou_part(CAMERA, CAMERA, SIZE, cell="1"), "cell must be a number"),
+    "cells without number": (lambda _: iou_part(CAMERA, CAMERA, SIZE, cell=1e-9), "at most 5000000 of them"),
+    "no field of an overlap": (lambda _: iou_part(CAMERA, CAMERA, SIZE, field=3), "expected a Field"),
+    "no predictions": (lambda _: evaluate_segments(None, [], SIZE), "expected predictions, a list"),
+    "a text as completeness": (lambda _: compound_score([0.5, 0.5, 0.5], "1"), "completeness must be a number"),
+    "steps of no length": (lambda _: soccer()["Middle line"].sample(0.0), "spacing must be positive"),
+    "steps without number": (lambda _: soccer()["Circle left"].sample(1e-12), "spacing must be positive"),
+    "steps of a text": (lambda _: soccer()["Middle line"].sample("1"), "spacing must be positive"),
+    "a text as a point": (lambda _: Point("a"), "a Point.*: expected numbers"),
+    "a text as points": (lambda _: PointCloud("a"), "expected numbers"),
+    "a number as a range": (lambda _: replace(DISTRIBUTIONS["main center"], x=3), r"x must be \(low, high\)"),
+    "a text as a length": (lambda _: Field("28", 15.0, {}), "a Field needs length as a number"),
+    "no stands": (lambda _: Field(28.0, 15.0, {}, stands=3), "expected stands, a list"),
+    "stands by name": (lambda _: Field(28.0, 15.0, {}, stands=("main",)), "expected a CameraDistribution"),
+    "more segments": (lambda _: soccer().with_segments(None), "expected a Mapping"),
+    "a text as an angle": (
+        lambda _: Camera.from_angles("x", 1.3, 0.0, 1500.0, (0, 60, -15), SIZE),
+        "pan: expected numbers",
+    ),
+    "three principal points": (
+        lambda _: Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 60, -15), SIZE, (1, 2, 3)),
+        "principal_point must be a finite array",
+    ),
+    "two of three numbers": (lambda _: Camera.from_opencv([0, 0], [0, 0, 0], CAMERA.K, None, SIZE), "rvec must be"),
+    "a text as a lens": (lambda _: Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, "a"), "expected numbers"),
+    "a number as markings": (lambda found: found.seen_in_image(3), "expected markings in view, a list"),
+    "names as markings": (lambda found: found.seen_in_image(["Middle line"]), "expected a MarkingInView"),
+    "an unknown model": (lambda _: key_points([[1, 2, 1]], 3), "expected the name of a model"),
+    "a text as confidence": (
+        lambda _: key_points(np.ones((32, 3)), "roboflow-32", least_confidence="1"),
+        "least_confidence must be a number",
+    ),
+    "half a process": (lambda _: Processes(1.5), "jobs must be a whole number"),
+    "processes by name": (lambda _: Processes("2"), "jobs must be a whole number"),
+    "a text as an in-goal": (lambda _: field("rugby-union", in_goal="6"), "deep in goal"),
+    "a text as a corner": (lambda _: field("ice-hockey-iihf", corner_radius="7"), "have a radius"),
+    "a text as a width": (lambda _: field("futsal", width="20"), "expected length and width as numbers"),
+    "a list as rules": (lambda _: ice_hockey(["nhl"]), "expected rules of ice hockey"),
+    "a list as a net": (lambda _: field("volleyball", net=["men"]), "expected the net"),
+    "a list as a sport": (lambda _: field(["tennis"]), "expected a field among"),
+    "an array as a loss": (lambda _: RobustLoss(np.zeros(2), 3.0), "loss must be one of"),
+    "a text as a scale": (lambda _: RobustLoss("cauchy", "3"), "the scale of a loss must be"),
+    "an array as a prior": (lambda _: of_segments(prior=np.zeros((2, 2))), "unknown camera distribution"),
+    "a text as an error": (lambda found: locate_on_ground(found, XY, pixel_sd="1"), "pixel_sd must be"),
+    "a truth as names": (
+        lambda _: calibrate_sequence(soccer(), [PIXELS], SIZE, shared=True),
+        "expected names to share",
+    ),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }
 
@@ -119,3 +211,19 @@ def test_passwords_are_not_printed(secret):
         assert "user" not in text
     assert str(stream) == "rtsp://host/live"
     assert str(Stream("http://host:80/a@b")) == "http://host:80/a@b"
+
+
+def test_pixels_at_infinity_show_no_ground(found):
+    far = [(np.inf, 0.0), (1e300, 1.0), (-1e200, 1e200)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(found.image_to_field(far)).all()
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_what_no_frame_determines_has_large_errors(count):
+    """Frames of one zoom do not tell how the lens follows the zoom, and no prior does."""
+    sequence = calibrate_sequence(soccer(), [PIXELS] * count, SIZE, prior=None)
+    errors = dict(zip(sequence.names, np.sqrt(np.diagonal(sequence.covariance)), strict=True))
+    assert np.isfinite(list(errors.values())).all()
+    assert errors["a1 slope"] > 100.0

@@ -15,7 +15,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import torch
+
+from fieldcalib._extras import missing
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise missing(error, "train") from None
+
 from torch import Tensor, nn
 from torch.nn.functional import normalize, relu
 

@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import get_args
 
 import cv2
-import torch
+
+from fieldcalib._extras import missing
+
+try:
+    import torch
+except ModuleNotFoundError as error:
+    raise missing(error, "train") from None
+
 
 from baselines import hdecomp
 from baselines.dlt_lines import homography_file

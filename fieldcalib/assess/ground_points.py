@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
@@ -84,7 +85,7 @@ def locate_on_ground(
         )
         raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
     camera = calibration.required_camera
-    if not pixel_sd >= 0.0:
+    if not (is_number(pixel_sd) and pixel_sd >= 0.0):
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
     X = camera.image_to_field(xy)
     if calibration.knows_errors:

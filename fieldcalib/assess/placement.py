@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
@@ -96,6 +96,37 @@ class Placement:
 
     def _camera(self, camera: Camera) -> Camera:
         return camera.cropped(self.corner, self.display_size).scaled(self.size)
+
+
+class InFrame(NamedTuple):
+    """Pixels of a picture in the frame in which its camera was solved: ``xy_frame = scale * xy + corner``."""
+
+    scale: Array
+    corner: Array
+
+    @classmethod
+    def of(cls, shown: Camera, solved: Camera) -> InFrame:
+        """The pixels of one camera in those of the other, which differs in its image only.
+
+        Examples
+        --------
+        >>> solved = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 66.0, -16.0), (1138, 640))
+        >>> in_frame = InFrame.of(solved.scaled((640, 640)), solved)
+        >>> in_frame.of_picture((320.0, 100.0)), in_frame.of_frame((569.0, 100.0))
+        (array([569., 100.]), array([320., 100.]))
+        """
+        if shown.image_size == solved.image_size:
+            return cls(np.ones(2), np.zeros(2))
+        scale = np.diagonal(solved.K)[:2] / np.diagonal(shown.K)[:2]
+        return cls(scale, solved.principal_point - scale * shown.principal_point)
+
+    def of_picture(self, xy: ArrayLike) -> Array:
+        """Pixels (..., 2) of the picture as pixels of the frame."""
+        return np.asarray(self.scale * np.asarray(xy, dtype=float) + self.corner)
+
+    def of_frame(self, xy: ArrayLike) -> Array:
+        """Pixels (..., 2) of the frame as pixels of the picture."""
+        return np.asarray((np.asarray(xy, dtype=float) - self.corner) / self.scale)
 
 
 @dataclass(frozen=True)

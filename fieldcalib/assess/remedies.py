@@ -56,7 +56,8 @@ HOW: Mapping[str, Mapping[Tool, str]] = MappingProxyType(
         PICTURE: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
             Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
-            Tool.PAGE: "begin with fieldcalib run and --crop-of or --aspect, and open its results",
+            Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it; and Principal "
+            "point if nothing was cut off. A part of a frame: fieldcalib run with --crop-of, and open its results",
         },
         OTHER_FIELD: {
             Tool.COMMAND: "--field tennis",

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import expect, is_number, listed
 from fieldcalib._deprecated import deprecated
 from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
@@ -344,6 +344,8 @@ class Calibration:
         >>> found.seen_in_image([MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)]).message
         "most of the paint lies beside the markings: 'Middle line' lies 21 px beside its paint"
         """
+        for one in listed(markings, "markings in view"):
+            expect(one, MarkingInView, 'MarkingInView("Middle line", 300.0, 25, share=0.9, offset=0.0)')
         seen = replace(self, markings=tuple(markings))
         if not self.accepted or not paint_contradicts(markings):
             return seen

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from fieldcalib._checks import expect
 from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
@@ -162,13 +163,13 @@ class SequenceCalibration(FrameSequence):
     @deprecated("SequenceCalibration.doubted is private now: use the verdict and reason of each frame")
     def doubted(self, doubts: Mapping[int, str]) -> SequenceCalibration:
         """Deprecated: the evidence against a camera is in the verdict and the reason of its frame."""
-        return with_doubts(self, doubts)
+        return with_doubts(self, expect(doubts, Mapping, '{0: "why"}'))
 
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
         """Add the paint that images show of the markings of frames, as in `Calibration.seen_in_image`."""
         frames = self.frames
         status, notes = frames.status.copy(), dict(frames.notes)
-        for t, seen in markings.items():
+        for t, seen in expect(markings, Mapping, "{0: calibration.markings}").items():
             if self.accepted[t] and paint_contradicts(seen):
                 status[t] = IMPROBABLE
                 words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])

@@ -22,6 +22,7 @@ from fieldcalib.problem.levenberg_marquardt import eliminated
 from fieldcalib.problem.prior import GaussianPrior
 
 RUNS = 8  # of frames, whose errors are assumed to be independent
+UNDETERMINED = 1e-12  # of the curvatures of the parameters: a direction of less is not determined
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,21 @@ class ReducedSystem:
             spread,
             (L @ evaluation.pixels.gradient[..., None])[..., 0],
         )
+
+    @property
+    def determined(self) -> ReducedSystem:
+        """The system with a weak prior on what nothing determines, without which it has no inverse.
+
+        Without a prior, frames of one zoom do not tell how the lens follows the zoom: its errors are large then.
+        """
+        diagonal = np.diagonal(self.hessian)
+        unit = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        values, vectors = np.linalg.eigh(self.hessian / np.outer(unit, unit))
+        if np.all(values > UNDETERMINED):
+            return self
+        directions = unit[:, None] * vectors * np.sqrt(np.maximum(UNDETERMINED - values, 0.0))
+        prior = directions @ directions.T
+        return replace(self, hessian=self.hessian + prior, spread=self.spread + prior)
 
     def take(self, index: IntArray) -> ReducedSystem:
         """The system of some of the parameters; the others are fixed."""

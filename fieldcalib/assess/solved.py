@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._json import from_json, to_json
+from fieldcalib._json import to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right
@@ -15,9 +15,10 @@ from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_in_aspect, seems_part
 from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.records import problem_from_record, problem_to_record
+from fieldcalib.problem.records import problem_from_record, problem_to_record, sized
 
 
 class Solved:
@@ -68,6 +69,11 @@ class Solved:
     def pixels(self) -> PixelTable:
         """The labelled pixels of the frame, and the weights that it was solved with."""
         return self.evaluation.problem.observations.take(np.array([self.frame])).pixels
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as it was solved: of a squashed or cropped picture that of its frame with square pixels."""
+        return self.evaluation.problem.layout.camera(self.evaluation.theta[self.frame])
 
     @property
     def are_computed(self) -> bool:
@@ -125,8 +131,9 @@ class Solved:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Solved:
         """The inverse of `to_dict`: the closest points are searched again."""
-        theta = from_json(record["theta"])[None]
-        return cls(evaluate(problem_from_record(record["problem"]), theta), from_json(record["unit"])[None])
+        problem = problem_from_record(record["problem"])
+        theta, unit = (sized(record[name], (problem.layout.size,), repr(name))[None] for name in ("theta", "unit"))
+        return cls(evaluate(problem, theta), unit)
 
     def __reduce__(self) -> tuple[Callable[..., Solved], tuple[dict[str, Any]]]:
         return Solved.from_dict, (self.to_dict(),)

@@ -15,9 +15,9 @@ from fieldcalib.console.options import option
 from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics
+from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
 
 SQUARE = "square"
-LEAST_RATIO = 0.2  # of width and height: no picture is narrower
 
 
 def crop(text: str) -> Crop:
@@ -112,7 +112,4 @@ class DeclaredPictures:
         """The size at which pictures are shown with the declared aspect, no side being shortened."""
         if isinstance(self.aspect, str):
             return size
-        width, height = size
-        if self.aspect * height >= width:
-            return round(self.aspect * height), height
-        return width, round(width / self.aspect)
+        return shown_as(size, self.aspect)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from fieldcalib._extras import imported
@@ -47,5 +48,7 @@ def run(options: argparse.Namespace) -> int:
     from fieldcalib.web.server import serve
 
     editor = Editor(options.source, options.field, out=options.out, labels=options.labels)
+    if said := editor.claim():
+        print(f"fieldcalib: {said}; until then frames can be looked at, and changes are refused", file=sys.stderr)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0

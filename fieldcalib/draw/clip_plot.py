@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from fieldcalib._checks import listed, number
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
@@ -111,9 +112,9 @@ def plot_sequence(
     >>> picture.shape
     (1000, 1280, 3)
     """
-    if not len(calibrations):
+    if not len(listed(calibrations, "the calibrations of frames")):
         raise ValueError("expected the calibrations of at least one frame, got none")
-    if frames_per_second is not None and not 0.0 < frames_per_second < np.inf:
+    if frames_per_second is not None and not 0.0 < number(frames_per_second, "frames_per_second") < np.inf:
         raise ValueError(f"frames_per_second must be positive, got {frames_per_second}")
     statuses = _statuses(calibrations, rests_on)
     accepted = np.array([status not in (NONE, REJECTED) for status in statuses])

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, FIELD, expect
+from fieldcalib._checks import CAMERA, FIELD, expect, listed, real_array
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
@@ -133,9 +133,10 @@ def draw_players(
     >>> draw_players(grass, overhead, [(0.0, 0.0)], colours=(0, 0, 255))[height // 2, width // 2].tolist()
     [0, 0, 255]
     """
+    expect(camera, (Camera, RationalCamera), CAMERA)
     picture = np.array(checked_image(image, camera.image_size), order="C")
     places = _on_image(camera, points)
-    past = [_on_image(camera, trail) for trail in trails]
+    past = [_on_image(camera, trail) for trail in listed(trails, "trails of points")]
     shades = _each_colour(colours, max(len(places), len(past)))
     width = camera.image_size[0]
     for trail, shade in zip(past, shades, strict=False):
@@ -226,7 +227,7 @@ def _part_in_view(camera: Camera | RationalCamera, X: Array) -> tuple[slice, sli
 
 def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
     """Pixels (N, 2) of points of the ground; NaN of those behind the camera."""
-    X = np.asarray(points, dtype=float)
+    X = real_array(points)
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
     on_ground = np.column_stack([X[:, :2], np.zeros(len(X))])
@@ -235,7 +236,7 @@ def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
 
 def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
     """A colour for each of `count` points."""
-    values = np.asarray(colours)
+    values = real_array(colours)
     if values.shape != (3,) and (values.ndim != 2 or values.shape[1] != 3 or len(values) < count):
         raise ValueError(f"expected a colour (blue, green, red) or {count} of them, got shape {values.shape}")
     shades = np.broadcast_to(values, (count, 3)) if values.ndim == 1 else values

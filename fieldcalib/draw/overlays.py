@@ -11,7 +11,7 @@ from zlib import crc32
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, expect
+from fieldcalib._checks import CAMERA, expect, number, real_array
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
@@ -28,6 +28,7 @@ MAGENTA: Colour = (220, 40, 255)
 ORANGE: Colour = (0, 140, 255)  # markings that lie beside their paint
 GREY: Colour = (170, 170, 170)  # markings without paint
 NO_COLOURS: Mapping[str, Colour] = MappingProxyType({})
+THICKEST = 32767  # of OpenCV
 DASH = 6.0  # length of dashes and of gaps, in thicknesses of the line
 # Far from the green of grass and the white of lines, and far from each other.
 PALETTE: tuple[Colour, ...] = (
@@ -102,6 +103,9 @@ def draw_field(
 
     picture = np.array(checked_image(image, expect(camera, (Camera, RationalCamera), CAMERA).image_size), order="C")
     check_object(object_segments)
+    expect(colours, Mapping, '{"Middle line": (0, 0, 255)}')
+    if not isinstance(thickness, int | np.integer) or not 1 <= thickness <= THICKEST:
+        raise ValueError(f"thickness must be a whole number of pixels, 1 to {THICKEST}, got {thickness!r}")
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label
@@ -154,9 +158,10 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
     True
     """
     picture = np.array(checked_image(image), order="C")
+    number(radius, "radius")
     pixels = {}
-    for label, values in image_segments.items():
-        xy = np.asarray(values, dtype=float)
+    for label, values in expect(image_segments, Mapping, '{"Middle line": [(480, 100), (490, 400)]}').items():
+        xy = real_array(values)
         if xy.size and (xy.ndim != 2 or xy.shape[1] != 2):
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}")
         pixels[label.strip()] = xy.reshape(-1, 2)
@@ -177,7 +182,7 @@ def label_colour(label: str) -> Colour:
     >>> label_colour("Goal left post left ") == label_colour("Goal left post left")
     True
     """
-    return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
+    return PALETTE[crc32(expect(label, str, "'Middle line'").strip().encode(), PALETTE_SALT) % len(PALETTE)]
 
 
 def draw_calibration(image: Image, calibration: Calibration, field: Field, *, show_paint: bool = False) -> Image:

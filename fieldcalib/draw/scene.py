@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._checks import CAMERA, FIELD, expect
+from fieldcalib._checks import CAMERA, FIELD, expect, number
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
@@ -66,7 +66,9 @@ def render_field(
     """
     width, height = expect(camera, (Camera, RationalCamera), CAMERA).image_size
     expect(field, Field, FIELD)
-    line_width = field.lines.width if line_width is None else line_width
+    line_width = field.lines.width if line_width is None else number(line_width, "line_width")
+    if rng is not None:
+        expect(rng, np.random.Generator, "numpy.random.default_rng(0)")
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
     picture = surface(ground, field)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fieldcalib._checks import listed, number
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import Colour, draw_text, text_size
@@ -59,9 +60,9 @@ def contact_sheet(
     """
     import cv2
 
-    if not len(pictures) or len(pictures) != len(captions):
+    if not len(listed(pictures, "pictures")) or len(pictures) != len(listed(captions, "captions")):
         raise ValueError(f"expected pictures with a caption each, got {len(pictures)} and {len(captions)} captions")
-    if columns < 1 or width < 1:
+    if number(columns, "columns") < 1 or number(width, "width") < 1:
         raise ValueError(f"columns and width must be positive, got {columns} and {width}")
     columns = min(columns, len(pictures))
     first = checked_image(pictures[0])
@@ -119,7 +120,8 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
     >>> worst_frames([nothing] * 100, 5)
     [0, 64, 32, 96, 16]
     """
-    if count < 0:
+    listed(calibrations, "calibrations")
+    if number(count, "count") < 0:
         raise ValueError(f"count must not be negative, got {count}")
     bits = len(calibrations).bit_length()
     order = sorted(range(len(calibrations)), key=lambda index: f"{index:0{bits}b}"[::-1])  # by halves, quarters, ...

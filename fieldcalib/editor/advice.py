@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.placement import InFrame
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.draw.scene import image_curves_of
@@ -103,10 +104,11 @@ def next_mark(
     """
     if calibration.camera is None:
         return None
-    field, _ = _field_and_solution(calibration)
-    estimate = calibration.uncertainty
+    field, solved = _field_and_solution(calibration)
+    estimate, camera = calibration.uncertainty, solved.camera
+    in_frame = InFrame.of(calibration.camera, camera)
     V, J = estimate.covariance, _of_ground(calibration, _ground_in_view(calibration.camera, field))
-    places = _places(calibration.camera, field, marks)
+    places = _places(camera, field, {label: in_frame.of_picture(xy) for label, xy in marks.items()})
     if not len(J) or not len(places.frame) or not np.all(np.isfinite(V)):
         return None
     layout, theta = estimate.layout, estimate.theta
@@ -122,7 +124,8 @@ def next_mark(
     xy = np.concatenate([rows.xy[0] for rows in observations.rows for _ in range(rows.components)])[best]
     total = float(np.einsum("mi,ij,mj->", G, V, G))
     label = observations.labels[observations.label[0, best]]
-    return NextMark(label, (float(xy[0]), float(xy[1])), float(removed[best]) / total)
+    x, y = in_frame.of_frame(xy).tolist()
+    return NextMark(label, (x, y), float(removed[best]) / total)
 
 
 def click_errors(calibration: Calibration, X: ArrayLike, pixel_sd: float = CLICK) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.placement import Shape
+from fieldcalib.assess.placement import InFrame, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.assess.words import Verdict
@@ -215,9 +215,11 @@ def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
     """The camera of an anchor: that of the clip, in which its labels count too, unless they alone tell it well and that
     of the clip does not fit them.
     """
-    if by_hand.solved is None or by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
+    if by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
         return by_hand
-    pixels = by_hand.solved.pixels
+    pixels = _pixels_in_picture(by_hand)
+    if pixels is None:
+        return by_hand
     before, after = (
         float(rms_of_labels(evaluate_cameras([one.camera], one.field or {}, pixels))[0])
         for one in (by_hand, in_clip)
@@ -275,11 +277,17 @@ def _in_frame(images: Iterable[Image], shape: Shape | None) -> Iterable[Image]:
     return images if shape is None else map(shape.placement.image_in_frame, images)
 
 
-def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
-    """The pixels from which an anchor was calibrated, in pixels of the frame; None where it was not."""
+def _pixels_in_picture(calibration: Calibration) -> PixelTable | None:
+    """The pixels from which a frame was calibrated by itself, in pixels of its picture; None where it was not."""
     if calibration.solved is None or calibration.camera is None:
         return None
     pixels = calibration.solved.pixels
-    if shape is None:
+    return replace(pixels, xy=InFrame.of(calibration.camera, calibration.solved.camera).of_frame(pixels.xy))
+
+
+def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
+    """The pixels from which an anchor was calibrated, in pixels of the clip's frame; None where it was not."""
+    pixels = _pixels_in_picture(calibration)
+    if pixels is None or shape is None:
         return pixels
     return replace(pixels, xy=shape.placement.scale * pixels.xy + shape.placement.corner)

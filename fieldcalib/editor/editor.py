@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from threading import RLock, Thread
@@ -19,25 +19,22 @@ from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor
+from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of, is_anchor
 from fieldcalib.editor.given_labels import GivenLabels, given_labels
 from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
 from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.next_frame import next_frame
-from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO, NewRun, Saved, Stored, is_by_hand, source_of
+from fieldcalib.editor.opening import field_of, frames_of, places_of
+from fieldcalib.editor.stored import NewRun, Saved, Stored, is_by_hand
 from fieldcalib.editor.table import Row, Table
-from fieldcalib.fields.catalogue import FIELDS
-from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.annotations import Annotation
-from fieldcalib.io.field_files import is_field_file, read_field
-from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import CAMERAS, IMAGES, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.formats import CAMERAS, OVERLAYS
+from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.numbered_frames import NumberedArrays, NumberedFiles, NumberedFrames, NumberedVideo
 from fieldcalib.solve.given_camera import NOTHING_GIVEN
 from fieldcalib.solve.options import ALL
 
@@ -50,29 +47,6 @@ def ignored(done: int, count: int, stage: str) -> None:
 
 class StaleEdit(ValueError):
     """A change of a frame that somebody else has changed meanwhile."""
-
-
-@dataclass
-class _FrameState:
-    """What is known about a frame."""
-
-    edits: FrameHistory
-    has_begun: bool = False
-    """Whether its journal has begun."""
-    base: Calibration | None = None
-    found: Calibration | None = None
-    """The camera that follows from the marks, or that of the clip with them."""
-    kept: tuple[Edit, Calibration] | None = None
-    """Marks with which a solution of the clip was kept, and its camera: whoever comes back to them has it again."""
-
-    @property
-    def is_of_clip(self) -> bool:
-        """Whether the camera is that of the clip."""
-        return self.kept is not None and self.kept[0] == self.edits.history.present
-
-    def keep(self, calibration: Calibration) -> None:
-        """Take the camera of the clip with the present marks."""
-        self.found, self.kept = calibration, (self.edits.history.present, calibration)
 
 
 class Editor:
@@ -109,16 +83,16 @@ class Editor:
         out: str | os.PathLike[str] | None = None,
         labels: str | os.PathLike[str] | None = None,
     ) -> None:
-        paths, folder = _places(source, out)
+        paths, folder = places_of(source, out)
         replayed = Replayed() if folder is None else read_journal(folder / JOURNAL)
         self.stored = None if folder is None else Stored(folder, replayed.written)
-        self.field, self.field_name = _field(field, self.stored)
+        self.field, self.field_name = field_of(field, self.stored)
         self.title = "images" if paths is None else paths[0].name
-        self.frames = _frames(source, paths, self.stored)
+        self.frames = frames_of(source, paths, self.stored)
         self.version = 0
         self.lock = RLock()
         """Held while frames are changed; reading is safe without."""
-        self._states: dict[int, _FrameState] = {}
+        self._states: dict[int, FrameState] = {}
         self._rows = [Row()] * len(self.frames)
         self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
         self._journal = None if folder is None else Journal(folder, replayed.size)
@@ -128,6 +102,7 @@ class Editor:
         self.has_own_cuts = replayed.cuts is not None
         """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
+        self._before_keep: BeforeKeep | None = None
         given = GivenLabels() if labels is None else given_labels(Path(labels), self.frames, self.field)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
@@ -139,13 +114,13 @@ class Editor:
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
-                self._states[number] = _FrameState(edits, True, self._base(id, edits))
+                self._states[number] = FrameState(edits, True, self._base(id, edits))
                 self._show_saved(number)
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
         for number, marks in given.marks.items():
             if number not in self._states:
-                edits = FrameHistory(History(Edit(marks)), is_saved=False)
-                self._states[number] = _FrameState(edits, base=self._base(self.ids[number], edits))
+                edits = FrameHistory(History(Edit(marks)))
+                self._states[number] = FrameState(edits, base=self._base(self.ids[number], edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=True)
         for number in self._states:
             self._expect_files(number)
@@ -219,6 +194,14 @@ class Editor:
         """Number of frames whose present state is not in the files of the folder."""
         return sum(not state.edits.is_saved for state in list(self._states.values()))
 
+    def claim(self) -> str:
+        """Keep other programs from writing to the folder before the first change; returns in words why that fails.
+
+        A folder to which another page or run writes is shown, and its frames can be changed when that has ended.
+        """
+        with self.lock:
+            return "" if self._journal is None else self._journal.claim()
+
     def revision(self, number: int) -> int:
         """How often a frame was changed."""
         state = self._states.get(number)
@@ -240,7 +223,7 @@ class Editor:
         field = self.field if base is None or base.field is None else base.field
         return FrameEditor(image, field, state.edits.history, base, state.found)
 
-    def _state(self, number: int, image: Image) -> _FrameState:
+    def _state(self, number: int, image: Image) -> FrameState:
         """The state of a frame, which begins with the camera that is stored, or found by itself."""
         state = self._states.get(number)
         if state is None:
@@ -250,7 +233,7 @@ class Editor:
                 stored, marks = automatic(self.field, image, self.network)
                 edit = Edit(marks, automatic=True)
             with self.lock:
-                state = self._states.setdefault(number, _FrameState(FrameHistory(History(edit)), base=stored))
+                state = self._states.setdefault(number, FrameState(FrameHistory(History(edit), edit), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
             self._expect_files(number)
         elif state.base is None:
@@ -286,7 +269,7 @@ class Editor:
 
     def _basis(self, number: int, one: FrameEditor) -> str:
         if not one.is_automatic:
-            return _basis_of(one.marks)
+            return basis_of(one.marks)
         return "" if self.stored is None else self.stored.basis(self.ids[number])
 
     def _set_row(self, number: int, row: Row) -> None:
@@ -315,10 +298,10 @@ class Editor:
         with self.lock:
             state = self._states[number]
             state.base = found
-            if not _is_anchor(state):
+            if not is_anchor(state):
                 self._set_row(number, Row.of(found))
                 if self.stored is not None and self.ids[number] in self.stored:  # without a camera
-                    state.edits.is_saved = False
+                    state.edits.saved = None
             self.version += 1
         return True
 
@@ -339,7 +322,10 @@ class Editor:
             with self.lock:
                 state = self._states[number]
                 if state.edits.revision == 0:
+                    was_saved = state.edits.is_saved
                     state.edits.history = History(Edit(marks, automatic=True))
+                    if was_saved:
+                        state.edits.note_saved()
             return self[number]
         return one
 
@@ -397,7 +383,6 @@ class Editor:
             state.edits.history = before.changed_to(after)
             state.found = state.kept[1] if state.kept is not None and state.is_of_clip else changed.found
             state.edits.revision += 1
-            state.edits.is_saved = False
 
     def __setitem__(self, number: int, changed: FrameEditor) -> None:
         """Change a frame, see `put`."""
@@ -442,7 +427,7 @@ class Editor:
                 "expected a field that the network knows, or one with stands, for which courts can be searched: say in "
                 "the file of the field where its cameras stand"
             )
-        revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if _is_anchor(state)}
+        revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if is_anchor(state)}
         anchors = {n: self._by_marks(n) for n in revisions}
         window = window_around(len(self), [*anchors])
         if self._first_pass is None or self._first_pass.window != window:
@@ -475,7 +460,7 @@ class Editor:
         state = self._states.get(number)
         if state is None:
             return None if self.stored is None else self.stored.calibration(self.ids[number])
-        return state.found if _is_anchor(state) else state.base
+        return state.found if is_anchor(state) else state.base
 
     def keep(self, proposal: Proposal) -> int:
         """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
@@ -496,11 +481,15 @@ class Editor:
             for n, calibration in proposal.calibrations.items():
                 is_anchor = n in proposal.anchors
                 files = self._label_file(n) if is_anchor else {}
-                basis = _basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
+                basis = basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
                 frames.append(Saved(self.ids[n], calibration, basis, files))
             clip = self._whole(proposal)
             more = self._label_files(sorted(proposal.anchors))
-            self._note_saved(proposal.revisions, stored.save(frames, self.ids, self._new, clip, more))
+            states = {n: replace(one, edits=replace(one.edits)) for n, one in self._states.items()}
+            rows, cuts = list(self._rows), list(self.cuts)
+            written = stored.save(frames, self.ids, self._new, clip, more)
+            saved = self._note_saved(proposal.revisions, written)
+            self._before_keep = BeforeKeep(proposal, states, rows, cuts, stored.saves, saved)
             for n, calibration in proposal.calibrations.items():
                 self._take(n, calibration, proposal)
             if not self.has_own_cuts:
@@ -509,6 +498,47 @@ class Editor:
                 self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
             self.version += 1
         return len(frames)
+
+    @property
+    def can_undo_keep(self) -> bool:
+        """Whether the last save was that of a solution of the clip, which can be taken back."""
+        before = self._before_keep
+        return before is not None and self.stored is not None and self.stored.saves == before.saves
+
+    def undo_keep(self) -> Proposal:
+        """Take the solution back that was kept last: files and cameras are as they were; returns the solution.
+
+        What a person has changed since stays. The files of the solution are kept in ``history``.
+
+        Raises
+        ------
+        ValueError
+            If none was kept, or something was saved since.
+        ChangedFileError, OSError
+            As `save`.
+        """
+        stored, journal, before = self.stored, self._journal, self._before_keep
+        if stored is None or journal is None or before is None or not self.can_undo_keep:
+            raise ValueError("expected a solution that was kept last: since then something else was saved, or nothing")
+        with self.lock:
+            journal.taken_back(stored.take_back(), [self.ids[n] for n in before.saved])
+            self._before_keep = None
+            for n, state in list(self._states.items()):
+                if n in before.states:
+                    state.before(before.states[n])
+                else:
+                    state.base = self._base(self.ids[n], state.edits)
+                    state.found = None
+            changed = {n for n, state in self._states.items() if self._is_changed_since(n, before.states)}
+            self._rows = [self._rows[n] if n in changed else row for n, row in enumerate(before.rows)]
+            if not self.has_own_cuts:
+                self.cuts = list(before.cuts)
+            self.version += 1
+        return before.proposal
+
+    def _is_changed_since(self, number: int, states: Mapping[int, FrameState]) -> bool:
+        before = states.get(number)
+        return self.revision(number) != (0 if before is None else before.edits.revision)
 
     def _whole(self, proposal: Proposal) -> VideoCalibration | None:
         """The calibration of all frames of the clip with a solution; None if there is none."""
@@ -523,7 +553,7 @@ class Editor:
     def _take(self, number: int, calibration: Calibration, proposal: Proposal) -> None:
         """Take the camera of a frame in a solution; not where the frame was changed since."""
         state = self._states.get(number)
-        if state is None or not _is_anchor(state):
+        if state is None or not is_anchor(state):
             if state is not None:
                 state.base = calibration
             self._set_row(number, Row.of(calibration, proposal.basis(number)))
@@ -603,25 +633,27 @@ class Editor:
             return {}
         return saved_files(self.label_format, self._annotations(self._states), [self.ids[n] for n in numbers])
 
-    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> None:
-        """Note that frames were saved as they were at some revisions."""
+    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> list[int]:
+        """Note that frames were saved as they were at some revisions; returns the numbers of those in the journal."""
         journal = self._journal
         assert journal is not None
         saved = [n for n, revision in revisions.items() if n in self._states and self.revision(n) == revision]
         for n in saved:
             state = self._states[n]
-            if not state.has_begun and _is_anchor(state):  # given labels
+            if not state.has_begun and is_anchor(state):  # given labels
                 journal.begin(self.ids[n], state.edits.history.present, state.base)
                 state.has_begun = True
-            state.edits.is_saved = True
+            state.edits.note_saved()
         if self.label_format is not None and not self._has_noted_format:
             journal.format(self.label_format)
             self._has_noted_format = True
-        journal.saved(written, [self.ids[n] for n in saved if self._states[n].has_begun])
+        begun = [n for n in saved if self._states[n].has_begun]
+        journal.saved(written, [self.ids[n] for n in begun])
+        return begun
 
-    def _is_to_save(self, number: int, state: _FrameState) -> bool:
+    def _is_to_save(self, number: int, state: FrameState) -> bool:
         is_new = self.stored is not None and self.ids[number] not in self.stored
-        is_searching = not _is_anchor(state) and self.is_to_search(number)
+        is_searching = not is_anchor(state) and self.is_to_search(number)
         return (is_new and not is_searching) or not state.edits.is_saved
 
     def _saved(self, number: int) -> Saved:
@@ -666,7 +698,7 @@ class Editor:
     def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:
         """The labels by hand of frames, in their order."""
         states = {n: self._states[n] for n in sorted(numbers)}
-        edits = {n: state.edits.history.present for n, state in states.items() if _is_anchor(state)}
+        edits = {n: state.edits.history.present for n, state in states.items() if is_anchor(state)}
         return [
             Annotation(self.ids[n], one.marks.ordered(self.field), self.frames.size(n), self.frames.name(n))
             for n, one in edits.items()
@@ -688,52 +720,3 @@ class Editor:
         self.frames.close()
         if self._journal is not None:
             self._journal.close()
-
-
-def _basis_of(marks: Marks) -> str:
-    """What a camera rests on that follows from marks."""
-    return BY_HAND if all(one.by_hand for one in marks.all) else BY_HAND_TOO
-
-
-def _is_anchor(state: _FrameState) -> bool:
-    return not state.edits.history.present.automatic
-
-
-def _places(
-    source: str | os.PathLike[str] | Sequence[Image], out: str | os.PathLike[str] | None
-) -> tuple[list[Path] | None, Path | None]:
-    """The paths of the pictures or of the video, None for arrays; and the folder of results, if there is one."""
-    folder = None if out is None else Path(out)
-    if not isinstance(source, str | os.PathLike):
-        return None, folder
-    path = Path(source)
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist: expected a picture, a folder, a video or results of a run")
-    if path.is_dir() and Stored.has_results(path):
-        return source_of(path), path if folder is None else folder
-    return [path], path.with_name(f"{path.stem if path.is_file() else path.name}-fieldcalib") if out is None else folder
-
-
-def _frames(source: object, paths: list[Path] | None, stored: Stored | None) -> NumberedFrames:
-    if paths is None:
-        assert isinstance(source, Sequence)
-        return NumberedArrays([checked_image(image) for image in source])
-    if VIDEOS.recognises(paths[0]):
-        numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None else []
-        return NumberedVideo(paths[0], numbers or None)
-    files: list[FrameFile] = IMAGES.find(paths)
-    pictures = NumberedFiles(files)
-    if len(files) == 1 and files[0].path == paths[0]:  # of a folder, the page says which are broken
-        pictures.image(0)
-    return pictures
-
-
-def _field(field: Field | str | None, stored: Stored | None) -> tuple[Field, str]:
-    """The field, and what it is called."""
-    if isinstance(field, Field):
-        return field, "field"
-    record = None if stored is None or field is not None else stored.record
-    name = field or (record is not None and record.options.get("field")) or "soccer"
-    if name in FIELDS or not is_field_file(name):
-        return field_by_name(name), name
-    return read_field(name), Path(name).stem

@@ -18,8 +18,9 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
-from fieldcalib.editor.fitting import fitted
+from fieldcalib.editor.known import Known
 from fieldcalib.editor.marks import History, Marks
+from fieldcalib.editor.picture_shape import fitted_in_shape
 from fieldcalib.editor.snapping import snapped
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
@@ -27,57 +28,10 @@ from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.images import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import nearest_label
-from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
+from fieldcalib.solve.options import pixel_unit
 
 NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
 NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
-LENSES: Mapping[str, int] = {
-    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
-    "k1": DEFAULT_FLAGS,
-    "k1, k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
-    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
-}
-"""Flags by the name of a lens model."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """What a person knows of a camera and a field; None is estimated."""
-
-    focal_length: float | None = None
-    """Pixels."""
-    position: tuple[float, float, float] | None = None
-    """Metres from the centre mark, y towards the main stand, z down."""
-    principal_point: bool = False
-    """Whether it is the middle of the image."""
-    lens: str = "k1"
-    """A name of `LENSES`."""
-    field_size: tuple[float, float] | None = None
-    """Length and width, metres."""
-
-    def __post_init__(self) -> None:
-        if self.lens not in LENSES:
-            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {self.lens!r}")
-
-    def of(self, field: Field) -> Field:
-        """The field in its known size."""
-        return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
-
-    def arguments(self, image_size: tuple[int, int]) -> dict[str, Any]:
-        """Keyword arguments of `calibrate_from_segments`."""
-        F = CalibrationFlags
-        flags, found = LENSES[self.lens], dict[str, Any]()
-        if self.focal_length is not None:
-            middle = np.divide(image_size, 2.0)
-            f = self.focal_length
-            found["camera_matrix"] = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
-            flags |= F.CALIB_FIX_FOCAL_LENGTH
-        if self.position is not None:
-            found["rvec"], found["tvec"] = np.zeros(3), -np.array(self.position)
-            flags |= F.CALIB_FIX_POSITION
-        if self.principal_point:
-            flags |= F.CALIB_FIX_PRINCIPAL_POINT
-        return {"flags": flags, **found}
 
 
 @dataclass(frozen=True)
@@ -177,8 +131,7 @@ class FrameEditor:
             return self.base
         if self.found is not None:
             return self.found
-        arguments = self.known.arguments(size_of(self.image))
-        return fitted(self.known.of(self.field), self.image, self.marks, arguments)
+        return fitted_in_shape(self.known.of(self.field), self.image, self.marks, self.known)
 
     @property
     def is_automatic(self) -> bool:

@@ -2,9 +2,9 @@
 
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
-saved (``{"saved": {name of a file: its size and time}}``, with ``"frames": [ids]`` if not all), that other files were
-written (``"written"``), or the format of the labels that were given (``{"format": name}``). Nothing is ever removed
-from it.
+saved (``{"saved": {name of a file: its size and time}}``, with ``"frames": [ids]`` if not all), that this was taken
+back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were given
+(``{"format": name}``). Nothing is ever removed from it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fieldcalib.editor.marks import History
 from fieldcalib.editor.records import edit_from_record, edit_to_record
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.io.line_log import LineLog, whole_lines
-from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.output_folder import FolderInUseError, locked_folder, output_folder
 
 JOURNAL = "edits.jsonl"
 
@@ -33,11 +33,26 @@ class FrameHistory:
     """The edits of a frame, and how often it was changed."""
 
     history: History[Edit]
+    saved: Edit | None = None
+    """The state that is in the files of the folder; None if there is none."""
+    saved_before: Edit | None = None
+    """The one that was there before the last save."""
     revision: int = 0
-    is_saved: bool = True
-    """Whether its present state is in the files of the folder."""
     base: Mapping[str, Any] | None = None
     """The camera that was found without a person, as `Calibration.to_dict` gives it."""
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether its present state is in the files of the folder."""
+        return self.saved == self.history.present
+
+    def note_saved(self) -> None:
+        """Note that the present state is in the files now."""
+        self.saved, self.saved_before = self.history.present, self.saved
+
+    def note_taken_back(self) -> None:
+        """Note that the last save was taken back."""
+        self.saved = self.saved_before
 
 
 @dataclass
@@ -59,15 +74,20 @@ class Replayed:
             self.cuts = [int(cut) for cut in line["cuts"]]
         elif "saved" in line:
             for id in line.get("frames", self.frames):
-                self.frames[id].is_saved = True
+                self.frames[id].note_saved()
             self.written |= _states(line["saved"])
+        elif "taken_back" in line:
+            for id in line["frames"]:
+                self.frames[id].note_taken_back()
+            self.written |= _states(line["taken_back"])
         elif "written" in line:
             self.written |= _states(line["written"])
         elif "format" in line:
             self.format = str(line["format"])
         elif "begin" in line:
-            history = History(edit_from_record(line["begin"]))
-            self.frames[str(line["frame"])] = FrameHistory(history, base=line.get("base"))
+            edit = edit_from_record(line["begin"])
+            saved = edit if edit.automatic else None  # labels that were given are in no file of the folder yet
+            self.frames[str(line["frame"])] = FrameHistory(History(edit), saved, base=line.get("base"))
         else:
             self._change(line)
 
@@ -80,7 +100,6 @@ class Replayed:
         else:
             frame.history = frame.history.undone if "undo" in line else frame.history.redone
         frame.revision += 1
-        frame.is_saved = False
 
 
 def read_journal(path: Path) -> Replayed:
@@ -117,8 +136,29 @@ class Journal:
 
     def __init__(self, folder: Path, size: int = 0) -> None:
         self._folder, self._size = folder, size
-        self._open = ExitStack()
+        self._claim, self._open = ExitStack(), ExitStack()
+        self._is_claimed, self._refusal = False, ""
         self._log: LineLog | None = None
+
+    def claim(self) -> str:
+        """Lock the folder, if it is there, so that no other program writes to it; returns in words why that fails.
+
+        A folder that only the journal makes is locked with its first change.
+        """
+        if self._log is None and not self._is_claimed and self._folder.is_dir():
+            try:
+                self._claim.enter_context(locked_folder(self._folder))
+            except FolderInUseError as error:
+                return str(error)
+            self._is_claimed, self._refusal = True, self._changed_elsewhere()
+        return self._refusal
+
+    def _changed_elsewhere(self) -> str:
+        """Words that another program has changed the journal; empty if it has not."""
+        path = self._folder / JOURNAL
+        if sum(map(len, _lines(path))) == self._size:
+            return ""
+        return f"{path} was changed by another program: end this one and open the folder again"
 
     def begin(self, id: str, edit: Edit, base: Calibration | None) -> None:
         """The state of a frame before its first change."""
@@ -144,6 +184,10 @@ class Journal:
         """A note that all changes of some frames so far are in files of the folder."""
         self._append({"saved": dict(written), "frames": list(ids)})
 
+    def taken_back(self, written: Mapping[str, tuple[int, int]], ids: Sequence[str]) -> None:
+        """A note that the last save, of some frames, was taken back."""
+        self._append({"taken_back": dict(written), "frames": list(ids)})
+
     def format(self, name: str) -> None:
         """The format of labels that were given."""
         self._append({"format": name})
@@ -164,12 +208,12 @@ class Journal:
             If they cannot be made, or another program writes there.
         """
         if self._log is None:
+            self._give_up_claim()
             with ExitStack() as opened:
                 opened.enter_context(output_folder(self._folder))
-                path = self._folder / JOURNAL
-                if sum(map(len, _lines(path))) != self._size:
-                    raise OSError(f"{path} was changed by another program: end this one and open the folder again")
-                self._log = opened.enter_context(LineLog(path, durable=True))
+                if changed := self._changed_elsewhere():
+                    raise OSError(changed)
+                self._log = opened.enter_context(LineLog(self._folder / JOURNAL, durable=True))
                 self._open = opened.pop_all()
         return self._log
 
@@ -177,4 +221,9 @@ class Journal:
         """Close the file."""
         self._log = None
         self._open.close()
+        self._give_up_claim()
         self._size = sum(map(len, _lines(self._folder / JOURNAL)))
+
+    def _give_up_claim(self) -> None:
+        self._claim.close()
+        self._is_claimed = False

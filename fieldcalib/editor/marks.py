@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -79,6 +80,11 @@ class Marks:
         return Marks(
             tuple(Mark(one.label, *places[number]) if number in places else one for number, one in enumerate(self.all))
         )
+
+    def scaled(self, scale: ArrayLike) -> Marks:
+        """In the pixels of a resized picture; `scale` (2,) is that of x and y."""
+        sx, sy = np.asarray(scale, dtype=float).tolist()
+        return Marks(tuple(one._replace(x=sx * one.x, y=sy * one.y) for one in self.all))
 
     def relabelled(self, numbers: Collection[int], label: str) -> Marks:
         """With another label for some marks, which are then set by hand."""

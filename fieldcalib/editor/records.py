@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from fieldcalib.editor.frame import Edit, Known
+from fieldcalib.editor.frame import Edit
+from fieldcalib.editor.known import Known
 from fieldcalib.editor.marks import Mark, Marks
 
 

@@ -20,7 +20,7 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
 from fieldcalib.editor.table import Row
-from fieldcalib.editor.versions import State, Versions
+from fieldcalib.editor.versions import Kept, State, Versions
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, whole_file, write_text
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.images import encode_image
@@ -105,15 +105,17 @@ class Stored:
         self._file: ResultFile | None = None
         self._numbers: dict[str, int] = {}
         self.saves = 0
-        """How often cameras were saved here."""
+        """How often cameras were saved here, or taken back."""
+        self.replaced: Kept | None = None
+        """What the last save replaced."""
         self._read()
 
     def _read(self) -> None:
         """Read the ids of the frames, and remember the states of the files."""
         self.versions.read_now((*SHARED, *DRAWN))
-        if self.has_results(self.folder):
-            self._file = ResultFile(lines_file(self.folder))
-            self._numbers = {id: number for number, id in enumerate(self._file.ids)}
+        has_results = self.has_results(self.folder)
+        self._file = ResultFile(lines_file(self.folder)) if has_results else None
+        self._numbers = {id: number for number, id in enumerate(self.ids)}
 
     @staticmethod
     def has_results(folder: Path) -> bool:
@@ -132,6 +134,12 @@ class Stored:
     def record(self) -> RunRecord | None:
         """The record of the run that wrote them."""
         return RunRecord.read(self.folder)
+
+    @property
+    def is_begun_here(self) -> bool:
+        """Whether no run wrote them: then some frames have results, as far as they were looked at, and others none."""
+        record = self.record
+        return record is not None and record.command == COMMAND
 
     def calibration(self, id: str) -> Calibration | None:
         """The calibration of a frame; None if there is none."""
@@ -212,7 +220,8 @@ class Stored:
             outcome = changed[one.id] = _outcome(one)
             files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
         files |= self._drawn_again(moved, clip, new.rate)
-        self.versions.begin([*files, *(SHARED if clip is not None else set(SHARED) - set(OF_CLIP))])
+        of_all = SHARED if clip is not None else [name for name in SHARED if name not in OF_CLIP]
+        self.replaced = self.versions.begin([*files, *of_all, *([RECORD] if self.record is None else [])])
         states = self.versions.write(files)
         self.saves += 1
         is_whole = self._file is None or not is_unfinished(self.folder)
@@ -224,7 +233,21 @@ class Stored:
         self._read()
         if is_whole and self._file is not None:
             _write_summary(self.folder, self._file, new.options, None if clip is None else clip.remarks, moved)
-        self.versions.read_now((*SHARED, *DRAWN))
+        self.versions.read_now((*SHARED, *DRAWN, RECORD))
+        return states
+
+    def take_back(self) -> dict[str, State]:
+        """Put back what the last save replaced; returns the states of the files.
+
+        Raises
+        ------
+        ChangedFileError, OSError
+            As `save`.
+        """
+        assert self.replaced is not None
+        states, self.replaced = self.versions.restore(self.replaced), None
+        self.saves += 1
+        self._read()
         return states
 
     def _has_changed(self, one: Saved) -> bool:

@@ -70,7 +70,7 @@ def field(name: str, **options: Any) -> Field:
         ...
     ValueError: expected a field among ..., volleyball, got 'tenis'; did you mean tennis?
     """
-    if name in FIELDS:
+    if isinstance(name, str) and name in FIELDS:
         return FIELDS[name](**options)
     nearest = " or ".join(get_close_matches(str(name).lower(), FIELDS))
     hint = f"; did you mean {nearest}?" if nearest else ""

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._checks import expect, is_number, listed
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -116,6 +117,7 @@ class Field(Mapping[str, Segment]):
     repeats: float | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        self._check_types()
         scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
         given = {
             "segments": ReadOnlyDict(self.segments),
@@ -142,6 +144,18 @@ class Field(Mapping[str, Segment]):
         unknown = [label for circle, parts in self.halves.items() for label in (circle, *parts) if label not in self]
         if unknown:
             raise ValueError(f"halves name {unknown[0]!r}, which is no segment of the field")
+
+    def _check_types(self) -> None:
+        """Raise a ValueError that names an argument of a wrong type."""
+        for name in ("length", "width", "scale", "farthest_camera", "repeats"):
+            value = getattr(self, name)
+            if not is_number(value) and (name, value) != ("repeats", None):
+                raise ValueError(f"a Field needs {name} as a number of metres, got {value!r}")
+        for name in ("segments", "paint", "halves"):
+            expect(getattr(self, name), Mapping, "{label: value}")
+        for name in ("stands", "more_stands"):
+            for stand in listed(getattr(self, name), name):
+                expect(stand, CameraDistribution, "fieldcalib.DISTRIBUTIONS['main center']")
 
     def __reduce__(self) -> tuple[Callable[..., Field], tuple[Any, ...]]:
         if self.is_built:
@@ -174,7 +188,7 @@ class Field(Mapping[str, Segment]):
         Examples
         --------
         >>> from fieldcalib import soccer
-        >>> soccer().as_svg()[:60]
+        >>> soccer().as_svg()[:61]
         '<svg xmlns="http://www.w3.org/2000/svg" width="480" height="3'
         """
         return plan(self.length, self.width, self.markings.values(), cameras)
@@ -359,7 +373,8 @@ class Field(Mapping[str, Segment]):
         >>> field.length, field["corner flag"]
         (105.0, Point(X=(-52.5, -34.0, -1.5)))
         """
-        names = {name.strip(): segment for name, segment in extra.items()}
+        given = expect(extra, Mapping, '{"corner flag": Point((-52.5, -34.0, -1.5))}')
+        names = {name.strip(): segment for name, segment in given.items()}
         taken = sorted(names.keys() & self.segments.keys())
         if taken:
             raise ValueError(f"the field has a segment {taken[0]!r} already: give yours another name")

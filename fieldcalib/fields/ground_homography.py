@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._checks import CAMERA, FIELD, expect
 from fieldcalib._html import long_table, table
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
@@ -56,8 +57,14 @@ class FieldHomography:
 
 
 def field_homography(camera: Camera, field: Field) -> FieldHomography:
-    """The homographies of a camera, and what its lens leaves over the part of the field in view."""
-    xy, X = _in_view(camera, field)
+    """The homographies of a camera, and what its lens leaves over the part of the field in view.
+
+    Raises
+    ------
+    ValueError
+        If one of the two is something else.
+    """
+    xy, X = _in_view(expect(camera, Camera, CAMERA), expect(field, Field, FIELD))
     exact = np.asarray(np.linalg.inv(camera.pinhole_homography))
     exact = exact / exact[2, 2]
     if not np.any(camera.dist):

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 
 
@@ -50,16 +51,23 @@ class CameraDistribution:
 
     def __post_init__(self) -> None:
         for name in ("pan", "tilt", "roll", "fov", "x", "y", "z"):
-            low, high = getattr(self, name)
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            limits = getattr(self, name)
+            if not _is_range(limits):
                 raise ValueError(
-                    f"{self.name!r}: {name} must be (low, high) with low < high, got {(low, high)}; flags fix a value"
+                    f"{self.name!r}: {name} must be (low, high) with low < high, got {limits!r}; flags fix a value"
                 )
-            object.__setattr__(self, name, (low, high))  # a tuple is hashable
+            object.__setattr__(self, name, tuple(limits))  # a tuple is hashable
         if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
             raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
-        if not 0.0 < self.principal_point < np.inf:
+        if not (is_number(self.principal_point) and 0.0 < self.principal_point < np.inf):
             raise ValueError(f"{self.name!r}: principal_point must be a positive share, got {self.principal_point}")
+
+
+def _is_range(limits: object) -> bool:
+    """Whether these are two finite numbers, the lower one first."""
+    if not isinstance(limits, tuple | list | np.ndarray) or len(limits) != 2 or not all(map(is_number, limits)):
+        return False
+    return bool(-np.inf < limits[0] < limits[1] < np.inf)
 
 
 def _main(name: str, x: tuple[float, float]) -> CameraDistribution:

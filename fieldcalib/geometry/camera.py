@@ -112,9 +112,11 @@ class Camera:
         The principal point defaults to (width / 2, height / 2), SoccerNet's.
         """
         centre = np.divide(checked_image_size(image_size), 2.0)
-        cx, cy = centre if principal_point is None else np.asarray(principal_point, dtype=float)
-        K = np.array([[focal_length, 0.0, cx], [0.0, focal_length, cy], [0.0, 0.0, 1.0]])
-        return cls(K, rotation_from_angles(np.array([pan, tilt, roll], dtype=float)), C, image_size, k)
+        cx, cy = centre if principal_point is None else finite_array("principal_point", principal_point, (2,))
+        f = finite_array("focal_length", focal_length, ())
+        K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+        angles = [finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))]
+        return cls(K, rotation_from_angles(np.array(angles)), C, image_size, k)
 
     @classmethod
     def from_opencv(
@@ -134,8 +136,9 @@ class Camera:
         """
         from scipy.spatial.transform import Rotation
 
-        R = Rotation.from_rotvec(np.array(rvec, dtype=float).reshape(3)).as_matrix()
-        C = -R.T @ np.array(tvec, dtype=float).reshape(3)
+        rvec, tvec = (_three(name, vector) for name, vector in (("rvec", rvec), ("tvec", tvec)))
+        R = Rotation.from_rotvec(rvec).as_matrix()
+        C = -R.T @ tvec
         return cls(camera_matrix, R, C, image_size, opencv_vector(dist_coeffs))
 
     def to_opencv(self) -> tuple[Array, Array, Array, Array]:
@@ -298,8 +301,8 @@ class Camera:
             NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
             ray through the lens meets the pixel.
         """
-        ray = homogenize(self.normalized(xy)) @ self.R
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # pixels may be infinite
+            ray = homogenize(self.normalized(xy)) @ self.R
             scale = (z - self.C[2]) / ray[..., 2]
             X = self.C + scale[..., None] * ray
         X[..., 2] = z
@@ -338,7 +341,7 @@ class Camera:
         >>> half.cropped((-480, 0), (960, 540)) == camera
         True
         """
-        shift = np.asarray(offset, dtype=float)
+        shift = real_array(offset)
         if shift.shape != (2,) or not np.all(np.isfinite(shift)):
             raise ValueError(f"offset must be a pixel (x, y), got {offset!r}")
         K = self.K.copy()
@@ -390,6 +393,12 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(values)!r}")
     array.flags.writeable = False
     return array
+
+
+def _three(name: str, values: ArrayLike) -> Array:
+    """OpenCV's vector of three numbers, of any shape."""
+    array = real_array(values)
+    return np.array(finite_array(name, array.reshape(3) if array.size == 3 else array, (3,)))
 
 
 def _vectors(values: ArrayLike, size: int, what: str) -> Array:

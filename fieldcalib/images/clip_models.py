@@ -38,6 +38,9 @@ WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
 LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
 CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
 LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
+WRONG = (
+    20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
+)
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 LEAST_RUN = 2  # keyframes in a row that make a part
@@ -47,11 +50,16 @@ NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields se
 class Misprediction(NamedTuple):
     """Distances of labels and matches that were left out from where they are predicted, pixels of 960 x 540.
 
+    Those of several models are in the same order; NaN where a model does not say.
+
     Examples
     --------
     >>> near, far = (Misprediction(np.full(9, d), np.full(9, d)) for d in (0.5, 1.0))
-    >>> near.is_better(far), far.is_better(near), near.of_labels.is_better(near.of_matches)
-    (True, False, False)
+    >>> near.is_better(far), far.is_better(near)
+    (True, False)
+    >>> one_wrong = [Misprediction(np.append(one.labels, 700.0), one.matches) for one in (near, far)]
+    >>> one_wrong[0].is_better(one_wrong[1])
+    True
     """
 
     labels: Array
@@ -63,6 +71,7 @@ class Misprediction(NamedTuple):
     def score(self) -> float:
         """Mean ``log(1 + (d / WELL_PREDICTED)^2)`` of distances d; infinite without any."""
         distances = np.concatenate(self)
+        distances = distances[~np.isnan(distances)]
         return float(np.mean(np.log1p(np.square(distances / WELL_PREDICTED)))) if len(distances) else np.inf
 
     @property
@@ -81,8 +90,13 @@ class Misprediction(NamedTuple):
         return self._replace(labels=self.labels[:0])
 
     def is_better(self, than: Misprediction) -> bool:
-        """Whether it is clearly better than another one."""
-        return self.score < min(CLEARLY * than.score, than.score - LEAST_GAIN)
+        """Whether it is clearly better than another one; what is wrong under both does not count."""
+        before, after = than.unless_wrong(self).score, self.unless_wrong(than).score
+        return after < min(CLEARLY * before, before - LEAST_GAIN)
+
+    def unless_wrong(self, other: Misprediction) -> Misprediction:
+        """The misprediction without what is far off under another model too."""
+        return Misprediction(*(np.where(np.minimum(a, b) > WRONG, np.nan, a) for a, b in zip(self, other, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -133,39 +147,41 @@ class HeldOut:
             Numbers of frames (T,), and their calibration without these labels and matches. A frame without a camera
             counts as one that is off by the width of the picture.
         """
-        labels: list[float] = []
-        matches: list[float] = []
+        labels = dict.fromkeys(self.left, np.nan)
+        matches = dict.fromkeys(self.pairs, np.nan)
         for frames, calibration in found:
             segments = object_segments if calibration.field is None else calibration.field
-            left = {k: self.left[t] for k, t in enumerate(frames.tolist()) if t in self.left}
+            left = {k: t for k, t in enumerate(frames.tolist()) if t in self.left}
+            labels |= dict.fromkeys(left.values(), LOST)
             usable = calibration.usable
             cameras = {k: camera for k in left if usable[k] and (camera := calibration[k].camera) is not None}
-            labels += (len(left) - len(cameras)) * [LOST]
             if cameras and calibration.layout is not None:
-                seen = PixelTable.joined(segments, [left[k] for k in cameras])
+                seen = PixelTable.joined(segments, [self.left[left[k]] for k in cameras])
                 rms = np.nanmax(rms_by_label(evaluate_cameras(list(cameras.values()), segments, seen)), axis=1)
-                labels += np.minimum(rms / pixel_unit(calibration.layout.image_size), LOST).tolist()
-            matches += self._of_matches(object_segments, frames, calibration)
-        return Misprediction(np.array(labels), np.array(matches))
+                off = np.minimum(rms / pixel_unit(calibration.layout.image_size), LOST)
+                labels |= zip((left[k] for k in cameras), off.tolist(), strict=True)
+            matches |= self._of_matches(object_segments, frames, calibration)
+        return Misprediction(np.array(list(labels.values())), np.array(list(matches.values())))
 
     def _of_matches(
         self, object_segments: ObjectSegments, frames: IntArray, calibration: SequenceCalibration
-    ) -> list[float]:
-        """Median distance of the matches left out of each pair of frames, pixels of 960 x 540."""
+    ) -> dict[tuple[int, int], float]:
+        """Median distance of the matches left out of each pair of these frames, pixels of 960 x 540."""
         inside = between(frames.tolist(), self.pairs)
         usable = calibration.usable
         known = {pair: one for pair, one in inside.items() if usable[list(pair)].all()}
-        lost = (len(inside) - len(known)) * [LOST]
+        found = {(int(frames[i]), int(frames[j])): np.nan if (i, j) in known else LOST for i, j in inside}
         if not known or calibration.layout is None:
-            return lost
+            return found
         size = calibration.layout.image_size
         index = np.array(sorted({t for pair in known for t in pair}))
         pairs = Ties.of(object_segments, known, len(frames), size).among(index)
         if pairs is None:
-            return lost
+            return found
         r = BackgroundTerm(pairs, calibration.layout, calibration.frames.theta[index]).r
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
-        return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
+        numbers = zip(frames[index[pairs.first]].tolist(), frames[index[pairs.second]].tolist(), strict=True)
+        return found | dict(zip(numbers, np.minimum(np.nanmedian(off, axis=1), LOST).tolist(), strict=True))
 
 
 def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
@@ -253,7 +269,8 @@ def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
 
 
 def _gain(before: Misprediction, after: Misprediction) -> str:
-    return f"typically to {after.typical:.1f} instead of {before.typical:.1f} px of a picture 960 wide"
+    one, other = after.unless_wrong(before).typical, before.unless_wrong(after).typical
+    return f"typically to {one:.1f} instead of {other:.1f} px of a picture 960 wide"
 
 
 def is_preferred(model: CameraModel, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:

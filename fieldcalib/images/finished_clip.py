@@ -18,7 +18,6 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_dou
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.hypotheses import NO_MARKING
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import SolvedTripods, Tripod
@@ -33,6 +32,10 @@ PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 MIXED = "the picture may be mixed with that of another camera"
+UNTIED = (  # lines are looked for only near markings that a camera projects: this says nothing of what is shown
+    "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
+    "no camera of its own"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +143,7 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         calibration = solved.keyframes.calibrate(pieces, members, lines.labels, start)
         if pieces.models_of(members) != {CameraModel.ALONE}:
             calibration = calibration.interpolated(pieces.number[frames], LONGEST_GAP)
-        calibration = calibration.with_notes({NO_PIXELS: f"{NO_MARKING}, and no frame around it determines its camera"})
+        calibration = calibration.with_notes({NO_PIXELS: UNTIED})
         calibrations.append(calibration.seen_in_images(_markings_seen(lines, calibration, frames)))
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:

@@ -21,6 +21,7 @@ from fieldcalib.io.image import Image
 # Lengths are in pixels of the reduced frames.
 WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
 CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
+ENOUGH_CORNERS = 100  # off players
 MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
 LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
 BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
@@ -91,16 +92,21 @@ class Frame:
         return np.divide(self.image_size, self.grey.shape[::-1])
 
     @cached_property
-    def all_corners(self) -> Float32:
-        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these."""
-        return _best_corners(self._strength)
-
-    @cached_property
     def corners(self) -> Float32:
-        """Corners (n, 2) as `all_corners`, without those on players, as far as these can be told by colour."""
-        if self.colours is None:
-            return self.all_corners
-        return _best_corners(np.where(self.players(self._strength.shape), 0.0, self._strength))
+        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these.
+
+        Those on players are left out, unless hardly any others are found. They are sought at half the size, which takes
+        a fifth of the time: flow needs a window with texture, not a peak.
+        """
+        import cv2
+
+        height, width = self.grey.shape
+        half = cv2.resize(self.grey, (max(width // 2, 1), max(height // 2, 1)), interpolation=cv2.INTER_AREA)
+        strength = cv2.cornerMinEigenVal(half, 3)
+        border = BORDER // 2
+        strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
+        corners = _best_corners(np.where(self.players(strength.shape), 0.0, strength))
+        return corners if len(corners) >= ENOUGH_CORNERS else _best_corners(strength)
 
     def players(self, shape: tuple[int, ...]) -> BoolArray:
         """Where players stand in a picture of another size (height, width); nowhere in a grey one."""
@@ -114,21 +120,6 @@ class Frame:
     def _players(self) -> Image:
         assert self.colours is not None
         return blobs_on_ground(self.colours)
-
-    @cached_property
-    def _strength(self) -> Any:
-        """The strength of a corner at each pixel.
-
-        They are sought at half the size, which takes a fifth of the time: flow needs a window with texture, not a peak.
-        """
-        import cv2
-
-        height, width = self.grey.shape
-        half = cv2.resize(self.grey, (max(width // 2, 1), max(height // 2, 1)), interpolation=cv2.INTER_AREA)
-        strength = cv2.cornerMinEigenVal(half, 3)
-        border = BORDER // 2
-        strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
-        return strength
 
     @cached_property
     def descriptors(self) -> tuple[Float32, Image]:

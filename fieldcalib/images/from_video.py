@@ -38,9 +38,9 @@ from fieldcalib.images.finished_clip import find_clip_lines, finish_clip, finish
 from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
-from fieldcalib.images.unusable import clip_notes
+from fieldcalib.images.unusable import has_cameras, notes_without_camera
 from fieldcalib.io.clips import clip_reader
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
@@ -171,7 +171,8 @@ def calibrate_video(
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
     found = _calibrated_parts(clip, options, network, every, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
-    asked = () if network is None else clip_notes(found, object_segments)
+    without = network is not None and len(found) and not has_cameras(found)
+    asked = notes_without_camera(object_segments, clip.image_size) if without else ()
     notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)
     return replace(found, shape=clip.shape, notes=notes, is_side_open=on.is_open)
 
@@ -190,6 +191,12 @@ class _Clip:
 
     opened: Callable[[], AbstractContextManager[Iterable[Image]]]
     shape: Shape | None = None
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height of its first image."""
+        with self.opened() as images:
+            return size_of(next(iter(images)))
 
     def frames(self, images: Iterable[Image]) -> Iterator[Image]:
         """The frames that its images show, read ahead; a ValueError for an image of another size."""

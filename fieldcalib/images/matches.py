@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import Array
 from fieldcalib.images.background_motion import (
     LEAST_POINTS,
     RANSAC_TOLERANCE,
@@ -189,20 +189,9 @@ def _reduced(H: Array, frame: Frame) -> Array:
     return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
 
-def _matched(one: Frame, two: Frame, H: Array | None, most: int, moving: bool) -> Matches | None:
-    """Matches by optical flow from at most so many corners mapped by H; None if they do not look like a static scene.
-
-    Corners on players are followed only where the others do not tell the motion, as in a fast pan, whose blur leaves
-    nothing else.
-    """
-    found = _matched_from(one.corners, one, two, H, most, moving)
-    if found is None and one.corners is not one.all_corners:
-        return _matched_from(one.all_corners, one, two, H, most, moving)
-    return found
-
-
-def _matched_from(corners: Float32, one: Frame, two: Frame, H: Array | None, most: int, moving: bool) -> Matches | None:
-    x, y, attempts = _followed(_some(corners, most), one, two, H)
+def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool) -> Matches | None:
+    """Matches by optical flow from corners mapped by H; None if they do not look like those of a static scene."""
+    x, y, attempts = _followed(one, two, H, corners)
     if len(x) < LEAST_MATCHES:
         return None
     size = (one.grey.shape[1], one.grey.shape[0])
@@ -234,19 +223,16 @@ def _matched_from(corners: Float32, one: Frame, two: Frame, H: Array | None, mos
     return None
 
 
-def _some(corners: Float32, most: int) -> Float32:
-    """At most so many of the corners, strong and weak ones."""
-    return corners[np.linspace(0, len(corners), min(most, len(corners)), endpoint=False, dtype=int)]
-
-
-def _followed(x: Float32, one: Frame, two: Frame, H: Array | None) -> tuple[Array, Array, int]:
-    """Those of the corners x that are followed, (n, 2), their places (n, 2), and how many were looked for.
+def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Array, Array, int]:
+    """Corners (n, 2) of one frame, their places (n, 2) in the other, and how many were looked for.
 
     With a homography that changes scale or direction, the first frame is warped by it, so that windows look alike.
     """
     import cv2
 
+    x = one.corners
     a: Any = one.grey
+    x = x[np.linspace(0, len(x), min(corners, len(x)), endpoint=False, dtype=int)]
     height, width = a.shape
     levels = LEVELS if H is None else LEVELS_PREDICTED
     origin = predicted = x

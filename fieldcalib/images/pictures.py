@@ -52,21 +52,25 @@ def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]
     return found
 
 
-def log_ratio_of_squash(task: Task, as_it_is: Calibration, shown: Calibration) -> float:
+def log_ratio_of_squash(
+    task: Task, as_it_is: Calibration, shown: Calibration, task_of_shown: Task | None = None
+) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
-    The camera of either shape has its own lines, found near its markings. Cameras of both shapes are fitted to both.
+    The camera of either shape has its own lines, found near its markings. Cameras of both shapes are fitted to both,
+    with `task_of_shown` as shown if what is known of the camera is not the same in its pixels.
     """
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0
-    sizes = as_it_is.camera.image_size, shown.camera.image_size
+    tasks = (task, as_it_is.camera.image_size), (task_of_shown or task, shown.camera.image_size)
     ratios = []
     for own in (as_it_is, shown):
         if not own.accepted or own.camera is None or own.solved is None:
             continue
         lines, own_size = own.solved.pixels, own.camera.image_size
         evidence, evidence_shown = (
-            log_evidence(calibrate_on_lines(task, [lines.scaled(np.divide(size, own_size))], size)[0]) for size in sizes
+            log_evidence(calibrate_on_lines(one, [lines.scaled(np.divide(size, own_size))], size)[0])
+            for one, size in tasks
         )
         ratios.append(evidence_shown - evidence)
     return float(np.mean(ratios)) if ratios else 0.0

@@ -38,7 +38,7 @@ def thumbnail(image: Image) -> Image:
     height, width = image.shape[:2]
     ratio = max(width / WIDTH, 1.0)
     size = (round(width / ratio), max(round(height / ratio), 1))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR))
 
 
 def blobs_on_ground(image: Image) -> Image:
@@ -58,9 +58,9 @@ def blobs_on_ground(image: Image) -> Image:
     ground = _is_ground(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
     thick: Any = cv2.morphologyEx(1 - ground, cv2.MORPH_OPEN, np.ones((THIN, THIN), np.uint8))
     _, label, boxes, _ = cv2.connectedComponentsWithStats(thick, connectivity=8)
-    small, compact = _are_small(boxes, ground.shape), _are_compact(label, len(boxes))
-    is_blob = small & compact & (_ground_around(boxes, ground) > LEAST_GROUND)
-    is_blob[0] = False  # the ground
+    stands = _are_small(boxes, ground.shape) & (_ground_around(boxes, ground) > LEAST_GROUND)
+    stands[0] = False  # the ground
+    is_blob = _are_compact(np.where(stands[label], label, 0), len(boxes))
     return np.asarray(cv2.dilate(is_blob[label].astype(np.uint8), np.ones((MARGIN, MARGIN), np.uint8)))
 
 
@@ -88,14 +88,15 @@ def _are_small(boxes: IntArray, shape: tuple[int, ...]) -> BoolArray:
 
 
 def _are_compact(label: Array, count: int) -> BoolArray:
-    """Whether the pixels of each label have similar standard deviations along and across."""
+    """Whether the pixels of each label but 0 have similar standard deviations along and across."""
     y, x = np.nonzero(label)
     one = label[y, x]
     n = np.maximum(np.bincount(one, minlength=count), 1)
     mx, my, xx, yy, xy = (np.bincount(one, z, count) / n for z in (x, y, x * x, y * y, x * y))
     a, b, c = xx - mx * mx + 1.0 / 12.0, yy - my * my + 1.0 / 12.0, xy - mx * my  # a pixel is a square
     spread = np.hypot(0.5 * (a - b), c)
-    return np.asarray(0.5 * (a + b) + spread < LONGEST**2 * (0.5 * (a + b) - spread))
+    is_seen = np.bincount(one, minlength=count) > 0
+    return np.asarray(is_seen & (0.5 * (a + b) + spread < LONGEST**2 * (0.5 * (a + b) - spread)))
 
 
 def _ground_around(boxes: IntArray, ground: Any) -> Array:

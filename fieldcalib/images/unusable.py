@@ -17,6 +17,7 @@ from fieldcalib.images.pictures import Method
 from fieldcalib.io.image import Image, size_of
 
 LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
+SMALL_SIDE = 200  # px: of 24 broadcast frames reduced to 320 x 180 none got a camera, of those with 400 x 225 20 did
 FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
 LOOKED_AT = 128  # rows and columns of a picture that are compared, about
 FEW_LINES = "the image has few lines at the projected markings"
@@ -38,13 +39,39 @@ def said_plainly(
         for image, is_large in zip(images, large, strict=True)
     ]
     is_asked = by_network and _may_be_soccer(object_segments)
-    return [_asked(one) if is_asked and is_large else one for one, is_large in zip(judged, large, strict=True)]
+    return [
+        _asked(one) if is_asked and not is_small(size_of(image)) else one
+        for image, one in zip(images, judged, strict=True)
+    ]
 
 
-def clip_notes(found: VideoCalibration, object_segments: ObjectSegments) -> tuple[str, ...]:
-    """Note of a clip in which a network for soccer has found no camera that can be used: is it soccer?"""
-    if not len(found) or any(np.any(tripod.accepted) for tripod in found.tripods):
-        return ()
+def is_small(image_size: tuple[int, int]) -> bool:
+    """Whether the lines of a field are hardly ever found in pictures of a size."""
+    return min(image_size) < SMALL_SIDE
+
+
+def small_words(image_size: tuple[int, int]) -> str:
+    """Words for small pictures without a camera that can be used.
+
+    Examples
+    --------
+    >>> small_words((160, 90))
+    'too small: 160 x 90 pixels show hardly any line of a field, give the picture or the clip in its original size'
+    """
+    width, height = image_size
+    seen = f"{width} x {height} pixels show hardly any line of a field"
+    return f"too small: {seen}, give the picture or the clip in its original size"
+
+
+def has_cameras(found: VideoCalibration) -> bool:
+    """Whether a frame of a clip has a camera that can be used."""
+    return any(np.any(tripod.accepted) for tripod in found.tripods)
+
+
+def notes_without_camera(object_segments: ObjectSegments, image_size: tuple[int, int]) -> tuple[str, ...]:
+    """Note of a clip in which a network for soccer has found no camera that can be used: too small, or not soccer?"""
+    if is_small(image_size):
+        return (f"no frame has a camera that can be used: {small_words(image_size)}",)
     return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.capitalize()}",) * _may_be_soccer(
         object_segments
     )
@@ -61,13 +88,16 @@ def _too_small(image: Image) -> Calibration:
 
 
 def _judged(image: Image, calibration: Calibration) -> Calibration:
-    """The calibration; none where a rejected camera is of a picture without any contrast."""
+    """The calibration; none where a rejected camera is of a picture without any contrast, or with words if small."""
     step = max(min(size_of(image)) // LOOKED_AT, 1)
-    if calibration.accepted or int(np.ptp(image[::step, ::step])) > FLAT:
+    if calibration.accepted:
         return calibration
-    return Calibration.without_camera(
-        Status.TOO_FEW_SEGMENTS, "the picture shows nothing: all of its pixels are nearly alike"
-    )
+    if int(np.ptp(image[::step, ::step])) <= FLAT:
+        nothing = "the picture shows nothing: all of its pixels are nearly alike"
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing)
+    if is_small(size_of(image)):
+        return replace(calibration, message=f"{small_words(size_of(image))}; {calibration.message}")
+    return calibration
 
 
 def _asked(calibration: Calibration) -> Calibration:

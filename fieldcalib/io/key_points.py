@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._checks import FIELD, expect, listed, number
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
@@ -155,16 +156,24 @@ def key_points(
             f"expected {len(names)} points, those of {whose}, got {len(xy)}: is it the result of a model of "
             f"the pitch, and not of players' poses?"
         )
-    found = np.isfinite(xy).all(axis=1) & np.any(xy != 0.0, axis=1) & (confidence >= least_confidence)
+    found = (
+        np.isfinite(xy).all(axis=1)
+        & np.any(xy != 0.0, axis=1)
+        & (confidence >= number(least_confidence, "least_confidence"))
+    )
     used = [index for index in np.flatnonzero(found) if names[index] is not None]
     return _of(tuple(str(names[index]) for index in used), xy[used], np.square(confidence[used]), named)
 
 
 def point_field(model: str | Sequence[str | None], field: Field | None = None) -> Field:
     """A field with all points of a model: those that SoccerNet names, and others."""
-    field = soccer() if field is None else field
+    field = soccer() if field is None else expect(field, Field, FIELD)
     if not isinstance(model, str):
-        unknown = [name for name in model if name is not None and name not in field]
+        unknown = [
+            name
+            for name in listed(model, "the name of a model, or the names of its points")
+            if name is not None and name not in field
+        ]
         if unknown:
             raise ValueError(f"the field has no point {unknown[0]!r}: names are those of `field.points`")
         lines = [name for name in model if name is not None and not field[name].is_point]

@@ -10,6 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+class FolderInUseError(OSError):
+    """A folder to which another program writes."""
+
+
 @contextmanager
 def output_folder(path: Path) -> Iterator[None]:
     """Make and lock a folder for results while the context lasts.
@@ -17,7 +21,7 @@ def output_folder(path: Path) -> Iterator[None]:
     Raises
     ------
     OSError
-        If the folder cannot be made or written to, or another run writes to it.
+        If the folder cannot be made or written to, or another run or page writes to it (`FolderInUseError`).
 
     Examples
     --------
@@ -30,6 +34,19 @@ def output_folder(path: Path) -> Iterator[None]:
     path.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=path):  # an error of writing shows before the work, not after it
         pass
+    with locked_folder(path):
+        yield
+
+
+@contextmanager
+def locked_folder(path: Path) -> Iterator[None]:
+    """Lock a folder that exists while the context lasts.
+
+    Raises
+    ------
+    FolderInUseError
+        If another program has locked it.
+    """
     handle = _locked(path)
     try:
         yield
@@ -68,4 +85,4 @@ else:
 
 
 def _other_run(path: Path) -> OSError:
-    return OSError(f"another run writes to {path}: wait for its end, or give another folder")
+    return FolderInUseError(f"another run or page writes to {path}: wait for its end, or give another folder")

@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
@@ -117,6 +117,8 @@ def parse_main(text: bytes) -> dict[str, Any]:
     size = line.get("image_size")
     if size is not None and not (isinstance(size, list) and len(size) == 2 and all(map(_is_count, size))):
         raise BrokenFileError(f"'image_size': expected two numbers of pixels, got {size!s:.100}")
+    if line.get("K") is not None:
+        _check_camera(line)
     version = line.get("version")
     if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
         raise BrokenFileError(
@@ -124,6 +126,20 @@ def parse_main(text: bytes) -> dict[str, Any]:
             f"them, use that or calibrate again"
         )
     return line
+
+
+def _check_camera(line: Mapping[str, Any]) -> None:
+    """Raise a BrokenFileError if the camera of a line is not whole."""
+    rows = [row for name in ("K", "R") for row in line.get(name) or () if isinstance(line.get(name), list)]
+    in_threes = [*rows, line.get("C")]
+    if len(in_threes) != 7 or not all(_are_numbers(one) and len(one) == 3 for one in in_threes):
+        raise BrokenFileError("a camera needs 'K' and 'R', each three rows of three numbers, and 'C', three numbers")
+    if not _are_numbers(line.get("dist")) or line.get("image_size") is None:
+        raise BrokenFileError("a camera needs 'dist', a list of numbers, and 'image_size'")
+
+
+def _are_numbers(values: object) -> TypeGuard[list[float]]:
+    return isinstance(values, list) and all(type(value) in (int, float) for value in values)
 
 
 def _is_count(value: object) -> bool:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fieldcalib._checks import FIELD, expect, listed
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
@@ -223,8 +224,8 @@ def evaluate_segments(
     >>> evaluation.accuracy, round(evaluation.completeness, 3)
     (array([0.5, 1. , 1. ]), 0.667)
     """
-    field = soccer() if field is None else field
-    if len(predictions) != len(annotations):
+    field = soccer() if field is None else expect(field, Field, FIELD)
+    if len(listed(predictions, "predictions")) != len(listed(annotations, "annotations")):
         raise ValueError(
             f"expected as many predictions as annotations, got {len(predictions)} and {len(annotations)}: "
             f"give None for a frame without a camera"

@@ -10,6 +10,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from fieldcalib._checks import FIELD, expect, number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
@@ -29,6 +30,7 @@ IouWhole: TypeAlias = Literal["template", "image"]
 
 CELL = 0.25  # m: cell size of the raster of IoU_part, 0.02 % of a typical area
 ZOOM_OUT = 4  # size of the raster of IoU_whole in true rectangles, as in the code of Jiang et al. and TVCalib
+MOST_CELLS = 5_000_000  # 1 GB
 CELLS = (210, 136)  # of the true rectangle: half a metre each on a soccer field
 
 
@@ -71,9 +73,11 @@ def iou_part(
     >>> iou_part(left, left, (960, 540)), round(iou_part(left, right, (960, 540)), 2)
     (1.0, 0.87)
     """
-    field = soccer() if field is None else field
-    if not 0.0 < cell <= min(field.length, field.width):
+    field = soccer() if field is None else expect(field, Field, FIELD)
+    if not 0.0 < number(cell, "cell") <= min(field.length, field.width):
         raise ValueError(f"cell must be metres, at most the field's width, got {cell}")
+    if field.length / cell * field.width / cell > MOST_CELLS:
+        raise ValueError(f"cell must be metres, at most {MOST_CELLS} of them in the field, got {cell}")
     x, y = (
         (np.arange(round(side / cell)) + 0.5) * (side / round(side / cell)) - side / 2.0
         for side in (field.length, field.width)

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array
 
 LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
@@ -28,9 +29,9 @@ class RobustLoss:
     scale: float
 
     def __post_init__(self) -> None:
-        if self.name not in get_args(LossName):
+        if not isinstance(self.name, str) or self.name not in get_args(LossName):
             raise ValueError(f"loss must be one of {', '.join(get_args(LossName))}, got {self.name!r}")
-        if not 0.0 < self.scale < np.inf:
+        if not (is_number(self.scale) and 0.0 < self.scale < np.inf):
             raise ValueError(f"the scale of a loss must be a positive number of pixels, got {self.scale}")
 
     def evaluate(self, squared: Array) -> tuple[Array, Array]:

@@ -40,16 +40,27 @@ def problem_to_record(problem: Problem, frame: int) -> dict[str, Any]:
 def problem_from_record(record: Mapping[str, Any]) -> Problem:
     """The inverse of `problem_to_record`."""
     layout, prior = layout_from_record(record["layout"]), record["prior"]
+    if prior is not None:
+        mean, sigma = (sized(prior[name], (layout.size,), f"'prior', {name!r}")[None] for name in ("mean", "sigma"))
+    considered, count = record.get("considered"), int(np.count_nonzero(layout.considered))
     return Problem(
         _observations_from_record(record["observations"], layout.image_size),
         layout,
         RobustLoss(record["loss"]["name"], float(from_json(record["loss"]["scale"]))),
         float(from_json(record["noise"])),
-        None if prior is None else GaussianPrior(from_json(prior["mean"])[None], from_json(prior["sigma"])[None]),
+        None if prior is None else GaussianPrior(mean, sigma),
         paint=float(from_json(record["paint"])),
-        considered=None if record.get("considered") is None else from_json(record["considered"]),
+        considered=None if considered is None else sized(considered, (count, count), "'considered'"),
         scale=float(from_json(record["scale"])),
     )
+
+
+def sized(values: Any, shape: tuple[int, ...], name: str) -> Array:
+    """Numbers of a record in an array of a shape; a ValueError if they are of another one."""
+    array = np.asarray(from_json(values), dtype=float)
+    if array.shape != shape:
+        raise ValueError(f"{name}: expected numbers of shape {shape}, got {array.shape}")
+    return array
 
 
 def _observations_to_record(observations: Observations, frame: int) -> dict[str, Any]:

@@ -265,6 +265,8 @@ def open_run_folder(
         try:
             if earlier is None:
                 record.write(out)
+            if run.resume and is_finished(out) and _frames_told(out) > count:
+                (out / SUMMARY).unlink()  # lines are gone since
             kept = count if is_finished(out) else max(count - 1, 0)
             with ExitStack() as logs:
                 log = logs.enter_context(LineLog(out / lines, kept))
@@ -360,6 +362,15 @@ def read_summary(folder: Path) -> dict[str, Any]:
 def is_finished(folder: Path) -> bool:
     """Whether a folder holds the results of a run that has come to its end."""
     return (folder / SUMMARY).is_file()
+
+
+def _frames_told(folder: Path) -> int:
+    """Number of frames of a finished run by its summary; 0 if that is none."""
+    try:
+        frames = read_summary(folder).get("frames")
+    except BrokenFileError:
+        return 0
+    return frames if isinstance(frames, int) else 0
 
 
 def is_unfinished(folder: Path) -> bool:

@@ -25,6 +25,7 @@ from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
+LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower
 # Prior log odds that a square picture was squashed: networks are trained with squares, cameras do not film them.
 SQUARE_LOG_ODDS = 1.5
 WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
@@ -52,6 +53,20 @@ def shown_size(image_size: tuple[int, int]) -> tuple[int, int]:
     """
     width, height = frame_around(image_size)
     return round(width), round(height)
+
+
+def shown_as(image_size: tuple[int, int], aspect: float) -> tuple[int, int]:
+    """Size at which a picture is shown with an aspect (width / height), no side being shortened.
+
+    Examples
+    --------
+    >>> shown_as((640, 640), 16 / 9), shown_as((640, 480), 1.0)
+    ((1138, 640), (640, 640))
+    """
+    width, height = image_size
+    if aspect * height >= width:
+        return round(aspect * height), height
+    return width, round(width / aspect)
 
 
 def log_evidence(calibration: Calibration) -> float:

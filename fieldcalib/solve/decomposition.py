@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import expect, is_number, real_array
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
@@ -92,7 +93,7 @@ def camera_from_homography(
     >>> camera_from_homography(truth.homography, (960, 540)).camera
     Camera(f=1800.0 px, pan=17.19°, tilt=74.48°, roll=0.57°, C=(2.00, 70.00, -18.00) m, k=(0, 0), image_size=960x540)
     """
-    if not (zeta > 0.0 and tolerance >= 0.0):
+    if not (is_number(zeta) and is_number(tolerance) and zeta > 0.0 and tolerance >= 0.0):
         raise ValueError(f"zeta must be positive and tolerance at least 0, got {zeta} and {tolerance}")
     H = finite_homography(H)
     found = _in_five_steps(H, image_size, points, zeta, tolerance, principal_point)
@@ -165,7 +166,7 @@ def closed_form(
     H = finite_homography(H)
     H = H / (np.abs(H).max() or 1.0)  # its entries are squared twice
     image_size = checked_image_size(image_size)
-    centre = np.asarray(np.divide(image_size, 2.0) if principal_point is None else principal_point, dtype=float)
+    centre = real_array(np.divide(image_size, 2.0) if principal_point is None else principal_point)
     if centre.shape != (2,) or not np.all(np.isfinite(centre)):
         raise ValueError(f"principal_point must be two finite numbers, x and y in pixels, got {principal_point!r}")
     corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
@@ -180,10 +181,10 @@ def closed_form(
 
 def _ground_points(points: Mapping[str, Point]) -> Array:
     """World coordinates of points that must lie on the ground, (N, 3)."""
-    if not points:
+    if not expect(points, Mapping, "soccer().points"):
         raise ValueError("points must be a mapping of names to points on the ground, got none")
     for name, point in points.items():
-        if point.X[2] != 0.0:
+        if expect(point, Point, "Point((0.0, 0.0, 0.0))").X[2] != 0.0:
             raise ValueError(f"points must lie on the ground, z = 0, got {name!r} at {point.X}: leave it out")
     return np.array([point.X for point in points.values()])
 

@@ -129,7 +129,7 @@ def _considered(
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
-    alone = system.take(s)
+    alone = system.take(s).determined
     kept = _kept_covariance(problem, layout, fixed_sizes)
     if np.any(layout.is_crown):
         assert layout.field_size is not None

@@ -252,7 +252,7 @@ def checked_prior(
     for member in members:
         if isinstance(member, CameraDistribution):
             found.append(member)
-        elif member == ALL:
+        elif isinstance(member, str) and member == ALL:
             if field is None or not field.stands:
                 why = "the object is not a Field" if field is None else "the field has no stands"
                 raise ValueError(
@@ -260,7 +260,7 @@ def checked_prior(
                     f"with rvec and tvec as a start"
                 )
             found.extend(field.stands)
-        elif member in named:
+        elif isinstance(member, str) and member in named:
             found.append(named[member])
         else:
             raise ValueError(

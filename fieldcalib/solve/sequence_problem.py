@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fieldcalib._checks import listed
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
@@ -44,7 +45,7 @@ class SequenceProblem:
             raise ValueError(
                 f"shared must be a sequence of names, got the name {shared!r}: did you mean ({shared!r},)?"
             )
-        unknown = set(shared) - set(SHARED)
+        unknown = set(listed(shared, f"names to share among {', '.join(SHARED)}")) - set(SHARED)
         if unknown:
             raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
         ties = Ties.of(options.object_segments, matches or {}, pixels.count, options.image_size)

@@ -70,6 +70,8 @@ class Task:
 
     def __post_init__(self) -> None:
         check_object(self.object_segments)
+        if self.flags is not None:
+            _checked_flags(self.flags)
 
     @property
     def field(self) -> Field | None:

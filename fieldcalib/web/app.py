@@ -95,6 +95,7 @@ class Page:
             post("/api/clip/draw", answered(self.draw)),
             post("/api/clip/cancel", answered(self.cancel)),
             post("/api/clip/keep", answered(self.keep)),
+            post("/api/clip/undo_keep", answered(self.undo_keep)),
             post("/api/clip/discard", answered(self.cancel)),
             post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
@@ -136,6 +137,7 @@ class Page:
                 "rate": editor.frames.rate,
                 "version": editor.version,
                 "can_save": editor.stored is not None,
+                "refused": editor.claim(),
                 "unsaved": editor.unsaved,
                 "has_results": editor.stored is not None and len(editor.stored.ids) > 0,
                 "sports": list(FIELDS),
@@ -216,8 +218,9 @@ class Page:
     async def save(self, request: Request) -> Response:
         """Write labels and cameras into the folder of results."""
         await _body(request)
+        folder, by_hand = self.editor.stored, self.editor.unsaved
         saved = await run_in_threadpool(self.editor.save)
-        return JSONResponse({"saved": saved, "folder": str(self.editor.stored.folder) if self.editor.stored else ""})
+        return JSONResponse({"saved": saved, "by_hand": by_hand, "folder": str(folder.folder) if folder else ""})
 
     async def likely(self, request: Request) -> Response:
         """Labels for a pixel, the likely ones first."""
@@ -265,6 +268,12 @@ class Page:
         """Keep the solution."""
         await _body(request)
         return JSONResponse({"saved": await run_in_threadpool(self.job.keep)})
+
+    async def undo_keep(self, request: Request) -> Response:
+        """Take the solution back that was kept last."""
+        await _body(request)
+        await run_in_threadpool(self.job.undo_keep)
+        return JSONResponse(await run_in_threadpool(self.job.report))
 
     async def cuts(self, request: Request) -> Response:
         """Set the first frames of the shots."""

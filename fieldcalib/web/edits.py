@@ -12,7 +12,7 @@ from fieldcalib.editor.frame import FrameEditor
 
 MOST_MARKS = 2000  # of a frame
 FARTHEST = 100_000.0  # px: no mark is farther from the picture's corner
-KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size")
+KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect")
 
 
 def apply(editor: Editor, number: int, body: Mapping[str, Any]) -> None:

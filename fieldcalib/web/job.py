@@ -91,6 +91,13 @@ class ClipJob:
             self._status = _Status()
         return count
 
+    def undo_keep(self) -> None:
+        """Take the solution back that was kept last, which may be kept again; a ValueError if there is none."""
+        with self._lock:
+            if self._status.state == "running":
+                raise ValueError("the clip is being solved or drawn: wait, or cancel that")
+            self._status = _Status("ready", proposal=self._editor.undo_keep())
+
     @property
     def proposal(self) -> Proposal:
         """The solution; a ValueError if there is none."""
@@ -118,6 +125,7 @@ class ClipJob:
             "stage": status.stage,
             "error": status.error,
             "changes": changes,
+            "can_undo_keep": self._editor.can_undo_keep,
             "to_draw": [] if status.state == "running" else self._editor.to_draw,
         }
 

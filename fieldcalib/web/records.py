@@ -132,9 +132,23 @@ def camera_record(calibration: Calibration) -> dict[str, Any]:
         "roll": roll,
         "dist": np.ravel(dist).tolist(),
         "principal_point": camera.principal_point.tolist(),
+        "aspect": shown_aspect(camera),
         "field_size": None if field is None else [field.length, field.width],
         "sd": deviations,
     }
+
+
+def shown_aspect(camera: Camera) -> float:
+    """Width / height at which the picture of a camera has square pixels.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 66.0, -16.0), (1280, 720))
+    >>> round(shown_aspect(camera), 4), round(shown_aspect(camera.scaled((640, 640))), 4)
+    (1.7778, 1.7778)
+    """
+    width, height = camera.image_size
+    return float(width / height * camera.K[1, 1] / camera.K[0, 0])
 
 
 def _probability(calibration: Calibration) -> dict[str, float] | None:

@@ -28,6 +28,7 @@ from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
+from fieldcalib.web.report_advice import Commands
 from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
@@ -60,10 +61,11 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
         If it cannot be written.
     """
     field = next((one.field for one in results.values() if one.field is not None), soccer())
-    whole = ReportTable.of(results.frames.mains(), field, with_views=len(results.frames.ids) <= MOST_VIEWS)
+    commands = Commands.of(results)
+    whole = ReportTable.of(results.frames.mains(), field, commands, with_views=len(results.frames.ids) <= MOST_VIEWS)
     pictures = thumbnails(results, frames_to_show(whole.count, whole.worst), progress)
     numbers = {id: number for number, id in enumerate(results.frames.ids)}
-    states = _states(results, pictures, numbers)
+    states = _states(results, pictures, numbers, commands)
     table = whole.within(TABLE_BYTES, [numbers[id] for id in states])
     kept = np.array([numbers[id] for id in table.columns["id"]], dtype=int)
     title = title or ("fieldcalib" if results.folder is None else results.folder.resolve().name)
@@ -129,12 +131,16 @@ def _images(pictures: Pictures, ids: Sequence[str]) -> Iterator[tuple[str, Image
                 yield id, pictures.image(id)
 
 
-def _states(results: Results, pictures: Mapping[str, bytes], numbers: Mapping[str, int]) -> dict[str, Any]:
+def _states(
+    results: Results, pictures: Mapping[str, bytes], numbers: Mapping[str, int], commands: Commands
+) -> dict[str, Any]:
     """What is drawn on the pictures of frames, of as many as fit their bytes."""
     states: dict[str, Any] = {}
     size = 0
     for id, jpeg in pictures.items():
-        state = {"remedy": results.frames.main(numbers[id]).get("remedy", ""), **_drawn(results[id], stored_size(jpeg))}
+        remedy = results.frames.main(numbers[id]).get("remedy", "")
+        said = {"remedy": remedy, "here": commands.how(remedy)} if remedy else {}
+        state = {**said, **_drawn(results[id], stored_size(jpeg))}
         size += len(as_json(state))
         if size > STATE_BYTES:
             break

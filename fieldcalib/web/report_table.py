@@ -17,13 +17,10 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN
 from fieldcalib.web.bundle import as_json
 from fieldcalib.web.records import view_of
+from fieldcalib.web.report_advice import LOOK_AND_LABEL, OF_ANY, UNREADABLE, Commands
 from fieldcalib.web.thumbnails import frames_to_show
 
 VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
-LOOK = (
-    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
-)
-UNREADABLE = "the file cannot be read: get it again, or leave it out"
 VIEW_POINTS = 12  # of the polygon of the ground in view
 MOST_LETTERS = 240  # of a reason
 NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
@@ -37,6 +34,8 @@ class Reason:
     words: str
     """With an ellipsis for names and numbers where there are several frames."""
     remedy: str
+    how: str
+    """What to type, and what to do there."""
     count: int
     """Number of frames."""
 
@@ -51,7 +50,14 @@ class ReportTable:
     """Number of frames of the run, of which the table may have fewer."""
 
     @classmethod
-    def of(cls, lines: Iterable[Mapping[str, Any]], field: Field, *, with_views: bool = True) -> ReportTable:
+    def of(
+        cls,
+        lines: Iterable[Mapping[str, Any]],
+        field: Field,
+        commands: Commands = OF_ANY,
+        *,
+        with_views: bool = True,
+    ) -> ReportTable:
         """The table of the lines of frames in ``cameras.jsonl``, perhaps with the ground that each frame shows."""
         seen = field if with_views else None
         rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
@@ -61,7 +67,7 @@ class ReportTable:
             first = row["reason"].partition("; ")[0]
             key = row["verdict"], VALUES.sub("…", first)
             examples.setdefault(key, first)
-            advice = UNREADABLE if line["status"] == BROKEN else line.get("remedy") or LOOK
+            advice = UNREADABLE if line["status"] == BROKEN else line.get("remedy") or LOOK_AND_LABEL
             if key[0] != Verdict.GOOD:
                 remedies.setdefault(key, Counter())[advice] += 1
             rows.append(row)
@@ -71,15 +77,10 @@ class ReportTable:
         numbers = {key: number for number, key in enumerate(ordered)}
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else _row(NOTHING, seen))}
         columns["group"] = [numbers.get(key, -1) for key in keys]
-        reasons = [
-            Reason(
-                key[0],
-                examples[key] if counts[key] == 1 else key[1],
-                remedies[key].most_common(1)[0][0],
-                counts[key],
-            )
-            for key in ordered
-        ]
+        reasons = []
+        for key in ordered:
+            words, remedy = examples[key] if counts[key] == 1 else key[1], remedies[key].most_common(1)[0][0]
+            reasons.append(Reason(key[0], words, remedy, commands.how(remedy), counts[key]))
         return cls(columns, reasons, len(rows))
 
     @property

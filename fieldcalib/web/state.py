@@ -12,7 +12,8 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.fitting import is_left_out, is_stray, mark_errors
-from fieldcalib.editor.frame import LENSES, FrameEditor, Known
+from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.known import LENSES, Known
 from fieldcalib.io.image import size_of
 from fieldcalib.web.records import judgement_record, projection_record
 

@@ -69,6 +69,12 @@ def test_the_clip_follows_a_frame_that_was_mended(serve, window, clip, shoot):
     shifts = [worst_shift(one.state(number)["camera"], CAMERAS[number]) for number in range(0, COUNT, 4)]
     assert max(shifts) < 3.0
 
+    one.page.get_by_role("button", name="Undo Keep").click()
+    one.page.get_by_text("Solved again:").wait_for()
+    one.page.get_by_role("button", name="Save 1 frame").wait_for()
+    one.page.get_by_role("button", name="Keep", exact=True).click()
+    one.page.get_by_text("mended by hand holds the clip").wait_for()
+
 
 def test_solving_is_cancelled(serve, window, clip):
     one = window(serve(clip))

@@ -50,25 +50,79 @@ def test_labelling_from_nothing_reaches_the_true_camera_within_its_uncertainty(l
 
 SHOW_VERDICT = """async () => {
     const { VerdictCard } = await import(new URL("static/verdict.js", document.baseURI));
-    const card = new VerdictCard(document.getElementById("verdict"), { canMend: true });
+    const card = new VerdictCard(document.getElementById("verdict"), { here: "Here" });
     const before = card.root.clientHeight;
     card.show({ number: 0, verdict: "check", camera: {}, reason: "a reason, ".repeat(40),
                 remedy: "give the known length and width of the field ".repeat(9),
                 here: "type the size of the field in the tab Camera", marks: [] });
-    const cut = [...card.root.children].filter((one) => one.scrollHeight > one.clientHeight + 1).length;
-    card.root.scrollTop = 1e4;
-    const last = card.root.lastElementChild.getBoundingClientRect().bottom;
-    return { cut, jump: card.root.clientHeight - before, beyond: last - card.root.getBoundingClientRect().bottom,
-             focusable: card.root.tabIndex, text: card.root.innerText };
+    const { words, more } = card;
+    const cut = [...words.children].filter((one) => one.scrollHeight > one.clientHeight + 1).length;
+    words.scrollTop = 1e4;
+    const last = words.lastElementChild.getBoundingClientRect().bottom;
+    const seen = { cut, jump: card.root.clientHeight - before, beyond: last - words.getBoundingClientRect().bottom,
+                   focusable: words.tabIndex, text: card.root.innerText, says: !more.hidden && more.innerText };
+    more.click();
+    seen.higher = card.root.clientHeight - before;
+    card.show({ number: 1, verdict: "good", camera: {}, reason: "rms 0.4 px", marks: [] });
+    seen.stays = card.root.clientHeight - before - seen.higher;
+    more.click();
+    return { ...seen, after: card.root.clientHeight - before, quiet: more.hidden };
 }"""
 
 
 def test_a_long_reason_is_shown_whole(labelled):
     seen = labelled.page.evaluate(SHOW_VERDICT)
     assert (seen["cut"], seen["jump"], seen["focusable"]) == (0, 0, 0)
-    assert seen["beyond"] <= 0.0
+    assert seen["beyond"] < 1.0  # places are fractions of pixels
     assert seen["text"].lower().count("a reason") == 40
     assert "Here: type the size of the field in the tab Camera." in seen["text"]
+    assert seen["says"] == "More"  # that words are cut, and how to see them
+    assert seen["higher"] > 100
+    assert (seen["stays"], seen["after"], seen["quiet"]) == (0, 0, True)
+
+
+RECORD_TEXTS = """() => {
+    window.texts = [];
+    const { fillText } = CanvasRenderingContext2D.prototype;
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+        window.texts.push(text);
+        return fillText.call(this, text, ...rest);
+    };
+}"""
+
+
+def test_metres_are_not_covered_by_the_name_of_a_marking(serve, window, picture):
+    one = window(serve(picture))
+    place = along("Middle line", count=5)[2]
+    one.page.evaluate(RECORD_TEXTS)
+    one.page.mouse.move(*one.place(place))
+    one.wait("() => window.texts.includes('Middle line')")
+    one.press("2")
+    one.click(place)
+    one.wait("() => window.texts.some((text) => text.includes('±'))")
+    one.page.evaluate("() => { window.texts = [] }")
+    one.page.mouse.move(*np.add(one.place(place), (1, 0)))
+    one.wait("() => window.texts.some((text) => text.includes('±'))")
+    assert "Middle line" not in one.page.evaluate("window.texts")
+
+
+def test_a_squashed_picture_is_good_when_its_shape_is_said(serve, window, tmp_path):
+    squashed, size = tmp_path / "squashed.jpg", (640, 480)
+    cv2.imwrite(str(squashed), cv2.resize(render(), size, interpolation=cv2.INTER_AREA))
+    one = window(serve(squashed), size=(1400, 850))
+    assert "squashed or cut out" in one.text("#verdict")
+    assert one.page.locator("#verdict .verdict-more").is_visible()
+    one.page.get_by_role("tab", name="Camera").click()
+    shape = one.page.get_by_label("Shown as (w:h)")
+    before = one.revision
+    shape.fill("16:9")
+    shape.press("Enter")
+    one.wait_for_revision(before + 1)
+    one.wait("() => document.querySelector('#verdict strong')?.innerText === 'Good'")
+    assert shape.input_value() == "16:9"
+    assert one.state()["known"]["aspect"] == pytest.approx(16 / 9)
+    truth = TRUTH.scaled(size)
+    assert np.linalg.norm(np.subtract(one.state()["camera"]["position"], truth.C)) < 1.0
 
 
 SHOW_LEFT_OUT = """async () => {

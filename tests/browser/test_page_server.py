@@ -95,6 +95,10 @@ def test_what_is_saved_is_said(serve, window, picture):
     server = serve(picture)
     one = window(server)
     assert one.text("#top-save button") == "Save"  # nothing has been saved yet
+    one.press("Control+s")
+    one.page.get_by_text("Nothing was changed by hand. Saved what was found by itself in 1 frame").wait_for()
+    one.press("Control+s")
+    one.page.get_by_text("Nothing to save").wait_for()
     one.label_by_clicks(LABELS[:4])
     one.page.get_by_role("button", name="Save 1 frame").wait_for()
     assert one.page.title().startswith("• ")
@@ -105,6 +109,16 @@ def test_what_is_saved_is_said(serve, window, picture):
 
     one.page.get_by_label("Write labels as a file").select_option("soccernet")
     one.page.get_by_text("Labels written:").wait_for()
+
+
+def test_a_second_server_on_a_folder_says_so_at_once(serve, window, picture):
+    first = window(serve(picture))
+    first.mark("Middle line", along("Middle line")[:1])
+    second = window(serve(picture))
+    second.page.get_by_text("Changes here are refused:").wait_for()
+    first.server.kill()
+    second.page.get_by_text("Changes here are refused:").wait_for(state="hidden")
+    second.mark("Middle line", along("Middle line")[1:])
 
 
 def test_the_page_has_names_and_a_strict_policy(serve, window, picture):

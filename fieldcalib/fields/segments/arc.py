@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored_point, vector
+from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored_point, steps, vector
 from fieldcalib.geometry.lens.model import dot
 
 
@@ -92,7 +92,7 @@ class Arc(Segment):
 
     def sample(self, spacing: float = 1.0) -> Array:
         """Points from start to stop, at most `spacing` metres of arc apart, (N, 3)."""
-        count = int(np.ceil(self.radius * abs(self.stop - self.start) / spacing)) + 1
+        count = steps(self.radius * abs(self.stop - self.start), spacing) + 1
         return self.samples(max(count, 3))
 
     def at(self, phi: Array) -> Array:

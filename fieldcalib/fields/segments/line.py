@@ -17,7 +17,7 @@ from fieldcalib.fields.segments.closest import (
     left_normal,
 )
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored_point, vector
+from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored_point, steps, vector
 from fieldcalib.geometry.lens.model import dot
 
 
@@ -94,7 +94,7 @@ class Line(Segment):
     def sample(self, spacing: float = 1.0) -> Array:
         """Points from start to end, at most `spacing` metres apart, (N, 3)."""
         start, end = np.array(self.start), np.array(self.end)
-        count = int(np.ceil(np.linalg.norm(end - start) / spacing)) + 1
+        count = steps(float(np.linalg.norm(end - start)), spacing) + 1
         return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
 
     @property

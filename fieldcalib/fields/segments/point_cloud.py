@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero
 from fieldcalib.fields.segments.rows import Rows
@@ -77,7 +78,7 @@ class PointCloud(Segment):
     ordered: bool = False
 
     def __post_init__(self) -> None:
-        X = np.array(self.points, dtype=float)
+        X = real_array(self.points)
         if X.ndim != 2 or X.shape[1] != 3 or len(X) < (3 if self.ordered else 1):
             least = "three points for an ordered cloud" if self.ordered else "one point"
             raise ValueError(f"a PointCloud needs an (N, 3) array with at least {least}, got shape {X.shape}")

@@ -9,6 +9,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from fieldcalib._checks import is_number, real_array
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.rows import Rows
 
@@ -135,6 +136,16 @@ class Segment(ABC):
         return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
 
 
+MOST_SAMPLES = 10_000_000  # of a segment: 240 MB
+
+
+def steps(length: float, spacing: float) -> int:
+    """Number of equal steps of at most `spacing` metres over a length; a ValueError if the spacing is none."""
+    if not (is_number(spacing) and spacing > 0.0 and length / MOST_SAMPLES < spacing):
+        raise ValueError(f"spacing must be positive metres, not too small for {length:g} m, got {spacing!r}")
+    return int(np.ceil(length / spacing))
+
+
 def middles(length: float, longest: float) -> Array:
     """Middles of equal parts no longer than `longest`, as shares of a length."""
     count = int(np.ceil(length / longest))
@@ -143,7 +154,10 @@ def middles(length: float, longest: float) -> Array:
 
 def vector(values: Iterable[float], what: str) -> Vector:
     """Three finite numbers, or a ValueError that names what they are."""
-    array = np.asarray(values, dtype=float)
+    try:
+        array = real_array(values)
+    except ValueError as error:
+        raise ValueError(f"{what}: {error}") from None
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise ValueError(f"{what} needs three finite coordinates in metres, got {values!r}")
     x, y, z = array.tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.mirrored import with_top
 from fieldcalib.fields.segments import Arc, Point
@@ -60,6 +61,8 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
     >>> futsal(38.0, 18.0)["Goal line right"].end
     (18.96, 8.96, 0.0)
     """
+    if not (is_number(length) and is_number(width)):
+        raise ValueError(f"expected length and width as numbers of metres, got {length!r} and {width!r}")
     posts = 0.5 * GOAL_WIDTH + POST
     if not (length > 2.0 * SECOND_PENALTY_MARK and width > 2.0 * (posts + PENALTY_AREA)):
         raise ValueError(

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.court import court
@@ -171,7 +172,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
     """
     if rules == "iihf":
         return ice_hockey_iihf()
-    if rules not in FIXED:
+    if not isinstance(rules, str) or rules not in FIXED:
         raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
     return _rink(FIXED[rules], size_known=True)
 
@@ -205,9 +206,9 @@ def ice_hockey_iihf(
     14.0
     """
     for name, value, (low, high) in (("long", length, LEGAL_IIHF[0]), ("wide", width, LEGAL_IIHF[1])):
-        if not low - 1.0 <= value <= high + 1.0:  # `Field.motion` steps a metre beyond
+        if not (is_number(value) and low - 1.0 <= value <= high + 1.0):  # `Field.motion` steps a metre beyond
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
-    if not 7.0 <= corner_radius <= 8.5:
+    if not (is_number(corner_radius) and 7.0 <= corner_radius <= 8.5):
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")
     rules = replace(IIHF, length=length, width=width, corner_radius=corner_radius)
     model = SizePrior(LEGAL_IIHF, USUAL_IIHF, build=ice_hockey_iihf, rules="the rule book")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.court import court
@@ -82,7 +83,7 @@ def rugby_union(
         ("wide", width, LEGAL[1], 1.0),
         ("deep in goal", in_goal, IN_GOAL, 0.0),
     ):
-        if not low - beyond <= value <= high + beyond:
+        if not (is_number(value) and low - beyond <= value <= high + beyond):
             raise ValueError(f"a field of rugby union is {low:g} to {high:g} m {name}, got {value}")
     return court(
         (length, width),

@@ -80,7 +80,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
             f"a soccer field is longer than wide, got length = {length} and width = {width}: give the touchline first, "
             f"soccer({width}, {length})"
         )
-    return _pitch(float(length), float(width), size_known)
+    return _pitch(float(length), float(width), bool(size_known))
 
 
 @lru_cache(maxsize=64)

@@ -49,7 +49,7 @@ def volleyball(net: str = "men") -> Field:
     >>> volleyball("women")["Net upper edge"].start
     (0.0, -4.5, -2.24)
     """
-    if net not in NET_HEIGHTS:
+    if not isinstance(net, str) or net not in NET_HEIGHTS:
         raise ValueError(f"expected the net of a volleyball court, 'men' or 'women', got {net!r}")
     half, end, side = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
     attack, upper, lower = ATTACK_LINE - half, -NET_HEIGHTS[net], NET_DEPTH - NET_HEIGHTS[net]

@@ -39,7 +39,7 @@ class App {
     this.picture = new Picture(at("stage"));
     this.loader = new FrameLoader(this.picture);
     this.player = new Player(this.loader, { show: (number, found) => this.presentPlayed(number, found), onchange: (playing) => this.playingChanged(playing), onerror: (error) => this.complain(error) });
-    this.verdict = new VerdictCard(at("verdict"), { canMend: true });
+    this.verdict = new VerdictCard(at("verdict"), { here: "Here" });
     this.map = new FieldMap(at("map"), { choose: (label) => this.choose(label === this.chosen ? null : label) });
     this.map.onhover = (label) => this.emphasize(label);
     this.list = new FrameList(at("frames"), { open: (number) => this.open(number) });
@@ -111,6 +111,7 @@ class App {
   showProject(project) {
     this.project = project;
     this.cuts = project.cuts;
+    this.notices.refused(project.refused);
     at("title").textContent = project.title;
     at("page").classList.toggle("single", project.count <= 1);
     at("clip").hidden = !this.isClip;
@@ -435,8 +436,7 @@ class App {
   async save() {
     if (!this.project?.can_save) return this.notices.say("There is no folder of results to save into: run fieldcalib open with one.", "warn");
     try {
-      const { saved, folder } = await post("api/save");
-      this.notices.say(`Saved ${counted(saved, "frame")} in ${folder}.`, "good");
+      this.notices.say(savedWords(await post("api/save")), "good");
       await this.poll();
       if (this.isClip) await this.clip.poll();
     } catch (error) {
@@ -594,6 +594,14 @@ class App {
     at("stage-empty").hidden = false;
     at("stage-empty").replaceChildren(element("strong", { text: title }), element("p", { class: "dim", text: words }));
   }
+}
+
+/** What a save has written: nothing, cameras that were found by themselves, or what a person changed. */
+function savedWords({ saved, by_hand: byHand, folder }) {
+  if (!saved) return "Nothing to save: nothing has changed since it was saved.";
+  if (!byHand) return `Nothing was changed by hand. Saved what was found by itself in ${counted(saved, "frame")}, in ${folder}.`;
+  const others = saved > byHand ? `, and what was found by itself in ${saved - byHand} more` : "";
+  return `Saved ${counted(byHand, "frame")}${others} in ${folder}.`;
 }
 
 new App().start();

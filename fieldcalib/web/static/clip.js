@@ -17,6 +17,7 @@ export class ClipBar {
       solve: button("Solve the clip again", { icon: "solve", keys: "", press: () => this.act("solve") }),
       next: button("Next frame to mend", { press: () => this.showNext() }),
       draw: button("Draw overlay.mp4 again", { press: () => this.act("draw") }),
+      undo_keep: button("Undo Keep", { icon: "undo", press: () => this.act("undo_keep") }),
       cancel: button("Cancel", { press: () => this.act("cancel") }),
       worst: button("Largest change", { press: () => this.showLargest() }),
       keep: button("Keep", { kind: "primary", press: () => this.act("keep") }),
@@ -36,7 +37,7 @@ export class ClipBar {
     if (what === "solve" || what === "draw") this.draw({ state: "running", done: 0, total: 0, stage: "" });
     try {
       await post(`api/clip/${what}`);
-      if (what === "keep") this.listeners.onkept();
+      if (what === "keep" || what === "undo_keep") this.listeners.onkept();
       await this.poll();
     } catch (error) {
       this.listeners.onerror(error);
@@ -62,6 +63,7 @@ export class ClipBar {
       solve: job.state === "none" || job.state === "failed",
       next: job.state === "none" || job.state === "failed",
       draw: (job.state === "none" || job.state === "failed") && Boolean(this.toDraw?.length),
+      undo_keep: (job.state === "none" || job.state === "failed") && Boolean(job.can_undo_keep),
       cancel: job.state === "running",
       worst: job.state === "ready" && Boolean(job.changes?.frames.length),
       keep: job.state === "ready",

@@ -2,6 +2,9 @@
 
 import { changeIcon, drawIcon, element, shownNumber } from "./dom.js";
 
+const RATIOS = [[16, 9], [4, 3], [3, 2], [21, 9], [1, 1], [9, 16]]; // shown in words; others as a number
+const SAME_RATIO = 0.006; // sizes are whole pixels
+
 /** The numbers, in an element that it fills. `know` takes the values of an edit. */
 export class KnownValues {
   constructor(root, { know }) {
@@ -13,6 +16,7 @@ export class KnownValues {
     this.middle = this.lockRow("Principal point", "principal_point");
     this.middle.words = element("span", { class: "value-words" });
     this.middle.node.append(element("span", { class: "row-label", text: "Principal point" }), this.middle.words, this.middle.lock);
+    this.shape = this.numbers("Shown as", 1, { unit: "w:h", digits: 2, key: "aspect", least: 0.2, found: ({ aspect }) => [named(aspect)], parse: parseRatio, format: ratioWords, note: shapeWords });
     this.lens = element("select", { "aria-label": "Lens model", on: { change: () => this.know({ lens: this.lens.value }) } });
     this.lensWords = element("span", { class: "dim small value-words" });
     this.angles = element("div", { class: "angles" });
@@ -22,6 +26,7 @@ export class KnownValues {
       this.position.node,
       this.size.node,
       this.middle.node,
+      this.shape.node,
       element("div", { class: "known-row" }, element("span", { class: "row-label", text: "Lens" }), element("span", { class: "values" }, this.lens), this.lensWords),
       element("p", { class: "dim small", text: "A locked number is held; an open one is estimated. Type a number to lock it." }),
     );
@@ -42,8 +47,8 @@ export class KnownValues {
     return row;
   }
 
-  numbers(words, count, { unit, digits, key, names = [""], found, sd = null, least = -Infinity }) {
-    const row = Object.assign(this.lockRow(words, key), { digits, found, sd });
+  numbers(words, count, { unit, digits, key, names = [""], found, sd = null, least = -Infinity, parse = parseNumber, format = shownNumber, note = null }) {
+    const row = Object.assign(this.lockRow(words, key), { digits, found, sd, parse, format, note });
     row.inputs = Array.from({ length: count }, (_, k) => {
       const name = names[k] ? `${words}, ${names[k]}` : words;
       const input = element("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${name} (${unit})`, on: { change: () => this.typed(row, least) } });
@@ -62,7 +67,7 @@ export class KnownValues {
   }
 
   typed(row, least) {
-    const values = row.inputs.map(({ value }) => Number(value.replace("−", "-").replace(",", ".")));
+    const values = row.inputs.map(({ value }) => row.parse(value));
     const wrong = values.findIndex((value, k) => !row.inputs[k].value.trim() || !Number.isFinite(value) || value < least);
     row.inputs.forEach((input, k) => input.setAttribute("aria-invalid", String(k === wrong)));
     if (wrong < 0) this.know({ [row.key]: values.length === 1 ? values[0] : values });
@@ -83,18 +88,18 @@ export class KnownValues {
     row.setLocked(held !== null && held !== undefined);
     row.inputs.forEach((input, k) => {
       input.setAttribute("aria-invalid", "false");
-      if (document.activeElement !== input) input.value = values.length ? shownNumber(values[k], row.digits) : "";
+      if (document.activeElement !== input) input.value = values.length ? row.format(values[k], row.digits) : "";
       input.placeholder = "–";
     });
     const deviations = camera?.sd && row.sd && !row.locked ? row.sd(camera.sd) : null;
-    row.deviation.textContent = row.locked ? "held" : deviations ? `± ${deviations.map((value) => shownNumber(value, row.digits && row.digits + 1)).join(", ")}` : "";
+    row.deviation.textContent = row.locked ? "held" : row.note && camera ? row.note(this.frame) : deviations ? `± ${deviations.map((value) => shownNumber(value, row.digits && row.digits + 1)).join(", ")}` : "";
   }
 
   /** Show the camera and the known values of a frame. */
   show(frame) {
     this.frame = frame;
     const { camera, known } = frame;
-    for (const row of [this.focal, this.position, this.size]) this.fill(row, frame);
+    for (const row of [this.focal, this.position, this.size, this.shape]) this.fill(row, frame);
     this.middle.setLocked(known.principal_point);
     this.middle.words.textContent = known.principal_point
       ? "the middle of the picture"
@@ -107,6 +112,35 @@ export class KnownValues {
     this.lensWords.textContent = camera?.dist.some(Boolean) ? `k1 ${shownNumber(camera.dist[0], 4)}${camera.dist[1] ? `, k2 ${shownNumber(camera.dist[1], 4)}` : ""}` : "";
     this.angles.replaceChildren(...["pan", "tilt", "roll"].map((name) => angle(name, camera)));
   }
+}
+
+function parseNumber(text) {
+  return Number(text.replace("−", "-").replace(",", "."));
+}
+
+/** "16:9" or "1.78" as a number. */
+function parseRatio(text) {
+  const [width, height] = text.split(":").map(parseNumber);
+  return height === undefined ? width : width / height;
+}
+
+function isNear(value, ratio) {
+  return Math.abs(value / ratio - 1) < SAME_RATIO;
+}
+
+/** A ratio of the usual ones exactly, if it is near one. */
+function named(value) {
+  const near = RATIOS.find(([width, height]) => isNear(value, width / height));
+  return near ? near[0] / near[1] : value;
+}
+
+function ratioWords(value, digits) {
+  const near = RATIOS.find(([width, height]) => isNear(value, width / height));
+  return near ? near.join(":") : shownNumber(value, digits);
+}
+
+function shapeWords({ width, height, camera }) {
+  return isNear(camera.aspect, width / height) ? "as it is: pixels are square" : "its pixels are not square";
 }
 
 function angle(name, camera) {

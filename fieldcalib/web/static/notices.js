@@ -9,7 +9,8 @@ export class Notices {
   constructor(root) {
     this.root = root;
     this.banner = element("div", { class: "banner", role: "alert", hidden: true });
-    document.body.append(this.banner);
+    this.refusal = element("div", { class: "banner refusal", role: "alert", hidden: true });
+    document.body.append(this.banner, this.refusal);
   }
 
   /** Say something; `kind` is "", "good" or "warn". */
@@ -19,6 +20,15 @@ export class Notices {
     node.append(button("Close", { icon: "clear", kind: "quiet", shown: false, press: () => node.remove() }));
     this.root.append(node);
     setTimeout(() => node.remove(), kind === "warn" ? 2 * STAY : STAY);
+  }
+
+  /** Why changes are refused, or "" where they are not. */
+  refused(words) {
+    this.refusal.hidden = !words;
+    if (words && this.refusal.dataset.words !== words) {
+      this.refusal.replaceChildren(element("strong", { text: "Changes here are refused:" }), element("span", { text: ` ${words}.` }));
+    }
+    this.refusal.dataset.words = words;
   }
 
   /** The server does not answer, with so many edits that it has not seen; null: it does again. */

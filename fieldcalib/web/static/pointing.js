@@ -158,7 +158,7 @@ export class Pointing {
     const label = number < 0 ? picture.curveAt(at) : null;
     picture.lines.style.cursor = actions.tool !== "mark" || (actions.chosen && number < 0) ? "crosshair" : number >= 0 || label || next ? "pointer" : "grab";
     actions.hover({ number, label, next, at: picture.view.toPicture(at) });
-    this.words = this.wordsFor(number, label, next);
+    this.words = actions.tool === "mark" ? this.wordsFor(number, label, next) : null; // metres stand there
     picture.drawLines();
   }
 

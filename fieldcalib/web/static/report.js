@@ -21,7 +21,7 @@ class Report {
     this.group = null; // the number of a reason
     this.current = 0;
     this.parts = this.build();
-    this.card = new VerdictCard(this.parts.card);
+    this.card = new VerdictCard(this.parts.card, { here: "How" });
     this.map = new FieldMap(this.parts.map);
     this.map.draw({ ...report.field, segments: report.field.segments.filter(({ kind }) => kind !== "point").map((one) => ({ ...one, key: "" })) });
     this.picture = new Picture(this.parts.stage);
@@ -136,7 +136,7 @@ class Report {
   }
 
   drawReasons() {
-    const rows = this.report.reasons.map(({ verdict, words: text, remedy, count }, number) => {
+    const rows = this.report.reasons.map(({ verdict, words: text, remedy, how, count }, number) => {
       const choose = () => {
         this.group = this.group === number ? null : number;
         this.filter();
@@ -147,7 +147,7 @@ class Report {
         { type: "button", class: "report-reason", "aria-pressed": String(this.group === number), title: "Show only these frames", on: { click: choose } },
         verdictShape(verdict),
         element("b", { class: "report-many", text: count.toLocaleString("en") }),
-        element("span", {}, element("span", { class: "report-why", text: sentence(text) }), element("span", { class: "dim", text: ` ${sentence(remedy)}` })),
+        element("span", {}, element("span", { class: "report-why", text: sentence(text) }), element("span", { class: "dim", text: ` ${sentence(remedy)}` }), element("span", { class: "report-how small", text: how })),
       );
     });
     const none = element("p", { class: "dim", text: this.allGood() });
@@ -201,7 +201,7 @@ class Report {
     const view = flat.flatMap((value, k) => (k % 2 ? [] : [[value, flat[k + 1]]]));
     const probability = of("probability") === null ? null : { metres: 1, value: of("probability") };
     const group = this.report.reasons[of("group")];
-    const row = { id: of("id"), verdict: of("verdict"), reason: of("reason"), remedy: group?.remedy ?? "", basis: of("basis"), view, probability, curves: [], horizon: null };
+    const row = { id: of("id"), verdict: of("verdict"), reason: of("reason"), remedy: group?.remedy ?? "", here: group?.how ?? "", basis: of("basis"), view, probability, curves: [], horizon: null };
     return { ...row, pan: of("pan"), tilt: of("tilt"), roll: of("roll"), focal_length: of("focal_length"), ...this.report.states[of("id")], number, revision: 0, marks: [], next: null };
   }
 

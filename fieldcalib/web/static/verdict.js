@@ -1,6 +1,6 @@
 // The verdict on a camera, by a shape, a colour and a word; the reason and what would help, in words.
 
-import { counted, element, shownNumber, svgElement } from "./dom.js";
+import { button, counted, element, shownNumber, svgElement } from "./dom.js";
 
 /** Words and colours (custom properties of style.css) by verdict; "" has no camera or was not looked at yet. */
 export const VERDICTS = {
@@ -35,14 +35,17 @@ export function paintVerdict(context, name, x, y, size, colour) {
   context.restore();
 }
 
-/** The card that says whether a camera can be used, why, and what would help: of one height, scrolled where that is too little. */
+/** The card that says whether a camera can be used, why, and what would help: of one height, or of a larger one on request where that cuts the words. */
 export class VerdictCard {
-  constructor(root, { canMend = false } = {}) {
+  constructor(root, { here = "" } = {}) {
     this.root = root;
-    this.canMend = canMend;
+    this.here = here; // how the words begin that say how the remedy is followed
     this.number = null;
-    root.setAttribute("role", "status");
-    root.setAttribute("aria-label", "Verdict on the camera");
+    this.words = element("div", { class: "verdict-words", role: "status", "aria-label": "Verdict on the camera" });
+    this.more = button("More", { kind: "verdict-more small", press: () => this.open(!this.isOpen) });
+    root.replaceChildren(this.words, this.more);
+    this.resizing = new ResizeObserver(() => this.measure());
+    this.resizing.observe(this.words);
   }
 
   /** Show the verdict of a frame: verdict, reason, remedy, message, basis, probability, by_hand, milliseconds. */
@@ -61,16 +64,38 @@ export class VerdictCard {
     const reason = frame.problem || frame.reason || frame.message;
     if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
     if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
-    if (this.canMend && frame.here && name !== "good") rows.push(element("p", { class: "verdict-remedy verdict-here", text: `Here: ${frame.here}.` }));
+    if (frame.here && name !== "good") rows.push(element("p", { class: "verdict-remedy verdict-here", text: `${this.here}: ${frame.here}.` }));
     const leftOut = leftOutWords(frame);
     if (leftOut) rows.push(element("p", { class: "verdict-left-out", text: leftOut }));
     const facts = basisWords(frame);
     if (facts) rows.push(element("p", { class: "dim small", text: facts }));
-    this.root.replaceChildren(...rows);
+    this.words.replaceChildren(...rows);
     this.root.dataset.verdict = name;
-    if (frame.number !== this.number) this.root.scrollTop = 0;
+    if (frame.number !== this.number) this.words.scrollTop = 0;
     this.number = frame.number;
-    this.root.tabIndex = this.root.scrollHeight > this.root.clientHeight ? 0 : -1; // arrow keys scroll it
+    this.measure();
+  }
+
+  get isOpen() {
+    return this.root.classList.contains("open");
+  }
+
+  /** Let the card be as high as its words, or of the usual height: it stays so for other frames, and nothing below it jumps. */
+  open(isOpen) {
+    this.root.classList.toggle("open", isOpen);
+    this.more.setAttribute("aria-expanded", String(isOpen));
+    const words = isOpen ? "Less" : "More";
+    this.more.querySelector("span").textContent = words;
+    this.more.setAttribute("aria-label", `${words} of the verdict`);
+    this.more.dataset.tip = isOpen ? "Make the verdict as high as before" : "Show all of the verdict";
+    this.measure();
+  }
+
+  /** Say where words are cut. */
+  measure() {
+    const isCut = this.words.scrollHeight > this.words.clientHeight + 1;
+    this.words.tabIndex = isCut ? 0 : -1; // arrow keys scroll it
+    this.more.hidden = !isCut && !this.isOpen;
   }
 }
 

@@ -1,0 +1,78 @@
+"""What a person knows of a camera, of its field, and of the shape of the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fieldcalib.assess.placement import Placement
+from fieldcalib.fields.field import Field
+from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
+from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+
+LENSES: Mapping[str, int] = {
+    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
+    "k1": DEFAULT_FLAGS,
+    "k1, k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
+}
+"""Flags by the name of a lens model."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a person knows of a camera and a field; None is estimated."""
+
+    focal_length: float | None = None
+    """Pixels of the picture, along rows."""
+    position: tuple[float, float, float] | None = None
+    """Metres from the centre mark, y towards the main stand, z down."""
+    principal_point: bool = False
+    """Whether it is the middle of the image."""
+    lens: str = "k1"
+    """A name of `LENSES`."""
+    field_size: tuple[float, float] | None = None
+    """Length and width, metres."""
+    aspect: float | None = None
+    """Width / height at which the picture is shown with square pixels: 16 / 9 for one that was squashed from it."""
+
+    def __post_init__(self) -> None:
+        if self.lens not in LENSES:
+            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {self.lens!r}")
+        if self.aspect is not None and not _is_aspect(self.aspect):
+            raise ValueError(
+                f"aspect must be the width / height at which the picture is shown, from {LEAST_RATIO:g} to "
+                f"{1.0 / LEAST_RATIO:g} as 16 / 9, or None, got {self.aspect!r}"
+            )
+
+    def of(self, field: Field) -> Field:
+        """The field in its known size."""
+        return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
+
+    def placement(self, image_size: tuple[int, int]) -> Placement:
+        """The placement of a picture in a frame with square pixels: as it is, unless the aspect is known."""
+        shown = image_size if self.aspect is None else shown_as(image_size, self.aspect)
+        return Placement(image_size, shown, None)
+
+    def arguments(self, placement: Placement) -> dict[str, Any]:
+        """Keyword arguments of `calibrate_from_segments` for pixels of the frame in which a picture lies."""
+        F = CalibrationFlags
+        flags, found = LENSES[self.lens], dict[str, Any]()
+        if self.focal_length is not None:
+            middle = np.divide(placement.frame_size, 2.0)
+            f = self.focal_length * float(placement.scale[0])  # along rows, as `Camera.focal_length`
+            found["camera_matrix"] = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
+            flags |= F.CALIB_FIX_FOCAL_LENGTH
+        if self.position is not None:
+            found["rvec"], found["tvec"] = np.zeros(3), -np.array(self.position)
+            flags |= F.CALIB_FIX_POSITION
+        if self.principal_point:
+            flags |= F.CALIB_FIX_PRINCIPAL_POINT
+        return {"flags": flags, **found}
+
+
+def _is_aspect(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and LEAST_RATIO <= value <= 1.0 / LEAST_RATIO
