@@ -87,8 +87,10 @@ def _results(folder: Path) -> Iterator[LabelledFrame]:
     """The good pictures of a folder of results, each a clip of its own."""
     results = read(folder)
     for file in results.pictures.files:
-        found = results.get(file.id)
-        if found is None or found.verdict is not Verdict.GOOD or found.camera is None or found.field is None:
+        if results.verdicts.get(file.id) is not Verdict.GOOD:
+            continue
+        found = results[file.id]
+        if found.camera is None or found.field is None:
             continue
         if file.path.suffix == ".zip" or not file.path.is_file():
             raise ValueError(f"{folder}: its picture {file.path} is not there as a file of its own")

@@ -59,7 +59,7 @@ def read_network(path: Path, images: Tensor) -> tuple[MarkingsNet, list[str]]:
     weights = {one.name: torch.from_numpy(onnx.numpy_helper.to_array(one).copy()) for one in graph.initializer}
     nodes = [node for node in graph.node if node.op_type == "Conv"]
     network = MarkingsNet(1 + len(classes)).eval()
-    called: list[nn.Module] = []
+    called: list[Any] = []  # torch says of modules only that they are some
     _run_with(network, images[:1], nn.Conv2d, lambda module, _: called.append(module))
     shapes = [[*weights[node.input[1]].shape] for node in nodes]
     if shapes != [[*module.weight.shape] for module in called]:
@@ -68,7 +68,8 @@ def read_network(path: Path, images: Tensor) -> tuple[MarkingsNet, list[str]]:
     with torch.no_grad():
         for node, module in zip(nodes, called, strict=True):
             module.weight.copy_(weights[node.input[1]])
-            norm, bias = after.get(module), weights[node.input[2]]
+            norm: Any = after.get(module)
+            bias = weights[node.input[2]]
             if norm is None:
                 module.bias.copy_(bias)
             else:

@@ -308,6 +308,33 @@ def test_runs_of_keyframes_are_parts(contradicted, expected):
     assert parts(12 * np.arange(len(some)), some) == expected
 
 
+def test_a_zoom_off_the_middle_is_found_out():
+    """A part of the picture, enlarged: the principal point is far from the middle, and cameras are right with it."""
+    size, corner = (720, 405), (0, 0)
+    cameras = [one.cropped(corner, size).scaled(SIZE) for one in panned(12, -0.4, 0.4)]
+    found = solved(clip_of(cameras))
+    assert found.pieces.models == {0: CameraModel.CUT_OUT}
+    (note,) = found.notes
+    assert "part of a larger one" in note
+    video = finished(found)
+    assert {one.verdict for one in video} == {Verdict.GOOD}
+    assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.3
+
+
+def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatch):
+    monkeypatch.setattr("fieldcalib.images.solved_shots._cut_out", lambda solved, piece: solved)
+    cameras = [one.cropped((0, 0), (720, 405)).scaled(SIZE) for one in panned(12, -0.4, 0.4)]
+    video = finished(solved(clip_of(cameras)))
+    assert {one.verdict for one in video} == {Verdict.CHECK}
+    assert "part of a frame" in video[0].reason
+    assert "a part of a frame" in video[0].remedy
+
+
+def test_whole_pictures_are_no_parts():
+    found = solved(clip_of(panned(12, -0.4, 0.4)))
+    assert (found.pieces.models, found.notes) == ({}, ())
+
+
 def test_a_frame_that_nothing_ties_does_not_say_that_it_shows_no_marking():
     """As in a dissolve, of which lines were not even looked for."""
     clip = clip_of(panned(8, -0.4, 0.4))

@@ -263,21 +263,20 @@ def test_another_network_is_not_rebuilt(tmp_path):
         read_network(tmp_path / "other.onnx", torch.zeros(1, 3, 64, 96))
 
 
-def test_training_goes_on_from_own_pictures(tmp_path):
-    """Two pictures with good cameras in a folder of results, and the network of the package."""
+def test_good_pictures_of_a_folder_of_results_are_labelled_frames(tmp_path):
     camera = Camera.from_angles(0.1, 1.3, 0.0, 900.0, (0.0, 60.0, -16.0), (480, 270))
     good = Calibration(camera, Status.ACCEPTED, "", 0.0, 0.0, {}, field=soccer())
     results = {}
     for name in "ab":
         write_image(tmp_path / f"{name}.png", render_field(camera, soccer(), rng=np.random.default_rng(0)))
-        results[name] = {"id": name, **good.to_dict(), "verdict": "good"}
+        results[name] = {"id": name, **good.to_dict(), "verdict": "good" if name == "a" else "check"}
     folder = tmp_path / "results"
     folder.mkdir()
     (folder / "cameras.jsonl").write_text("".join(json.dumps(one) + "\n" for one in results.values()))
-    record = {"command": "run", "options": {"input": [str(tmp_path / f"{name}.png") for name in "ab"]}}
-    (folder / "summary.json").write_text(json.dumps({"options": record["options"], "seconds": {}}))
+    options = {"input": [str(tmp_path / f"{name}.png") for name in "ab"]}
+    (folder / "summary.json").write_text(json.dumps({"options": options, "seconds": {}}))
     frames = list(labelled_frames(folder))
-    assert [one.image.name for one in frames] == ["a.png", "b.png"]
+    assert [one.image.name for one in frames] == ["a.png"]
     image, mask = whole(frames[0])
     assert image.shape[:2] == mask.shape
     assert mask.any()

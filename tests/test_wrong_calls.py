@@ -15,6 +15,7 @@ from fieldcalib import (
     PointCloud,
     Processes,
     RobustLoss,
+    calibrate,
     calibrate_from_homography,
     calibrate_from_points,
     calibrate_from_segments,
@@ -24,6 +25,7 @@ from fieldcalib import (
     field_homography,
     key_points,
     locate_on_ground,
+    refine_on_image,
     soccer,
 )
 from fieldcalib.draw import (
@@ -39,13 +41,13 @@ from fieldcalib.draw import (
     render_field,
     worst_frames,
 )
-from fieldcalib.fields import ice_hockey
+from fieldcalib.fields import basketball, ice_hockey
 from fieldcalib.io.boxes.files import open_boxes
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.label_studio import parse_label_studio
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoWriter
-from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
+from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -165,6 +167,13 @@ WRONG = {
         lambda _: calibrate_sequence(soccer(), [PIXELS], SIZE, shared=True),
         "expected names to share",
     ),
+    "a camera for a calibration": (lambda _: refine_on_image(soccer(), IMAGE, CAMERA), "expected a Calibration"),
+    "a list as a code": (lambda _: basketball(["nba"]), "expected the rules of a basketball court"),
+    "a number as a colour": (lambda _: draw_field(IMAGE, CAMERA, soccer(), colour=3), "expected a colour"),
+    "a list as a kind": (lambda _: iou_whole(CAMERA, CAMERA, SIZE, kind=[]), "kind must be one of"),
+    "a text as a new length": (lambda _: soccer().resized([105], 68.0), "length must be a number"),
+    "no step": (lambda _: calibrate(IMAGE, step=None, progress=False), "step must be a whole number"),
+    "an endless step": (lambda _: calibrate(IMAGE, step=np.inf, progress=False), "step must be a whole number"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }
 

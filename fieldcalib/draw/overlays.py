@@ -11,7 +11,7 @@ from zlib import crc32
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, expect, number, real_array
+from fieldcalib._checks import CAMERA, expect, listed, number, real_array
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
@@ -106,6 +106,7 @@ def draw_field(
     expect(colours, Mapping, '{"Middle line": (0, 0, 255)}')
     if not isinstance(thickness, int | np.integer) or not 1 <= thickness <= THICKEST:
         raise ValueError(f"thickness must be a whole number of pixels, 1 to {THICKEST}, got {thickness!r}")
+    listed(colour, "a colour (blue, green, red)")
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._checks import expect, is_number, listed
+from fieldcalib._checks import expect, is_number, listed, number
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -396,7 +396,7 @@ class Field(Mapping[str, Segment]):
         """
         if self.size_model is None or not self.moves_with_size:
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-        return built(self.size_model.build, length, width, self.size_known)
+        return built(self.size_model.build, number(length, "length"), number(width, "width"), self.size_known)
 
     @cached_property
     def motion(self) -> Array:

@@ -90,6 +90,8 @@ class Keyframes:
         if CameraModel.WINDOW in models:
             prior = window_prior(options.prior, options.object_segments, size)
             options = replace(options.not_sharing("principal point"), prior=prior)
+        elif CameraModel.CUT_OUT in models:
+            options = replace(options, prior=window_prior(options.prior, options.object_segments, size))
         elif models == {CameraModel.MOVING}:
             options = options.not_sharing("centre")
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}

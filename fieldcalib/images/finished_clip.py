@@ -5,7 +5,7 @@ Lines are searched near the markings that the cameras of the first pass project.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,6 +16,9 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.assess.whole_picture import CUT
+from fieldcalib.images.clip_keyframes import Keyframes
+from fieldcalib.images.clip_models import OFF_MIDDLE, off_middle
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
@@ -144,7 +147,8 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         if pieces.models_of(members) != {CameraModel.ALONE}:
             calibration = calibration.interpolated(pieces.number[frames], LONGEST_GAP)
         calibration = calibration.with_notes({NO_PIXELS: UNTIED})
-        calibrations.append(calibration.seen_in_images(_markings_seen(lines, calibration, frames)))
+        calibration = calibration.seen_in_images(_markings_seen(lines, calibration, frames))
+        calibrations.append(_with_place_of_picture(calibration, solved.keyframes, pieces.models_of(members)))
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
             calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], {int(number[t]): MIXED})
@@ -156,6 +160,18 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         number,
         solved.notes,
     )
+
+
+def _with_place_of_picture(
+    calibration: SequenceCalibration, keyframes: Keyframes, models: Collection[CameraModel]
+) -> SequenceCalibration:
+    """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
+    options = keyframes.options
+    off = off_middle(calibration, options.prior, options.object_segments, keyframes.shots.image_size)
+    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
+        return calibration
+    doubts = {t: "; ".join(filter(None, (calibration.frames.doubts.get(t, ""), CUT))) for t in range(len(calibration))}
+    return with_doubts(calibration, doubts)
 
 
 def finish_clip_again(

@@ -19,6 +19,9 @@ class CameraModel(StrEnum):
     """One place of the camera, its lens, and the size of the field."""
     WINDOW = "window"
     """A tripod, but a principal point for each frame: the picture is a window that moves over a larger one."""
+    CUT_OUT = "cut out"
+    """A tripod, with a principal point for all that may lie far from the middle: the picture is a fixed part of a
+    larger one, or is shown in a part of the screen."""
     PARTS = "parts"
     """A tripod for each part of the piece, which is divided."""
     MOVING = "moving"

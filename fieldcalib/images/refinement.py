@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import expect
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
@@ -98,6 +99,7 @@ def refine_on_image(
     >>> [round(float(np.linalg.norm(c.camera.project(mark) - truth.project(mark)))) for c in (found, refined)]
     [5, 0]
     """
+    expect(calibration, Calibration, "calibrate_from_segments gives it")
     if calibration.camera is None:
         return calibration
     size = calibration.camera.image_size

@@ -11,7 +11,18 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_keyframes import Keyframes, witnesses_of
-from fieldcalib.images.clip_models import HeldOut, Misprediction, is_preferred, misfit_note, model_note, parts
+from fieldcalib.images.clip_models import (
+    MAY_BE_OFF,
+    OFF_MIDDLE,
+    HeldOut,
+    Misprediction,
+    cut_out_note,
+    is_preferred,
+    misfit_note,
+    model_note,
+    off_middle,
+    parts,
+)
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.centres import nearest_places
@@ -81,9 +92,28 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
             found = replace(found, notes=(misfit_note(clip.shots.begin + frames),))
             first = [parts(frames[keyframes], is_contradicted(excess, size)), _parts_of_two_places(found, piece)]
         found = _best_model(found, piece, _other_models(found, piece, first, is_wrong=is_wrong))
+    if is_free and piece not in found.pieces.models:
+        found = _cut_out(found, piece)
     return replace(
         found, calibrations={**solved.calibrations, **found.calibrations}, notes=(*solved.notes, *found.notes)
     )
+
+
+def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
+    """A piece on a tripod, with a principal point far from the middle if its frames tell that it is there."""
+    clip, options = on_tripod.keyframes, on_tripod.keyframes.options
+
+    def off(calibration: SequenceCalibration) -> float:
+        return off_middle(calibration, options.prior, options.object_segments, clip.shots.image_size)
+
+    if options.given.camera_matrix is not None or off(on_tripod.calibrations[piece]) < MAY_BE_OFF:
+        return on_tripod
+    pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
+    found = clip.calibrate(pieces, [piece], clip.accepted)
+    if not found.together or off(found) < OFF_MIDDLE:
+        return on_tripod
+    notes = (*on_tripod.notes, cut_out_note(clip.shots.begin + pieces.frames([piece]), found))
+    return replace(on_tripod, pieces=pieces, calibrations={**on_tripod.calibrations, piece: found}, notes=notes)
 
 
 def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:

@@ -49,12 +49,16 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     stands = "centre" in options.shared
     located = [piece for piece, shot in shots.calibrations.items() if shot.together]
     moving = [piece for piece in located if pieces.models.get(piece) is CameraModel.MOVING]
+    cut_out = [piece for piece in located if pieces.models.get(piece) is CameraModel.CUT_OUT]
     if not stands:
         groups = [[piece] for piece in located]
     elif options.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
         groups = [located] if located else []
     else:
-        groups = grouped_by_tripod({piece: shot for piece, shot in shots.calibrations.items() if piece not in moving})
+        standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
+        groups = grouped_by_tripod({piece: shot for piece, shot in standing.items() if piece not in cut_out})
+        if cut_out:  # these have another principal point
+            groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})
         groups += [[piece] for piece in moving]
     groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))

@@ -130,7 +130,7 @@ def iou_whole(
     >>> round(iou_whole(left, right, (960, 540)), 2), round(iou_whole(left, right, (960, 540), kind="image"), 2)
     (0.96, 0.93)
     """
-    if kind not in get_args(IouWhole):
+    if not isinstance(kind, str) or kind not in get_args(IouWhole):
         raise ValueError(f"kind must be one of {', '.join(get_args(IouWhole))}, got {kind!r}")
     field = soccer() if field is None else field
     width, height = checked_image_size(image_size)

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib.console.field_options import AUTO
 from fieldcalib.console.progress import Progress
 from fieldcalib.fields.catalogue import field as field_named
@@ -145,7 +146,7 @@ def _position(time: str | float) -> Position:
 
 def _cut(start: Time, end: Time, step: int) -> Cut:
     """The part of the input that is asked for; a ValueError if it is none."""
-    if step < 1 or step != int(step):
+    if not is_number(step) or not 1 <= step < float("inf") or step != int(step):
         raise ValueError(f"step must be a whole number from 1, got {step!r}")
     first = Position(frame=0) if start is None else _position(start)
     return Cut(first, None if end is None else _position(end), int(step))

@@ -111,7 +111,7 @@ def american_football(rules: str = "nfl") -> Field:
     >>> round(american_football("ncaa")["Hash row bottom inner"].start[1], 3)
     6.096
     """
-    if rules not in RULES:
+    if not isinstance(rules, str) or rules not in RULES:
         raise ValueError(f"expected rules of American football among {', '.join(RULES)}, got {rules!r}")
     one = RULES[rules]
     return court(

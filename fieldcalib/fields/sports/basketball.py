@@ -134,7 +134,7 @@ def basketball(rules: str = "fiba") -> Field:
     >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
     '28-foot mark left bottom'
     """
-    if rules not in PROBABILITY:
+    if not isinstance(rules, str) or rules not in PROBABILITY:
         raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
     m, more = (FIBA, _only_fiba()) if rules == "fiba" else (NBA, _only_nba())
     return court(
