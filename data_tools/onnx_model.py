@@ -81,7 +81,7 @@ def read_network(path: Path, images: Tensor) -> tuple[MarkingsNet, list[str]]:
     return network, classes
 
 
-def _normalisations(network: nn.Module) -> dict[nn.Module, nn.BatchNorm2d]:
+def _normalisations(network: nn.Module) -> dict[nn.Module, Any]:
     """The normalisation after each convolution that has one."""
     parts = [list(one) for one in network.modules() if isinstance(one, nn.Sequential)]
     pairs = [pair for part in parts for pair in pairwise(part)]

@@ -34,6 +34,9 @@ LOST_FOR = 30  # frames, a second, in which a frame after a loss may be tied to 
 # shot mixed in 0.46 to 0.78, with 50 % 0.1 to 0.61
 LEAST_LIKENESS = 0.62  # of a frame and its keyframe, and of a new keyframe and all of the last `MIXED_FOR` frames
 MIXED_FOR = 50  # frames, the longest dissolve, which could be crossed in small steps from keyframe to keyframe
+MOSTLY_IN_VIEW = (
+    0.75  # share of an earlier keyframe which a new one must be like: with less, its motion is not known well
+)
 LEAST_LIKENESS_OF_KEY = 0.68  # of matched keyframes, and of frames that make a new piece
 KEPT = 12  # last keyframes of a piece that are kept: no more are made during a dissolve
 
@@ -317,7 +320,7 @@ class _Piece:
         """
         size = view.frame.image_size
         for older, to_newest in self._keys:
-            recent = view.index - older.index <= MIXED_FOR and shared_view(H @ to_newest, size) >= LEAST_IN_VIEW
+            recent = view.index - older.index <= MIXED_FOR and shared_view(H @ to_newest, size) >= MOSTLY_IN_VIEW
             if recent and likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
                 return None
         earlier = [self._keys[-back] for back in BACK if back <= len(self._keys)]

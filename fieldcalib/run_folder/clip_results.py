@@ -123,7 +123,7 @@ def _write_frames(
 
 def _drawn(
     clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions, threads: int | None
-) -> Generator[_Written]:
+) -> Generator[_Written, None, None]:
     """All frames in order with their overlays: read in a thread, and drawn in others while earlier ones are encoded."""
     rest = iter(calibrations)
 
@@ -141,7 +141,9 @@ def _drawn(
         yield from in_order(pool, draw, map(placed, read_ahead(clip.frames())), ahead=count)
 
 
-def _listed(clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions) -> Generator[_Written]:
+def _listed(
+    clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions
+) -> Generator[_Written, None, None]:
     """All frames in order, without reading them again."""
     placement, broken = clip.placement(), clip.source.broken
     rest = iter(calibrations)

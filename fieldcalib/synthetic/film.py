@@ -76,7 +76,7 @@ class Scene:
     """Metres on the ground, (frames, people, 2)."""
     people: Sequence[tuple[Person, Kit, float]]
     """Players, with their kits and the phases of their steps in radians."""
-    teams: Sequence[str]
+    teams: Sequence[str] = ()
     """Those of the players, of `TEAMS`."""
 
     @classmethod

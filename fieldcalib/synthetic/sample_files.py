@@ -8,7 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,8 @@ from fieldcalib.io.files import write_text
 from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.io.videos import VideoWriter
-from fieldcalib.processes.jobs import Processes, in_order
+from fieldcalib.processes.jobs import in_order
+from fieldcalib.run_folder.units import executor_of
 from fieldcalib.synthetic.film import LEAST_PATH, PAINTED, Scene, TrueFrame, cameras_as_text, clip_frames, filmed
 from fieldcalib.synthetic.paths import with_displaced_lines
 from fieldcalib.synthetic.samples import FILES, PLAYERS, TRUTH, Sample
@@ -63,7 +64,7 @@ def _film(path: Path, scene: Scene, frames: Sequence[TrueFrame], shown: Sequence
     """Render the frames that are shown, in several processes."""
     jobs = min(os.cpu_count() or 1, MOST_JOBS)
     with (
-        nullcontext() if jobs == 1 else Processes(jobs) as executor,
+        executor_of(jobs) as executor,
         progress_bar(desc="rendering", total=len(shown), unit="frame", progress=progress) as bar,
         VideoWriter(path, scene.rate) as video,
     ):
