@@ -1,15 +1,17 @@
 """Cameras that are searched for in pictures of courts (`fieldcalib.images.court_search`), against what is true.
 
     python -m data_tools.score_courts clips FOLDER [--field NAME]
-    python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N] [--least-view SHARE]
+    python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N] [--least-view SHARE] [--nominal]
     python -m data_tools.score_courts basketball FILE [--first N] [--every N]
     python -m data_tools.score_courts pictures FOLDER --field NAME
     python -m data_tools.score_courts nonsense --field NAME [--frames N]
     python -m data_tools.score_courts fit FILE...
 
 All but the last print a line of JSON with the number of pictures; how many have a right camera in the first place, an
-accepted right one, an accepted wrong one; and the median of the processor time, seconds. With --evidence FILE they add
-a line for each picture to a file, from which `fit` prints the coefficients of `CourtEvidence.probability`.
+accepted right one, an accepted right one that is good, an accepted wrong one; and the median of the processor time,
+seconds. A camera is right too if it says that it may stand where the true one does (`FoundCourt.moved`). With
+--evidence FILE they add a line for each picture to a file, from which `fit` prints the coefficients of
+`CourtEvidence.probability`.
 
 `clips`: the frames of `data_tools.court_truth`, whose clips are in FOLDER; with --field all of them under that field,
 where it is not their own, so that any camera is wrong.
@@ -17,6 +19,7 @@ where it is not their own, so that any camera is wrong.
 `frames`: synthetic frames of the field (`data_tools.synthetic`), 960x540. A camera is right if the points of the field
 in view lie within 5 px of 1280 columns in the median. With --least-view, frames that show at least that share of the
 field's area, with square pixels, as overviews of broadcasts do; without it, close views of a corner are among them.
+The size of a field that varies is the true one, with --nominal the usual one, from which the true one is to be found.
 
 `basketball`: rendered views of measured cameras of basketball games, in FILE as for `data_tools.undeclared`.
 
@@ -43,6 +46,7 @@ from data_tools.synthetic.frames import seen_by
 from data_tools.synthetic.games import game_named
 from data_tools.undeclared import BASKETBALL, basketball_cameras
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
@@ -68,7 +72,7 @@ class Case:
 
     name: str
     field: Field
-    """That is searched for, in its true size where it varies."""
+    """That is searched for."""
     image: Image
     is_right: Callable[[Camera], bool]
 
@@ -101,7 +105,8 @@ def of_synthetic(options: argparse.Namespace) -> Iterator[Case]:
         if one is None or one.camera is None:
             continue
         made += 1
-        yield Case(f"seed {seed}", one.field, one.image, Truth(one.camera, one.field).is_right)
+        searched = field_named(options.field) if options.nominal else one.field
+        yield Case(f"seed {seed}", searched, one.image, Truth(one.camera, one.field).is_right)
         if made == options.frames:
             break
 
@@ -174,17 +179,18 @@ def search(options: argparse.Namespace) -> int:
         start = time.process_time()
         found = find_courts(case.image, case.field)
         seconds.append(time.process_time() - start)
-        right = [case.is_right(one.calibration.required_camera) for one in found]
+        right = [any(map(case.is_right, (one.calibration.required_camera, *one.moved))) for one in found]
         accepted = bool(found) and found[0].calibration.accepted
+        good = accepted and found[0].calibration.verdict == Verdict.GOOD
         first = bool(found) and right[0]
-        table.append((first, first and accepted, accepted and not first))
+        table.append((first, first and accepted, first and good, accepted and not first))
         rows = [{"right": is_right, **asdict(one.evidence)} for is_right, one in zip(right, found, strict=True)]
         lines.append(json.dumps({"name": case.name, "accepted": accepted, "found": rows}) + "\n")
     if options.evidence is not None:
         with options.evidence.open("a", encoding="utf-8") as file:
             file.writelines(lines)
-    counts = np.sum(np.array(table, dtype=int).reshape(-1, 3), axis=0).tolist()
-    names = ("right", "accepted and right", "accepted and wrong")
+    counts = np.sum(np.array(table, dtype=int).reshape(-1, 4), axis=0).tolist()
+    names = ("right", "accepted and right", "good and right", "accepted and wrong")
     print(json.dumps({"pictures": len(table), **dict(zip(names, counts, strict=True)), "seconds": _median(seconds)}))
     return 0
 
@@ -248,6 +254,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             add_made_frames(command, 100)
         if name == "frames":
             command.add_argument("--least-view", type=float, metavar="SHARE", help="of the field in the picture")
+            command.add_argument("--nominal", action="store_true", help="search for the field in its usual size")
         if name != "basketball":
             command.add_argument("--field", required=name != "clips", metavar="NAME")
         command.add_argument("--evidence", type=Path, metavar="FILE", help="add a line for each picture to FILE")

@@ -104,6 +104,17 @@ class Paint:
         """Whether there is paint along the segment: false without paint, and for a row of marks that begin there."""
         return self.width != 0.0 and not (self.dashes and self.outwards)
 
+    @property
+    def painted(self) -> float:
+        """Share of the length of the segment that is painted: less than 1 for dashes.
+
+        Examples
+        --------
+        >>> round(Paint(dashes=(0.3, 3.0)).painted, 2)
+        0.09
+        """
+        return 1.0 if self.dashes is None else self.dashes[0] / sum(self.dashes)
+
     def __post_init__(self) -> None:
         if self.dashes is not None:
             object.__setattr__(self, "dashes", tuple(map(float, self.dashes)))

@@ -22,29 +22,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
 from fieldcalib.images.court_hypotheses import Cameras, stands
-from fieldcalib.images.court_ranking import Ranked, is_often_cut_out, rank_cameras
+from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
-from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.images.resized import on_field_as_seen
+from fieldcalib.images.stripe_likelihood import MarkingPoints
 from fieldcalib.images.twins import twin_of
+from fieldcalib.images.yard_steps import moved_by_steps
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.localize.long_lines import long_lines
-from fieldcalib.localize.straightened import Bend, bend_of
-from fieldcalib.localize.stripe_colours import StripeColours
-from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
 
-LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
 POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
 PAINTS = 2  # whose stripes are searched alone, if the search among all found no court
@@ -58,6 +56,8 @@ NOTHING = (
     Status.TOO_FEW_SEGMENTS,
     "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
 )
+ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
+REPEATS = "it may stand {:g} m further along the field, where markings look alike, as `alternatives` say"
 GRID = 7  # points of the field along and across at which cameras are compared
 
 
@@ -70,6 +70,8 @@ class FoundCourt:
     evidence: CourtEvidence
     twin: Camera | None = None
     """The camera on the other side of the field whose picture is the same; None if the field tells its sides apart."""
+    moved: tuple[Camera, ...] = ()
+    """Cameras further along a field whose markings repeat (`Field.repeats`) that explain the picture as well."""
 
 
 def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL) -> list[FoundCourt]:
@@ -81,7 +83,9 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
         Blue, green, red.
     field : Field
         With markings along and across it: at least two lines of one direction and one of the other must show. On a
-        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so.
+        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so. Of a
+        field whose size varies (`size_model`) and is not known (`size_known`) the size is estimated with each camera,
+        where the picture determines it (`Calibration.field`).
     flags, prior
         As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
         and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
@@ -107,30 +111,39 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     >>> best.calibration.accepted, round(best.calibration.camera.focal_length, -1)
     (True, 1400.0)
     """
-    image = checked_image(image)
+    return courts_in(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)
+
+
+def courts_in(
+    picture: PictureToSearch, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
+) -> list[FoundCourt]:
+    """`find_courts` of a picture that is searched for several fields: its stripes are found once."""
     task = Task(field, flags=flags, prior=prior)
-    task.options(size_of(image))  # raises what the user did wrong before the search
-    return _found(task, field, image)
+    task.options(size_of(picture.image))  # raises what the user did wrong before the search
+    return _found(task, field, picture, estimate_size=True)
 
 
-def search_courts(task: Task, images: Sequence[Image]) -> list[Calibration]:
-    """The first camera of each picture by `find_courts`, accepted or not; a ValueError if the object is no field."""
+def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = False) -> list[Calibration]:
+    """The first camera of each picture by `find_courts`, accepted or not; a ValueError if the object is no field.
+
+    The size of a field whose size varies is the given one by default, as pictures of one clip must show one field.
+    """
     field = task.field
     if field is None:
         raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
     if not task.given.is_empty:
         raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
-    found = (_found(task, field, image) for image in images)
+    found = (_found(task, field, PictureToSearch(image), estimate_size=estimate_size) for image in images)
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
-def _found(task: Task, field: Field, image: Image) -> list[FoundCourt]:
+def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> list[FoundCourt]:
     """`find_courts` of a checked picture."""
-    small = at_working_size(image)
-    found = _in_polarity(task, image, small, are_cut_out=is_often_cut_out(field))
+    sized = estimate_size and field.moves_with_size and not field.size_known
+    found = _in_polarity(task, picture, are_cut_out=is_often_cut_out(field), sized=sized)
     if not _has_accepted(found) and field.surface in FLOORS:
         darker = replace(field, lines=replace(field.lines, lighter=not field.lines.lighter))
-        found += _in_polarity(replace(task, object_segments=darker), image, small, are_cut_out=False)
+        found += _in_polarity(replace(task, object_segments=darker), picture, are_cut_out=False, sized=sized)
     return sorted(found, key=lambda one: (not one.calibration.accepted, -one.evidence.probability))
 
 
@@ -138,77 +151,89 @@ def _has_accepted(found: Sequence[FoundCourt]) -> bool:
     return any(one.calibration.accepted for one in found)
 
 
-def _in_polarity(task: Task, image: Image, small: Image, *, are_cut_out: bool) -> list[FoundCourt]:
-    """Cameras of a field in an image, from the stripes of its working size that are as light as the field's lines."""
+def _in_polarity(task: Task, picture: PictureToSearch, *, are_cut_out: bool, sized: bool) -> list[FoundCourt]:
+    """Cameras of a field in a picture, from its stripes that are as light as the field's lines."""
     field = task.field
     assert field is not None
-    stripes = find_stripes(small, lighter=field.lines.lighter)
-    colours, bend = StripeColours.of(small, stripes), bend_of(stripes)
-    straight = bend.straight(stripes)
-    found = _searched(task, image, _Stripes(stripes, straight, colours, bend, are_cut_out))
+    stripes = picture.stripes(lighter=field.lines.lighter)
+    found = _searched(task, picture.image, stripes, are_cut_out=are_cut_out, sized=sized)
     if not _has_accepted(found) and field.surface in FLOORS:
-        lines = lying_on(straight, long_lines(straight, LINES))
-        for paint in colours.paints(lines)[:PAINTS]:
-            index = np.flatnonzero(paint)
-            parts = stripes.take(index), straight.take(index), colours.take(index)
-            own = _Stripes(*parts, bend, are_cut_out)
-            found += _searched(task, image, own)
+        for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[:PAINTS]:
+            own = stripes.take(np.flatnonzero(paint))
+            found += _searched(task, picture.image, own, are_cut_out=are_cut_out, sized=sized)
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class _Stripes:
-    """Stripes of a picture, or those of one paint."""
+def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[FoundCourt]:
+    """Cameras that explain the stripes, the best one first; of fields of the size that they show, where it varies.
 
-    seen: Stripes
-    straight: Stripes
-    """The same without distortion."""
-    colours: StripeColours
-    bend: Bend
-    are_cut_out: bool
-    """Whether the picture may be cut out of a larger one."""
-
-
-def _searched(task: Task, image: Image, stripes: _Stripes) -> list[FoundCourt]:
-    """Cameras that explain the stripes, the best one first."""
+    The picture may be cut out of a larger one (`are_cut_out`).
+    """
     field = task.field
     assert field is not None
-    lines = long_lines(stripes.straight, LINES)
-    on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, lines)]
-    maps = StripeMaps.of(stripes.seen)
-    picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, maps)
-    straight = maps if stripes.bend.a == 0.0 else StripeMaps.of(stripes.straight)
-    ranked = rank_cameras(lines, straight, field, stripes.bend, are_cut_out=stripes.are_cut_out)
+    on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, stripes.lines)]
+    picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, stripes.maps)
+    ranked = stripes.ranked(field, are_cut_out=are_cut_out)
     if task.side == OPPOSITE:
         ranked = ranked.turned
     started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
     markings = Markings.of(field)
     refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
     found = _fitted(task, markings, image, _merged(refined, field))
+    if sized:
+        found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
     evidence = _evidence(picture, ranked, field, found)
-    order = sorted(range(len(found)), key=lambda index: -evidence[index].score)
-    twins = [twin_of(one.calibration.required_camera, field) for one in found]
-    return [FoundCourt(_judged(found[k], evidence[k]), evidence[k], twins[k]) for k in order]
+    courts = [_court(one, its, picture) for one, its in zip(found, evidence, strict=True)]
+    return sorted(courts, key=lambda one: -one.evidence.score)
 
 
-def _evidence(picture: Picture, ranked: Ranked, field: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
-    """The evidence for each camera, against the refined ones and those that were searched."""
-    points, X = MarkingPoints.of(field, POINTS), _grid(field)
-    cameras = [one.calibration.required_camera.scaled(picture.stripes.size) for one in refined]
-    scores = [picture.maps.score(camera, points) for camera in cameras]
-    seen = [camera.project(X) for camera in cameras]
-    searched = ranked.projected(X)
-    found = []
-    for index, (camera, (score, weight)) in enumerate(zip(cameras, scores, strict=True)):
-        apart = _distances(np.array(seen), seen[index], camera.image_size, median=True) > OTHER
-        others = [other for (other, _), is_other in zip(scores, apart, strict=True) if is_other]
-        apart = _distances(searched, seen[index], camera.image_size, median=True) > OTHER
-        others += ranked.score[apart][:1].tolist()
+def _court(refined: Refined, evidence: CourtEvidence, picture: Picture) -> FoundCourt:
+    """A camera that was found, judged, with the others that take the same picture."""
+    calibration, camera, field = _judged(refined, evidence), refined.calibration.required_camera, _field_of(refined)
+    points, size, least = MarkingPoints.of(field, POINTS), picture.stripes.size, ALIKE * evidence.score
+    moved = tuple(
+        one for one in moved_by_steps(camera, field) if picture.maps.score(one.scaled(size), points)[0] >= least
+    )
+    if moved:
+        calibration = replace(calibration, alternatives=moved)
+        calibration = with_complaints(calibration, (*complaints_of(calibration), REPEATS.format(field.repeats)))
+    return FoundCourt(calibration, evidence, twin_of(camera, field), moved)
+
+
+def _field_of(refined: Refined) -> Field:
+    """The field of a camera, in its size."""
+    assert refined.calibration.field is not None
+    return refined.calibration.field
+
+
+def _evidence(picture: Picture, ranked: Ranked, given: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
+    """The evidence for each camera, against the refined ones and those that were searched for the given field.
+
+    Cameras further along a field whose markings repeat are no others.
+    """
+    fields, size = [_field_of(one) for one in refined], picture.stripes.size
+    cameras = [one.calibration.required_camera.scaled(size) for one in refined]
+    points = [MarkingPoints.of(field, POINTS) for field in fields]
+    scores = [picture.maps.score(*one) for one in zip(cameras, points, strict=True)]
+    seen = np.array([camera.project(_grid(field)) for camera, field in zip(cameras, fields, strict=True)])
+    searched, found = ranked.projected(_grid(given)), []
+    for index, (camera, field, (score, weight, shown)) in enumerate(zip(cameras, fields, scores, strict=True)):
+        alike = [one.project(_grid(field)) for one in (camera, *moved_by_steps(camera, field))]
+        apart = _are_apart(seen, alike, size)
+        others = [other for (other, *_), is_other in zip(scores, apart, strict=True) if is_other]
+        others += ranked.score[_are_apart(searched, alike, size)][:1].tolist()
         explained, count = picture.explained(field, camera)
         runner_up = max(others, default=0.0) / score if score > 0.0 else np.inf
-        paint, mean = refined[index].paint_share, score / max(weight, 1.0)
-        found.append(CourtEvidence(score, mean, explained, count, max(runner_up, 0.0), paint))
+        mean, visible = score / max(shown, 1.0), shown / max(weight, 1.0)
+        paint = refined[index].paint_share
+        found.append(CourtEvidence(score, mean, explained, count, max(runner_up, 0.0), paint, visible))
     return found
+
+
+def _are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
+    """Which cameras (B, N, 2) project the field elsewhere than all others (N, 2)."""
+    apart = [_distances(xy, other, size, median=True) > OTHER for other in others]
+    return np.asarray(np.all(apart, axis=0))
 
 
 def _different(ranked: Ranked, field: Field) -> list[int]:

@@ -36,6 +36,8 @@ class Markings:
     """Vectors from the middle of the paint to the segment, which may be the edge of the paint, metres, (N, 3)."""
     is_arc: BoolArray
     """Whether each segment is an arc, (len(labels),)."""
+    painted: Array
+    """Share of each segment that is painted, less than 1 for dashes, (len(labels),)."""
     look: LineLook
     """Appearance of their lines."""
 
@@ -78,6 +80,7 @@ class Markings:
             np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
             inwards,
             np.array([segment.is_arc for segment in markings.values()], dtype=bool),
+            np.array([paint[label].painted for label in markings], dtype=float),
             look,
         )
 

@@ -13,17 +13,16 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
 from fieldcalib.assess.words import Status
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_search import search_courts
-from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines
+from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
 from fieldcalib.images.place_search import Place, search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
+from fieldcalib.images.resized import on_field_as_seen
 from fieldcalib.images.twins import CameraSide
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -35,7 +34,6 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.size_from_labels import with_size_from_labels
 from fieldcalib.solve.task import Task
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
@@ -79,7 +77,7 @@ def calibrate_from_images(
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the court is searched for in each image
         (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
-        refined, and neither aspect nor size is estimated.
+        refined, and the aspect is not estimated.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -136,7 +134,7 @@ def calibrate_from_images(
     task = Task(object_segments, given, flags, prior=prior)
     on = CameraSide.of(task.field, given, flags, prior, side)
     task = replace(task, prior=on.prior(prior, task.field), side=on.side)
-    of_part: Method = partial(_searched, task, place)
+    of_part: Method = partial(_searched, task, place, estimate_size)
     if network is not None:
         if place is not None:
             raise ValueError("a place is of courts that are searched for: leave it or the network out")
@@ -153,9 +151,9 @@ def calibrate_from_images(
     return [on.with_alternatives(one, task.field) for one in found]
 
 
-def _searched(task: Task, place: Place | None, images: Sequence[Image]) -> list[Calibration]:
+def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequence[Image]) -> list[Calibration]:
     """Courts that are searched for, from anywhere or from a place."""
-    found = search_courts(task, images if place is None else [])  # raises what the user did wrong
+    found = search_courts(task, images if place is None else [], estimate_size=estimate_size)  # raises what is wrong
     field = task.field
     assert field is not None
     return found if place is None else [search_from(task, field, image, place) for image in images]
@@ -221,31 +219,12 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Pi
 
 def _with_size_from_labels(how: ImageTask, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
     """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
-    seen: list[Refined] = []
-
-    def again(field: Field, camera: Camera) -> Calibration:
-        start = replace(calibration, camera=camera, field=field)
-        seen.append(_on_another_field(replace(how.task, object_segments=field), image, found, calibration, start))
-        return seen[0].calibration
-
-    sized = with_size_from_labels(calibration, again)
-    if sized is calibration or sized.field is None:
+    sized = on_field_as_seen(how.task, image, calibration, found)
+    if sized is None or sized.calibration.field is None:
         return calibration
-    how = replace(how, task=replace(how.task, object_segments=sized.field))
-    ((judged, _),) = _judged(how, [found], [replace(one, calibration=sized) for one in seen], LEAST_SUPPORT)
+    how = replace(how, task=replace(how.task, object_segments=sized.calibration.field))
+    ((judged, _),) = _judged(how, [found], [sized], LEAST_SUPPORT)
     return judged if judged.accepted else calibration
-
-
-def _on_another_field(task: Task, image: Image, found: PixelTable, before: Calibration, start: Calibration) -> Refined:
-    """Refine the camera of an image on a field of another size, starting from a camera that fits its lines."""
-    given = ToRefine(image, start, found, are_detected=True)
-    (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
-    if again.calibration is not start:
-        return again
-    # the lines found anew do not support a better camera: fit the lines found before
-    assert before.solved is not None
-    (fitted,) = calibrate_on_lines(task, [before.solved.pixels], size_of(image), [start.required_camera])
-    return replace(again, calibration=fitted)
 
 
 def _labels(object_segments: ObjectSegments, found: Localization, image_size: tuple[int, int]) -> PixelTable:

@@ -6,7 +6,8 @@ in a wide band. Ridges across the marking, with the same ground on both sides, t
 line (or a shifted arc), and are clearly more than those where it is projected, are its paint. Lines are bent where the
 ground is not flat or the lens is another one.
 
-Posts and crossbars are left out: nets and stands behind them are full of lines.
+Posts and crossbars are left out, since nets and stands behind them are full of lines, and so are markings of short
+dashes with wide gaps, of which few places show paint.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ AS_NARROW = 1.2  # times the width of a marking in the image, up to which other 
 EXPECTED = 0.6  # share of the profiles of markings as narrow with paint, above which its own paint should be seen
 LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which it is on its paint
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
+LEAST_PAINTED = 0.3  # share of a marking of dashes: less is no line
 DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
 APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
 LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
@@ -133,6 +135,8 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], np.full(len(profiles), np.nan)
     for k in np.unique(profiles.member):
+        if markings.painted[k] < LEAST_PAINTED:
+            continue
         at = np.flatnonzero(profiles.member == k)
         on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
         if len(at) >= LEAST_PLACES and on <= min(LOOKED_AT * len(at), len(at) - MORE):

@@ -38,11 +38,11 @@ def pulled(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, principal_
 
 def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: float, principal_point: float) -> Array:
     """The step of Gauss and Newton (B, 9), in units of the standard deviations."""
-    x, y, direction, _ = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
+    x, y, direction, _, seen = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
     nx, ny = -np.sin(direction), np.cos(direction)
     off = np.linspace(-reach, reach, PLACES)
-    ratio = maps.ratios(x[..., None] + off * nx[..., None], y[..., None] + off * ny[..., None], direction[..., None])
-    likely = ratio - FARTHER * np.abs(off) / reach
+    at = x[..., None] + off * nx[..., None], y[..., None] + off * ny[..., None]
+    likely = maps.logarithms(*at, direction[..., None], seen[..., None]) - FARTHER * np.abs(off) / reach
     best = np.argmax(likely, axis=2)
     pulls = np.isfinite(x) & (np.take_along_axis(likely, best[..., None], axis=2)[..., 0] > LEAST)
     weight = np.where(pulls, 1.0 / OFF**2, 0.0)

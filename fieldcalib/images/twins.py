@@ -52,11 +52,11 @@ def twin_of(camera: Camera, field: Field) -> Camera | None:
 
 
 def with_twin(calibration: Calibration, field: Field) -> Calibration:
-    """The calibration of a camera whose side nothing tells, with the camera on the other side as alternative."""
+    """The calibration of a camera whose side nothing tells, the camera on the other side its first alternative."""
     if calibration.camera is None:
         return calibration
     twin = twin_of(calibration.camera, field)
-    return calibration if twin is None else replace(calibration, alternatives=(twin,))
+    return calibration if twin is None else replace(calibration, alternatives=(twin, *calibration.alternatives))
 
 
 @dataclass(frozen=True)

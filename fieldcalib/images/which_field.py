@@ -11,16 +11,13 @@ from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_ranking import rank_cameras
-from fieldcalib.images.court_search import LINES, find_courts
+from fieldcalib.images.court_search import courts_in
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.images.picture_stripes import PictureToSearch
+from fieldcalib.images.stripe_likelihood import MarkingPoints
+from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.grid import classes_without_segment
-from fieldcalib.localize.long_lines import LongLines, long_lines
-from fieldcalib.localize.straightened import Bend, bend_of
-from fieldcalib.localize.stripes import at_working_size, find_stripes
 
 POINTS = 300  # of a field, at which a camera of the network is compared with stripes
 MARGIN = 0.8  # of the best score: a field that reaches it may be the one too
@@ -80,9 +77,10 @@ def which_field(
     'tennis'
     """
     scores = dict.fromkeys(names, 0.0)
-    promising = _likely(images[0], names, network) if len(images) else ()
-    for image in images:
-        found = {name: _score(image, field_named(name), network) for name in promising}
+    pictures = [PictureToSearch(image) for image in images]
+    promising = _likely(pictures[0], names, network) if pictures else ()
+    for picture in pictures:
+        found = {name: _score(picture, field_named(name), network) for name in promising}
         for name, (score, is_accepted) in found.items():
             scores[name] += score * is_accepted
         best = max((score for score, _ in found.values()), default=0.0)
@@ -90,40 +88,32 @@ def which_field(
     return WhichField(dict(sorted(scores.items(), key=lambda item: -item[1])))
 
 
-def _likely(image: Image, names: Sequence[str], network: Network | None) -> tuple[str, ...]:
-    """Fields whose best camera, before it is refined, explains an image about as well as the best one of any field.
+def _likely(picture: PictureToSearch, names: Sequence[str], network: Network | None) -> tuple[str, ...]:
+    """Fields whose best camera, before it is refined, explains a picture about as well as the best one of any field.
 
     Those that a network knows are among them.
     """
-    small = at_working_size(image)
     score: dict[str, float] = {}
-    by_polarity: dict[bool, tuple[LongLines, StripeMaps, Bend]] = {}
     for name in names:
         field = field_named(name)
         if network is not None and not classes_without_segment(network.classes, field):
             score[name] = np.inf
             continue
-        if field.lines.lighter not in by_polarity:
-            stripes = find_stripes(small, lighter=field.lines.lighter)
-            bend = bend_of(stripes)
-            straight = bend.straight(stripes)
-            by_polarity[field.lines.lighter] = long_lines(straight, LINES), StripeMaps.of(straight), bend
-        lines, maps, bend = by_polarity[field.lines.lighter]
-        score[name] = float(np.max(rank_cameras(lines, maps, field, bend, are_cut_out=False).score, initial=0.0))
+        ranked = picture.stripes(lighter=field.lines.lighter).ranked(field, are_cut_out=False)
+        score[name] = float(np.max(ranked.score, initial=0.0))
     best = max((one for one in score.values() if np.isfinite(one)), default=0.0)
     return tuple(name for name in names if score[name] >= LIKELY * best)
 
 
-def _score(image: Image, field: Field, network: Network | None) -> tuple[float, bool]:
+def _score(picture: PictureToSearch, field: Field, network: Network | None) -> tuple[float, bool]:
     """Log likelihood ratio of the best camera of a field, and whether it is accepted."""
     if network is not None and not classes_without_segment(network.classes, field):
-        (found,) = calibrate_from_images(field, [image], network)
-        return (_of_camera(image, field, found.camera), found.accepted) if found.camera is not None else (0.0, False)
-    best = next(iter(find_courts(image, field)), None)
+        (found,) = calibrate_from_images(field, [picture.image], network)
+        return (_of_camera(picture, field, found.camera), found.accepted) if found.camera is not None else (0.0, False)
+    best = next(iter(courts_in(picture, field)), None)
     return (0.0, False) if best is None else (max(best.evidence.score, 0.0), best.calibration.accepted)
 
 
-def _of_camera(image: Image, field: Field, camera: Camera) -> float:
-    small = at_working_size(image)
-    maps = StripeMaps.of(find_stripes(small, lighter=field.lines.lighter))
-    return max(maps.score(camera.scaled(size_of(small)), MarkingPoints.of(field, POINTS))[0], 0.0)
+def _of_camera(picture: PictureToSearch, field: Field, camera: Camera) -> float:
+    maps = picture.stripes(lighter=field.lines.lighter).maps
+    return max(maps.score(camera.scaled(maps.size), MarkingPoints.of(field, POINTS))[0], 0.0)

@@ -29,7 +29,8 @@ STRONG = 40.0  # contrast from which on a stripe counts fully for the direction 
 MIDDLE_BLUR = 1.2  # px, of the response: a wide stripe has its largest response in a row of pixels
 DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that agrees on a direction
 LEAST_COHERENCE = 0.55  # 1 where all of it runs in one direction, 0 where in all
-MOST = 15_000  # pixels, those of the largest contrast: the boards of a wooden floor are stripes too
+MOST = 15_000  # pixels, those that stand out most: the boards of a wooden floor are stripes too, and so are crowds
+AROUND, LEAST_AROUND = 161, 3.0  # px, of the neighbourhood from which they stand out; its least mean response
 LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
 
 
@@ -93,7 +94,8 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
     step = np.column_stack([np.cos(normal), np.sin(normal)])
     xy = np.column_stack([x, y]) + offset[:, None] * step
     contrast = response[y, x].astype(float)
-    strongest = np.argsort(-contrast, kind="stable")[:MOST]
+    around = cv2.boxFilter(response, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)[y, x]
+    strongest = np.argsort(-contrast / (around + LEAST_AROUND), kind="stable")[:MOST]
     found = Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), contrast, size_of(image))
     return found if len(strongest) == len(contrast) else found.take(np.sort(strongest))
 

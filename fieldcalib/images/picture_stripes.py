@@ -1,0 +1,74 @@
+"""The stripes of a picture, found once for all fields that it is searched for, and the likeliest cameras of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from fieldcalib._types import IntArray
+from fieldcalib.fields.field import Field
+from fieldcalib.images.court_ranking import Ranked, rank_cameras
+from fieldcalib.images.stripe_likelihood import StripeMaps
+from fieldcalib.io.image import Image
+from fieldcalib.localize.long_lines import LongLines, long_lines
+from fieldcalib.localize.straightened import Bend, bend_of
+from fieldcalib.localize.stripe_colours import StripeColours
+from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
+
+LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
+
+
+@dataclass(frozen=True, eq=False)
+class PictureToSearch:
+    """A picture, whose stripes are found once, for all fields that it is searched for."""
+
+    image: Image
+    """(height, width, 3), blue, green, red."""
+    _found: dict[bool, PictureStripes] = field(default_factory=dict, repr=False)
+
+    def stripes(self, *, lighter: bool) -> PictureStripes:
+        """Its stripes that are lighter than the ground, or darker."""
+        if lighter not in self._found:
+            self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter)
+        return self._found[lighter]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureStripes:
+    """Stripes of a picture, or those of one paint."""
+
+    seen: Stripes
+    straight: Stripes
+    """The same without distortion."""
+    colours: StripeColours
+    bend: Bend
+    _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, image: Image, *, lighter: bool) -> PictureStripes:
+        """Those of an image of the working size."""
+        stripes = find_stripes(image, lighter=lighter)
+        bend = bend_of(stripes)
+        return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
+
+    def take(self, index: IntArray) -> PictureStripes:
+        """Some of them."""
+        return PictureStripes(self.seen.take(index), self.straight.take(index), self.colours.take(index), self.bend)
+
+    @cached_property
+    def lines(self) -> LongLines:
+        """Long lines without distortion."""
+        return long_lines(self.straight, LINES)
+
+    @cached_property
+    def maps(self) -> StripeMaps:
+        """Likelihood ratios in the picture."""
+        return StripeMaps.of(self.seen)
+
+    def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
+        """The likeliest cameras of a field; `are_cut_out` as in `rank_cameras`."""
+        if (court, are_cut_out) not in self._ranked:
+            straight = self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
+            ranked = rank_cameras(self.lines, straight, court, self.bend, are_cut_out=are_cut_out)
+            self._ranked[court, are_cut_out] = ranked
+        return self._ranked[court, are_cut_out]
