@@ -49,7 +49,7 @@ def frame_from(place: str, seed: int, size: tuple[int, int] = SIZE) -> Synthetic
 
     Examples
     --------
-    >>> frame_from("opposite tribune", 0, (96, 54)).camera.C[1] < -34.0
+    >>> bool(frame_from("opposite tribune", 0, (96, 54)).camera.C[1] < -34.0)
     True
     """
     rng, game = np.random.default_rng((seed, list(PLACES).index(place))), game_named(SOCCER)

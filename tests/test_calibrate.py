@@ -79,7 +79,7 @@ def test_the_order_of_labels_and_pixels_does_not_matter(data, frame):
     labels = data.draw(st.permutations(list(frame)))
     shuffled = {label: np.array(data.draw(st.permutations(frame[label].tolist()))) for label in labels}
     one, other = calibrate_batch(FIELD, [frame, shuffled], SIZE)
-    assert relative_error(one.camera, other.camera) < 1e-5
+    assert relative_error(one.camera, other.camera) < 3e-5
 
 
 @settings(max_examples=15)
@@ -88,7 +88,7 @@ def test_an_enlarged_frame_has_the_same_camera(frame, factor):
     enlarged = {label: factor * xy for label, xy in frame.items()}
     size = (factor * SIZE[0], factor * SIZE[1])
     small, large = (calibrate_from_segments(FIELD, f, s) for f, s in ((frame, SIZE), (enlarged, size)))
-    assert relative_error(large.camera, small.camera.scaled(size)) < 1e-5
+    assert relative_error(large.camera, small.camera.scaled(size)) < 3e-5
     assert large.rms == pytest.approx(factor * small.rms, rel=1e-4)
 
 

@@ -165,7 +165,7 @@ def test_frames_without_camera():
     assert freed_files(frames)["camera.freed"] == one + one + one + two
 
 
-@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("format", sorted(FORMATS.keys() - {"rerun"}))  # which is given fields too
 @pytest.mark.parametrize("frames", [{}, {"1": None}], ids=["nothing", "no camera"])
 def test_no_camera_is_said(format, frames):
     with pytest.raises(ValueError, match=f"there is no camera to export: none of {len(frames)} frames"):

@@ -109,7 +109,7 @@ def test_the_end_waits_for_what_is_done():
 
 
 def test_no_processes():
-    with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="jobs must be a whole number from 1, got 0"):
         Processes(0)
 
 

@@ -448,7 +448,7 @@ def test_a_folder_that_another_run_writes_to(know, tmp_path, capsys):
         know([])  # is not asked
         with output_folder(tmp_path / "out"):
             assert run(command, tmp_path / "a.png", "--out", tmp_path / "out") == 2
-        assert f"another run writes to {tmp_path / 'out'}" in capsys.readouterr().err
+        assert f"another run or page writes to {tmp_path / 'out'}" in capsys.readouterr().err
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -506,7 +506,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
         assert left == set()
     else:  # the clip is calibrated, and some of its frames are written
         assert left == {"run.json", "cameras.jsonl", "solver.jsonl", ".part-0000.json"}
-        assert "4 frames done" in capsys.readouterr().err
+        assert re.search("[1-3] frames? done", capsys.readouterr().err)  # others are drawn beside them
 
 
 def test_a_broken_video_is_one_line(know, tmp_path, capfd):

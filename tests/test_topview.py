@@ -300,12 +300,12 @@ def test_top_views_are_of_any_field():
 
 
 def test_the_example_of_the_documentation_draws_a_picture(drawn, tmp_path, monkeypatch):
-    page = (Path(__file__).parents[1] / "docs" / "detections.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "how-to" / "players.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     names = {}
     for code in blocks:
         if "top_view" not in code:  # that one is of an image
-            exec(compile(code, "detections.md", "exec"), names)
+            exec(compile(code, "players.md", "exec"), names)
     assert cv2.imread("players.png").std() > 10.0  # grass, lines and dots
     assert len(names["ax"].collections) >= 2  # dots and ellipses

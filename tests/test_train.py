@@ -2,6 +2,7 @@
 
 import json
 from copy import deepcopy
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,14 @@ from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.games import game_named
 from data_tools.train import Training, intersection_over_union, learning_rate, main
 from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
-from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, soccer
+from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, calibrate_from_segments, soccer
+from fieldcalib.assess.words import Verdict
 from fieldcalib.cli.main import main as fieldcalib
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.images import write_image
+from fieldcalib.problem.simulated import observe
+from fieldcalib.run_folder.record import RunRecord
 
 STEPS = 3
 SMALL = (160, 96)
@@ -132,7 +136,7 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
 
     for wrong, message in (
         (["--field", "handball", "--cache", str(frames)], "frames of the field tennis"),
-        (["--field", "tennis", "--labelled", str(frames)], "frames of soccer"),
+        (["--field", "tennis", "--labelled", str(frames)], "labelled points are of soccer"),
     ):
         with pytest.raises(SystemExit):
             main([str(out), *wrong, *common])
@@ -265,16 +269,20 @@ def test_another_network_is_not_rebuilt(tmp_path):
 
 def test_good_pictures_of_a_folder_of_results_are_labelled_frames(tmp_path):
     camera = Camera.from_angles(0.1, 1.3, 0.0, 900.0, (0.0, 60.0, -16.0), (480, 270))
-    good = Calibration(camera, Status.ACCEPTED, "", 0.0, 0.0, {}, field=soccer())
+    pixels = observe(camera, soccer(), np.random.default_rng(0), 0.3, (10, 10))
+    good = calibrate_from_segments(soccer(), pixels, camera.image_size)
+    unsure = Calibration(camera, Status.ACCEPTED, "", 0.0, 0.0, {}, field=soccer())
+    assert (good.verdict, unsure.verdict) == (Verdict.GOOD, Verdict.CHECK)
     results = {}
-    for name in "ab":
+    for name, one in (("a", good), ("b", unsure)):
         write_image(tmp_path / f"{name}.png", render_field(camera, soccer(), rng=np.random.default_rng(0)))
-        results[name] = {"id": name, **good.to_dict(), "verdict": "good" if name == "a" else "check"}
+        results[name] = {"id": name, **one.to_dict(), "verdict": one.verdict}
     folder = tmp_path / "results"
     folder.mkdir()
     (folder / "cameras.jsonl").write_text("".join(json.dumps(one) + "\n" for one in results.values()))
-    options = {"input": [str(tmp_path / f"{name}.png") for name in "ab"]}
-    (folder / "summary.json").write_text(json.dumps({"options": options, "seconds": {}}))
+    source = [str(tmp_path / f"{name}.png") for name in "ab"]
+    record = RunRecord("run", {}, 2, "", "", 1, None, (), source=source)
+    (folder / "run.json").write_text(json.dumps(asdict(record)))
     frames = list(labelled_frames(folder))
     assert [one.image.name for one in frames] == ["a.png"]
     image, mask = whole(frames[0])

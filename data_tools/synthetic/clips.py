@@ -57,6 +57,7 @@ def labelled(
     Examples
     --------
     >>> from fieldcalib.fields.sports.soccer import soccer
+    >>> from fieldcalib.synthetic.paths import camera_path
     >>> rng = np.random.default_rng(0)
     >>> frames = labelled(camera_path(rng, 20), soccer(), rng, empty_share=0.5)
     >>> sum(not frame.pixels for frame in frames)

@@ -58,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
     with open_run_folder(joined, record, lines) as results:
         for folder, texts in islice(_lines(shards, lines, record.unit), results.done, None):
             results.add(_outcome(folder, texts, record))
+        results.notes = tuple(dict.fromkeys(note for summary in summaries for note in summary.get("notes", ())))
         times = [summary.get("seconds", {}) for summary in summaries]
         results.calibrating = sum(time.get("calibration", 0.0) for time in times)
         results.calibrated = results.verdicts.total()

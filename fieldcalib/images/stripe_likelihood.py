@@ -34,7 +34,7 @@ CELL = 2  # px: the maps are smaller than the picture
 SIGMA = 4.0  # px: distances of right cameras without a lens
 # Share of the points of markings in view whose paint is found, by its width in the picture: measured at true cameras of
 # 60 synthetic frames of five sports, 0.2 below 0.15 px, 0.57 at 0.4, 0.77 at 0.9, 0.87 at 1.7 and 0.97 from 4.5 px on.
-SEEN, HALF_SEEN = 0.95, 0.25  # of wide paint; px: width of which half of that is found
+SEEN, HALF_SEEN = 0.8, 0.25  # of wide paint, as players hide some of it; px: width of which half of that is found
 AROUND = 80.0  # px: half the size of the place whose density of stripes is compared
 SPARSEST = 1.0 / 400.0  # stripes per px: of places without any
 FARTHEST = 40.0  # px: larger distances are alike

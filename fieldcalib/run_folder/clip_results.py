@@ -137,6 +137,9 @@ def _drawn(
         return frame, None if frame.image is None else options.placement(frame.image).from_frame(next(rest))
 
     count = threads or os.cpu_count() or 1
+    if count == 1:  # it computes, and nothing else does
+        yield from map(draw, map(placed, read_ahead(clip.frames())))
+        return
     with ThreadPoolExecutor(count, "drawing") as pool:
         yield from in_order(pool, draw, map(placed, read_ahead(clip.frames())), ahead=count)
 
