@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, soccer
+from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.exports.rerun import bent_lines, rerun_files
@@ -98,3 +99,9 @@ def test_names_that_are_no_numbers_are_in_order(tmp_path):
     camera = Camera.from_angles(0.0, 1.2, 0.0, 900.0, (0.0, 25.0, -9.0), (960, 540))
     (content,) = rerun_files({"b": camera, "a": camera}, {"b": court, "a": court}).values()
     assert list(rows_of(printed(content, tmp_path), "/field/camera")) == [0, 1]
+
+
+def test_the_command_writes_a_recording(calibrated_folder, tmp_path):
+    command = ["export", calibrated_folder, "--format", "rerun", "--out", tmp_path / "out", "--keep-rejected"]
+    assert main([str(one) for one in command]) == 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["cameras.rrd"]
