@@ -52,8 +52,14 @@ export class KnownValues {
     row.inputs = Array.from({ length: count }, (_, k) => {
       const name = names[k] ? `${words}, ${names[k]}` : words;
       const input = element("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${name} (${unit})`, on: { change: () => this.typed(row, least) } });
+      let before = ""; // a number that is typed as it stood there is no change for the browser, but holds it
+      input.addEventListener("focus", () => (before = input.value));
       input.addEventListener("keydown", (event) => {
-        if (event.key === "Enter") input.blur();
+        if (event.key === "Enter") {
+          const isSame = input.value === before;
+          input.blur();
+          if (isSame) this.typed(row, least);
+        }
         if (event.key === "Escape") {
           this.fill(row, this.frame);
           input.blur();
