@@ -41,7 +41,7 @@ def test_labels_are_there_again_after_the_server_was_killed(serve, window, pictu
     server.kill()
     one.click(along("Side line top", count=3)[1] + (0.0, 200.0))
     one.page.get_by_text("The server does not answer.").wait_for()
-    assert "not stored yet" in one.text(".banner")
+    assert "not stored yet" in one.text(".banner:not(.refusal)")
     assert len(one.page.locator(".mark-row").all()) == 1  # and what was labelled stays on the screen
 
     server.start()
