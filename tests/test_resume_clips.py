@@ -1,5 +1,7 @@
 """Clips, and videos whose frames are calibrated by themselves, that are gone on with."""
 
+import os
+
 import numpy as np
 import pytest
 from commands import lines_of, run
@@ -137,7 +139,8 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
         patch.setattr("fieldcalib.cli.run_options.draw_calibration", Interrupting(draw_calibration, count))
         network()
         assert run("run", video, "--out", tmp_path) == 130
-    assert len(lines_of(tmp_path)) == count + 1
+    done = (tmp_path / "cameras.jsonl").read_text().count("\n")
+    assert max(count - (os.cpu_count() or 1), 0) <= done <= count  # others are drawn beside them
     assert run("run", video, "--out", tmp_path, "--resume") == 0
     assert content_of(tmp_path) == content_of(whole)
 
