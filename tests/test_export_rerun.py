@@ -102,6 +102,8 @@ def test_names_that_are_no_numbers_are_in_order(tmp_path):
 
 
 def test_the_command_writes_a_recording(calibrated_folder, tmp_path):
+    import rerun  # noqa: F401
+
     command = ["export", calibrated_folder, "--format", "rerun", "--out", tmp_path / "out", "--keep-rejected"]
     assert main([str(one) for one in command]) == 0
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["cameras.rrd"]
