@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._checks import is_number
 from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
 from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
@@ -42,7 +43,7 @@ class Known:
     def __post_init__(self) -> None:
         if self.lens not in LENSES:
             raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {self.lens!r}")
-        if self.aspect is not None and not _is_aspect(self.aspect):
+        if self.aspect is not None and not (is_number(self.aspect) and LEAST_RATIO <= self.aspect <= 1.0 / LEAST_RATIO):
             raise ValueError(
                 f"aspect must be the width / height at which the picture is shown, from {LEAST_RATIO:g} to "
                 f"{1.0 / LEAST_RATIO:g} as 16 / 9, or None, got {self.aspect!r}"
@@ -72,7 +73,3 @@ class Known:
         if self.principal_point:
             flags |= F.CALIB_FIX_PRINCIPAL_POINT
         return {"flags": flags, **found}
-
-
-def _is_aspect(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and LEAST_RATIO <= value <= 1.0 / LEAST_RATIO

@@ -105,8 +105,11 @@ class Frame:
         strength = cv2.cornerMinEigenVal(half, 3)
         border = BORDER // 2
         strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
-        corners = _best_corners(np.where(self.players(strength.shape), 0.0, strength))
-        return corners if len(corners) >= ENOUGH_CORNERS else _best_corners(strength)
+        if self.colours is not None:
+            others = _best_corners(np.where(self.players(strength.shape), 0.0, strength))
+            if len(others) >= ENOUGH_CORNERS:
+                return others
+        return _best_corners(strength)
 
     def players(self, shape: tuple[int, ...]) -> BoolArray:
         """Where players stand in a picture of another size (height, width); nowhere in a grey one."""
