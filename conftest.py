@@ -40,7 +40,7 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]):
-    """Let property tests end where a package is missing: Hypothesis would search for simpler examples that fail alike."""
+    """Let property tests end where a package is missing: Hypothesis would search for simpler examples of it."""
     handles = (getattr(getattr(item, "obj", None), "hypothesis", None) for item in items)
     for handle in {id(one): one for one in handles if one is not None}.values():  # cases of a test share theirs
         handle.inner_test = _ending_without_extra(handle.inner_test)
