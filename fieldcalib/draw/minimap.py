@@ -27,6 +27,7 @@ SPOTLIGHT: Colour = (90, 225, 255)
 UNSEEN = 0.62  # brightness of the ground that a camera does not see
 BORDER, AROUND = 64, 3  # points along a side of the image; pixels of the map around what is in view
 FARTHEST = 1e5  # pixels of a map; OpenCV's are 32-bit integers
+FINER, RIM = 6, 8  # subpixels along a pixel of the map, and of them in the border: what is seen moves without jumps
 MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
 
 
@@ -206,13 +207,15 @@ def _in_view(
         return (slice(0, height), slice(0, width)), seen, rim
     left, top = np.clip(np.floor(border.min(axis=0)) - AROUND, 0, (width, height)).astype(int).tolist()
     right, bottom = np.clip(np.ceil(border.max(axis=0)) + AROUND, 0, (width, height)).astype(int).tolist()
-    masks = np.zeros((2, max(bottom - top, 0), max(right - left, 0)), np.uint8)
-    if masks.size:
-        polygon = [fixed_point(border - (left, top))]
-        cv2.fillPoly(masks[0], polygon, 255, cv2.LINE_AA, SHIFT)
-        cv2.polylines(masks[1], polygon, True, 255, 1, cv2.LINE_AA, SHIFT)
-    seen, rim = masks.astype(np.float32) / np.float32(255.0)
-    return (slice(top, top + masks.shape[1]), slice(left, left + masks.shape[2])), seen, rim
+    part, size = (slice(top, bottom), slice(left, right)), (right - left, bottom - top)
+    if 0 in size:
+        return part, *np.zeros((2, *size[::-1]), np.float32)
+    masks = np.zeros((2, FINER * size[1], FINER * size[0]), np.uint8)
+    polygon = [fixed_point(FINER * (border - (left, top) + 0.5) - 0.5)]
+    cv2.fillPoly(masks[0], polygon, 255, cv2.LINE_AA, SHIFT)
+    cv2.polylines(masks[1], polygon, True, 255, RIM, cv2.LINE_AA, SHIFT)
+    seen, rim = (cv2.resize(mask, size, interpolation=cv2.INTER_AREA) / np.float32(255.0) for mask in masks)
+    return part, seen, rim
 
 
 def _border_on_ground(camera: Camera) -> Array:
