@@ -16,7 +16,7 @@ from fieldcalib.cli.commands import COMMANDS, command_parser  # noqa: E402
 # What the commands say of their options is part of the reference.
 HELP = Path(__file__).parent / "reference" / "generated"
 HELP.mkdir(exist_ok=True)
-os.environ["COLUMNS"] = "110"
+os.environ["COLUMNS"] = "96"
 for command in COMMANDS:
     with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):
         command_parser([command]).parse_args([command, "--help"])
