@@ -20,7 +20,7 @@ from fieldcalib.images.picture_stripes import PictureToSearch
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
-EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0)
+EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0, 0.4)
 
 
 @pytest.mark.property

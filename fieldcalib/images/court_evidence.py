@@ -18,14 +18,14 @@ EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 645 pictures, in 311 of which one is right:
+# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 420 pictures, in 263 of which one is right:
 # frames of clips, synthetic frames and rendered views of measured cameras under their own field; courts and soccer
 # under other fields.
-COEFFICIENTS = np.array([-2.49, 2.97, 9.47, -9.3, 0.78, -1.05])
-# Of an accepted camera. With the coefficients of all other files of evidence 255 of the 304 best cameras that are right
-# have it, and 1 of the 341 wrong ones.
-LEAST_PROBABILITY = 0.8
-LEAST_MEAN = 0.2  # smaller means tell no more
+COEFFICIENTS = np.array([-4.42, 2.01, 8.68, -6.75, 0.87, -0.72, -1.07])
+# Of an accepted camera; three lines fit many cameras. With the coefficients of all other files of evidence 227 of the 257
+# best cameras that are right are accepted, and none of the 163 wrong ones.
+LEAST_PROBABILITY, LEAST_SCORE = 0.8, 250.0
+LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
 MOST_RIVAL = 1.3  # of the runner-up
 MOST_OFF = 3  # markings off their paint: more tell no more
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4  # from which on evidence is a doubt
@@ -52,12 +52,15 @@ class CourtEvidence:
     """Number of markings that show paint nearly everywhere."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
+    misfit: float
+    """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
 
     @property
     def features(self) -> Array:
-        """What the odds are computed from, (6,): 1 and the evidence, mean and confirmed markings as logarithms."""
+        """What the odds are computed from, (7,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
-        return np.array([1.0, mean, self.explained, runner_up, np.log1p(self.confirmed), min(self.off, MOST_OFF)])
+        confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
+        return np.array([1.0, mean, self.explained, runner_up, confirmed, min(self.off, MOST_OFF), misfit])
 
     @property
     def odds(self) -> float:
@@ -68,7 +71,7 @@ class CourtEvidence:
     def doubts(self) -> tuple[str, ...]:
         """Evidence against the camera, in words."""
         found = {
-            "few of the field's lines are in view": self.confirmed < FEW_CONFIRMED,
+            "few of the field's lines are in view": self.score < LEAST_SCORE or self.confirmed < FEW_CONFIRMED,
             f"only {100.0 * self.explained:.0f} % of the long lines on the field are markings of it": (
                 self.explained < FEW_EXPLAINED
             ),

@@ -17,8 +17,9 @@ ranked cameras, the first one accepted or not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +29,14 @@ from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_evidence import LEAST_PROBABILITY, CourtEvidence, Picture, lying_on, probabilities
+from fieldcalib.images.court_evidence import (
+    LEAST_PROBABILITY,
+    LEAST_SCORE,
+    CourtEvidence,
+    Picture,
+    lying_on,
+    probabilities,
+)
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
@@ -41,12 +49,13 @@ from fieldcalib.images.stripe_likelihood import MarkingPoints
 from fieldcalib.images.twins import twin_of
 from fieldcalib.images.yard_steps import moved_by_steps
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 from fieldcalib.solve.task import Task
 
 POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
-PAINTS = 2  # whose stripes are searched alone, if the search among all found no court
+PAINTS = 2  # whose stripes are searched alone, where the search among all is not sure
+ENOUGH = 0.95  # probability of a camera from which on no other stripes are searched
 HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
@@ -141,35 +150,53 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
     return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
 
 
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A refined camera, and the stripes that speak for it."""
+
+    refined: Refined
+    evidence: CourtEvidence
+    stripes: PictureStripes
+
+    @property
+    def odds(self) -> float:
+        """Odds that it is right; 0 if its errors are not known."""
+        return 0.0 if self.refined.calibration.solved is None else self.evidence.odds
+
+
 def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> list[FoundCourt]:
     """`find_courts` of a checked picture."""
     sized = estimate_size and field.moves_with_size and not field.size_known
-    found = _in_polarity(task, picture, are_cut_out=is_often_cut_out(field), sized=sized)
-    if not _has_accepted(found) and field.surface in FLOORS:
-        darker = replace(field, lines=replace(field.lines, lighter=not field.lines.lighter))
-        found += _in_polarity(replace(task, object_segments=darker), picture, are_cut_out=False, sized=sized)
-    return sorted(found, key=lambda one: (not one.calibration.accepted, -one.probability))
+    candidates: list[_Candidate] = []
+    probability: list[float] = []
+    for found in _candidates(task, field, picture, sized=sized):
+        candidates += found
+        probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
+        if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
+            break
+    courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
+    return sorted(courts, key=lambda one: (not one.calibration.accepted, -one.probability, -one.evidence.score))
 
 
-def _has_accepted(found: Sequence[FoundCourt]) -> bool:
-    return any(one.calibration.accepted for one in found)
+def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
+    """Cameras that explain the stripes of a picture; in halls also the stripes of each paint, and darker ones."""
+    in_hall = field.surface in FLOORS
+    for lighter in (field.lines.lighter, not field.lines.lighter)[: 2 if in_hall else 1]:
+        is_own = lighter == field.lines.lighter
+        own = (
+            task
+            if is_own
+            else replace(task, object_segments=replace(field, lines=replace(field.lines, lighter=lighter)))
+        )
+        search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
+        stripes = picture.stripes(lighter=lighter)
+        yield search(stripes)
+        for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[: PAINTS if in_hall else 0]:
+            yield search(stripes.take(np.flatnonzero(paint)))
 
 
-def _in_polarity(task: Task, picture: PictureToSearch, *, are_cut_out: bool, sized: bool) -> list[FoundCourt]:
-    """Cameras of a field in a picture, from its stripes that are as light as the field's lines."""
-    field = task.field
-    assert field is not None
-    stripes = picture.stripes(lighter=field.lines.lighter)
-    found = _searched(task, picture.image, stripes, are_cut_out=are_cut_out, sized=sized)
-    if not _has_accepted(found) and field.surface in FLOORS:
-        for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[:PAINTS]:
-            own = stripes.take(np.flatnonzero(paint))
-            found += _searched(task, picture.image, own, are_cut_out=are_cut_out, sized=sized)
-    return found
-
-
-def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[FoundCourt]:
-    """Cameras that explain the stripes, the best one first; of fields of the size that they show, where it varies.
+def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
+    """Cameras that explain the stripes; of fields of the size that they show, where it varies (`sized`).
 
     The picture may be cut out of a larger one (`are_cut_out`).
     """
@@ -186,21 +213,17 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     found = _fitted(task, markings, image, _merged(refined, field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    evidence, are_alike = _evidence(picture, ranked, field, found)
-    odds = [0.0 if one.calibration.solved is None else its.odds for one, its in zip(found, evidence, strict=True)]
-    probability = probabilities(np.array(odds), are_alike).tolist()
-    courts = [_court(*one, picture) for one in zip(found, evidence, probability, strict=True)]
-    return sorted(courts, key=lambda one: (-one.probability, -one.evidence.score))
+    searched = ranked.projected(_grid(field))
+    return [_Candidate(one, _evidence(picture, ranked, searched, one), stripes) for one in found]
 
 
-def _court(refined: Refined, evidence: CourtEvidence, probability: float, picture: Picture) -> FoundCourt:
+def _court(candidate: _Candidate, probability: float) -> FoundCourt:
     """A camera that was found, judged, with the others that take the same picture."""
+    refined, evidence, maps = candidate.refined, candidate.evidence, candidate.stripes.maps
     calibration = _judged(refined, evidence, probability)
     camera, field = refined.calibration.required_camera, _field_of(refined)
-    points, size, least = MarkingPoints.of(field, POINTS), picture.stripes.size, ALIKE * evidence.score
-    moved = tuple(
-        one for one in moved_by_steps(camera, field) if picture.maps.score(one.scaled(size), points)[0] >= least
-    )
+    points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
+    moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
     if moved:
         calibration = replace(calibration, alternatives=moved)
         calibration = with_complaints(calibration, (*complaints_of(calibration), REPEATS.format(field.repeats)))
@@ -213,39 +236,43 @@ def _field_of(refined: Refined) -> Field:
     return refined.calibration.field
 
 
-def _evidence(
-    picture: Picture, ranked: Ranked, given: Field, refined: Sequence[Refined]
-) -> tuple[list[CourtEvidence], BoolArray]:
-    """The evidence for each of N cameras, and which of them project the field about alike, (N, N).
-
-    Cameras further along a field whose markings repeat are alike.
-    """
-    fields, size = [_field_of(one) for one in refined], picture.stripes.size
-    cameras = [one.calibration.required_camera.scaled(size) for one in refined]
-    seen = np.array([camera.project(_grid(field)) for camera, field in zip(cameras, fields, strict=True)])
-    searched, found, are_alike = ranked.projected(_grid(given)), [], np.zeros((len(refined), len(refined)), dtype=bool)
-    for index, (one, camera, field) in enumerate(zip(refined, cameras, fields, strict=True)):
-        alike = [other.project(_grid(field)) for other in (camera, *moved_by_steps(camera, field))]
-        are_alike[index] = ~_are_apart(seen, alike, size)
-        runner_up = float(np.max(ranked.score[_are_apart(searched, alike, size)], initial=0.0))
-        found.append(_evidence_for(one, camera, field, picture, runner_up))
-    return found, are_alike
-
-
-def _evidence_for(refined: Refined, camera: Camera, field: Field, picture: Picture, runner_up: float) -> CourtEvidence:
-    """The evidence for a camera of the scaled picture, against another one with a score."""
+def _evidence(picture: Picture, ranked: Ranked, searched: Array, refined: Refined) -> CourtEvidence:
+    """The evidence for a camera, against those that were searched and see a grid on the field elsewhere (B, N, 2)."""
+    field, size = _field_of(refined), picture.stripes.size
+    camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
+    others = ranked.score[_are_apart(searched, _grids(camera, field), size)]
     markings = () if refined.paint is None else refined.paint.markings
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
         explained=picture.explained(field, camera),
-        runner_up=runner_up / max(score, 1.0),
+        runner_up=float(np.max(others, initial=0.0)) / max(score, 1.0),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
         off=sum(one.is_off for one in markings),
+        misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
     )
+
+
+def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
+    """Which of N cameras project the field about alike, (N, N)."""
+    grids = [_grids_of(one) for one in candidates]
+    seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
+    alike = [~_are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
+    return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
+
+
+def _grids_of(candidate: _Candidate) -> list[Array]:
+    """`_grids` of a camera, in the picture of its stripes."""
+    camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
+    return _grids(camera.scaled(candidate.stripes.maps.size), field)
+
+
+def _grids(camera: Camera, field: Field) -> list[Array]:
+    """The grid (N, 2) as a camera sees it, and as those do that are further along a field whose markings repeat."""
+    return [one.project(_grid(field)) for one in (camera, *moved_by_steps(camera, field))]
 
 
 def _are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
@@ -313,7 +340,8 @@ def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refi
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
     """The calibration of a refined camera, "probably wrong" without enough evidence."""
     calibration = refined.judged
-    if not calibration.accepted or probability >= LEAST_PROBABILITY:
+    is_enough = probability >= LEAST_PROBABILITY and evidence.score >= LEAST_SCORE
+    if not calibration.accepted or is_enough:
         return with_hidden_markings(calibration, probability)
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
     doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))

@@ -2,7 +2,7 @@
 
 The far side line of a hall is often hidden by boards, or too thin, and the upper edge of the boards lies beside it. A
 camera that was fitted to the other markings of a court whose size is fixed tells where the marking is, to a few
-centimetres: a line that is further away than that is not its paint. Of 42 cameras that were found by search with
+centimetres: a line that is further away than that is not its paint. Of 39 cameras that were found by search with
 markings off their paint and a probability of 0.8 or more, all were right (evidence of `data_tools.score_courts`).
 """
 
