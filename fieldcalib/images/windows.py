@@ -85,7 +85,8 @@ class Sides:
         shares = np.diff(self.covered[:, ends]) / np.maximum(np.diff(ends), 1)
         least, mean = np.min(shares, axis=1), np.mean(shares, axis=1)
         is_weak = (least >= FAINT_PART) & (mean >= FAINT)
-        return is_weak * WEAK + ((least >= COVERED_PART) & (mean >= COVERED)) * (STRONG - WEAK)
+        is_strong = (least >= COVERED_PART) & (mean >= COVERED)
+        return np.where(is_strong, STRONG, np.where(is_weak, WEAK, 0))
 
 
 def windows_of(image: Image) -> list[Window]:
