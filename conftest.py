@@ -4,6 +4,7 @@ With FIELDCALIB_ALL_EXTRAS=1 nothing is skipped for that: the missing package is
 """
 
 import doctest
+import functools
 import os
 import re
 import tomllib
@@ -37,14 +38,44 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo):
     return report
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]):
+    """Let property tests end where a package is missing: Hypothesis would search for simpler examples of it."""
+    handles = (getattr(getattr(item, "obj", None), "hypothesis", None) for item in items)
+    for handle in {id(one): one for one in handles if one is not None}.values():  # cases of a test share theirs
+        handle.inner_test = _ending_without_extra(handle.inner_test)
+
+
+def _ending_without_extra(test):
+    """Make a property test whose examples end at once where a package of an extra is missing."""
+
+    @functools.wraps(test)
+    def ending(*arguments, **named):
+        try:
+            return test(*arguments, **named)
+        except ImportError as error:
+            missing = error.__cause__ or error  # the package says which extra brings it
+            if _lacks_extra(missing):
+                raise pytest.skip.Exception(str(missing)) from missing
+            raise
+
+    return ending
+
+
+def _lacks_extra(error: BaseException) -> bool:
+    """Whether a package of an extra is missing and may be."""
+    missing = isinstance(error, ModuleNotFoundError) and error.name in EXTRAS
+    return missing and os.environ.get("FIELDCALIB_ALL_EXTRAS") != "1"
+
+
 def _skip_without_extra(report: pytest.CollectReport | pytest.TestReport, call: pytest.CallInfo | None) -> None:
     """Turn a report that failed because a package of an extra is missing into a skip with its reason."""
-    if call is None or call.excinfo is None or os.environ.get("FIELDCALIB_ALL_EXTRAS") == "1":
+    if call is None or call.excinfo is None:
         return
     error = call.excinfo.value
     error = error.exc_info[1] if isinstance(error, doctest.UnexpectedException) else error
-    error = error.__cause__ or error  # pytest wraps what the import of a test module raises
-    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
+    error = error.__cause__ or error  # pytest wraps what the import of a test module raises, property tests too
+    if _lacks_extra(error):
         report.outcome = "skipped"
         reason = f"Skipped: needs {error.name}: pip install 'fieldcalib[{EXTRAS[error.name]}]'"
         report.longrepr = (report.fspath, None, reason)

@@ -16,7 +16,7 @@ from fieldcalib.cli.commands import COMMANDS, command_parser  # noqa: E402
 # What the commands say of their options is part of the reference.
 HELP = Path(__file__).parent / "reference" / "generated"
 HELP.mkdir(exist_ok=True)
-os.environ["COLUMNS"] = "110"
+os.environ["COLUMNS"] = "96"
 for command in COMMANDS:
     with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):
         command_parser([command]).parse_args([command, "--help"])
@@ -65,8 +65,10 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "min_reported_time": 10**6,
     "abort_on_example_error": True,
+    "write_computation_times": False,  # a page that loads scripts from elsewhere
     "remove_config_comments": True,
     "matplotlib_animations": False,
+    "capture_repr": ("_repr_html_",),  # not what functions of matplotlib return
 }
 
 html_theme = "pydata_sphinx_theme"
@@ -80,6 +82,7 @@ html_theme_options = {
     "secondary_sidebar_items": ["page-toc"],
 }
 html_context = {"default_mode": "auto"}
+html_sidebars = {page: [] for page in ("index", "benchmarks", "rivals", "gallery/index")}  # without pages below them
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False

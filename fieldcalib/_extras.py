@@ -20,13 +20,24 @@ def imported(name: str, extra: str, user: str) -> ModuleType:
     >>> imported("no_package", "tables", "a table")
     Traceback (most recent call last):
         ...
-    ImportError: a table needs no_package: pip install 'fieldcalib[tables]'
+    ImportError: a table needs no_package: pip install 'fieldcalib[tables]', in a checkout pip install '.[tables]'
     """
     try:
         return import_module(name)
     except ImportError as error:
         package = name.partition(".")[0]
-        raise ImportError(f"{user} needs {package}: pip install 'fieldcalib[{extra}]'") from error
+        raise ImportError(f"{user} needs {package}: {how_to_install(extra)}") from error
+
+
+def how_to_install(extra: str) -> str:
+    """The command that installs an extra, from a release or in a checkout.
+
+    Examples
+    --------
+    >>> how_to_install("web")
+    "pip install 'fieldcalib[web]', in a checkout pip install '.[web]'"
+    """
+    return f"pip install 'fieldcalib[{extra}]', in a checkout pip install '.[{extra}]'"
 
 
 def missing(error: ModuleNotFoundError, extra: str) -> BaseException:
@@ -43,10 +54,7 @@ def missing(error: ModuleNotFoundError, extra: str) -> BaseException:
     program = _program()
     if not program:
         return error
-    return SystemExit(
-        f"{program} needs {error.name}, which is not installed: pip install '.[{extra}]' in a checkout, "
-        f"otherwise pip install 'fieldcalib[{extra}]'"
-    )
+    return SystemExit(f"{program} needs {error.name}, which is not installed: {how_to_install(extra)}")
 
 
 def _program() -> str:

@@ -21,8 +21,8 @@ def test_without_torch_programs_name_the_remedy(program, tmp_path):
     assert run.returncode == 1
     assert run.stdout == ""
     assert run.stderr == (
-        f"{program} needs torch, which is not installed: pip install '.[train]' in a checkout, otherwise pip install "
-        "'fieldcalib[train]'\n"
+        f"{program} needs torch, which is not installed: pip install 'fieldcalib[train]', in a checkout pip install "
+        "'.[train]'\n"
     )
 
 

@@ -1,6 +1,7 @@
 """Files that are read, or that are of others, are not written over; records of others reach no file outside."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,16 @@ from fieldcalib.run_folder.record import RunRecord
 def frames(tmp_path):
     """A folder with two annotations."""
     return write_two_annotations(tmp_path / "frames")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Two annotations in `frames`, a run over them in `whole` and its only shard in `shard`: to be copied."""
+    folder = tmp_path_factory.mktemp("made")
+    frames = write_two_annotations(folder / "frames")
+    assert calibrate(folder / "whole", frames) == 0
+    assert calibrate(folder / "shard", frames, options=["--shard", "1/1"]) == 0
+    return folder
 
 
 @pytest.fixture
@@ -101,9 +112,9 @@ def test_a_frame_named_as_a_file_of_the_run(pictures, capsys):
     assert "the result of frame 'summary' would be summary.json" in capsys.readouterr().err
 
 
-def test_a_picture_from_above_does_not_replace_its_input(frames, tmp_path, capsys):
+def test_a_picture_from_above_does_not_replace_its_input(made, tmp_path, capsys):
     out, picture = tmp_path / "out", tmp_path / "0.jpg"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     write_image(picture, np.zeros((540, 960, 3), dtype=np.uint8))
     before = picture.read_bytes()
     assert run("topview", picture, "--cameras", out, "--out", picture) == 2
@@ -116,18 +127,18 @@ def test_a_picture_from_above_does_not_replace_its_input(frames, tmp_path, capsy
     assert "is read by this command" in capsys.readouterr().err
 
 
-def test_maps_do_not_replace_pictures(frames, tmp_path, capsys):
+def test_maps_do_not_replace_pictures(made, tmp_path, capsys):
     out, maps = tmp_path / "out", tmp_path / "maps"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     maps.mkdir()
     (maps / "minimap_1.png").write_bytes(b"mine")
     assert run("minimap", "--cameras", out, "--out", maps) == 2
     assert contents(maps) == {"minimap_1.png": b"mine"}
 
 
-def test_saved_results_leave_other_files_alone(frames, tmp_path):
+def test_saved_results_leave_other_files_alone(made, tmp_path):
     out, copy = tmp_path / "out", tmp_path / "copy"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     copy.mkdir()
     (copy / "motion.png").write_bytes(b"mine")
     with pytest.raises(FileExistsError, match=r"motion\.png is there already: give overwrite=True"):
@@ -136,14 +147,14 @@ def test_saved_results_leave_other_files_alone(frames, tmp_path):
 
 
 @pytest.mark.parametrize("again", ["--resume", "--overwrite"])
-def test_logs_that_are_links_are_not_followed(frames, tmp_path, again):
+def test_logs_that_are_links_are_not_followed(made, tmp_path, again):
     out, mine = tmp_path / "out", tmp_path / "mine.txt"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     mine.write_text("mine\n")
     for name in ("cameras.jsonl", "solver.jsonl"):
         (out / name).unlink()
         (out / name).symlink_to(mine)
-    code = calibrate(out, frames, options=[again])
+    code = calibrate(out, made / "frames", options=[again])
     assert mine.read_text() == "mine\n"
     assert code == (0 if again == "--overwrite" else 2)
 
@@ -180,25 +191,25 @@ WRONG = [
 
 
 @pytest.mark.parametrize("changes", WRONG, ids=str)
-def test_a_wrong_record_is_named(frames, tmp_path, changes, capsys):
+def test_a_wrong_record_is_named(made, tmp_path, changes, capsys):
     out, bashrc = tmp_path / "out", tmp_path / ".bashrc"
-    assert calibrate(out, frames, options=["--shard", "1/1"]) == 0
+    shutil.copytree(made / "shard", out)
     bashrc.write_text("mine")
     edited(out, **changes)
     with pytest.raises(BrokenFileError, match=r"run\.json: is no record of a run"):
         RunRecord.read(out)
     assert run("join", out, "--out", tmp_path / "joined") == 2
-    assert calibrate(out, frames, options=["--resume"]) == 2
+    assert calibrate(out, made / "frames", options=["--resume"]) == 2
     assert "run.json: is no record of a run" in capsys.readouterr().err
-    assert calibrate(out, frames, options=["--overwrite"]) == 0
+    assert calibrate(out, made / "frames", options=["--overwrite"]) == 0
     assert bashrc.read_text() == "mine"
     assert len(lines_of(out)) == 2
 
 
 @pytest.mark.parametrize("id", ["../mine", "/etc/passwd", "..", "", "a" * 300, "\ud800"])
-def test_ids_of_others_name_no_files(frames, tmp_path, id):
+def test_ids_of_others_name_no_files(made, tmp_path, id):
     out, mine = tmp_path / "out", tmp_path / "mine.json"
-    assert calibrate(out, frames, options=["--shard", "1/1"]) == 0
+    shutil.copytree(made / "shard", out)
     mine.write_text("mine")
     edited(out, writes=["<id>.json"])
     for name in ("cameras.jsonl", "solver.jsonl"):
@@ -206,14 +217,14 @@ def test_ids_of_others_name_no_files(frames, tmp_path, id):
         lines[0]["id"] = id
         (out / name).write_text("".join(json.dumps(line) + "\n" for line in lines))
     assert run("join", out, "--out", tmp_path / "joined") in (0, 1, 2)
-    assert calibrate(out, frames, options=["--overwrite"]) == 0
+    assert calibrate(out, made / "frames", options=["--overwrite"]) == 0
     assert mine.read_text() == "mine"
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"seconds": 3}', '{"seconds": {"total": "x"}}', '{"options": []}'])
-def test_a_wrong_summary_is_named(frames, tmp_path, text, capsys):
+def test_a_wrong_summary_is_named(made, tmp_path, text, capsys):
     out = tmp_path / "out"
-    assert calibrate(out, frames, options=["--shard", "1/1"]) == 0
+    shutil.copytree(made / "shard", out)
     (out / "summary.json").write_text(text)
     assert run("join", out, "--out", tmp_path / "joined") == 2
     assert "summary.json: " in capsys.readouterr().err
@@ -248,22 +259,22 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
-def test_changed_lines_are_named(frames, tmp_path, change, capsys):
+def test_changed_lines_are_named(made, tmp_path, change, capsys):
     out = tmp_path / "out"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     (out / "summary.json").unlink()  # as of a run that is not finished
     with (out / "cameras.jsonl").open("a") as log, (out / "solver.jsonl").open("a") as solver:
         for file in (log, solver):
             file.write('{"id": "2", "status": "broken file", "message": ""}\n')
     _rewritten(out, change)
-    assert calibrate(out, frames, options=["--resume"]) == 2
+    assert calibrate(out, made / "frames", options=["--resume"]) == 2
     assert "cameras.jsonl, line " in capsys.readouterr().err
-    assert calibrate(out, frames, options=["--overwrite"]) == 0
+    assert calibrate(out, made / "frames", options=["--overwrite"]) == 0
 
 
-def test_repeated_lines_are_no_results(frames, tmp_path):
+def test_repeated_lines_are_no_results(made, tmp_path):
     out = tmp_path / "out"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     _rewritten(out, CHANGES["repeated"])
     with pytest.raises(BrokenFileError, match=r"cameras\.jsonl, line 2: frame '0' is there already, in line 1"):
         read(out)
@@ -280,9 +291,9 @@ def test_repeated_lines_are_no_results(frames, tmp_path):
         (lambda line: line.update(dist=None), "'dist', a list of numbers"),
     ],
 )
-def test_cameras_that_are_not_whole_are_named(frames, tmp_path, change, problem):
+def test_cameras_that_are_not_whole_are_named(made, tmp_path, change, problem):
     out = tmp_path / "out"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     first, *others = (out / "cameras.jsonl").read_text().splitlines(keepends=True)
     line = json.loads(first)
     change(line)
@@ -301,9 +312,9 @@ def test_cameras_that_are_not_whole_are_named(frames, tmp_path, change, problem)
         (lambda solved: solved["unit"].pop(), "'unit'"),
     ],
 )
-def test_solutions_that_do_not_fit_together_are_named(frames, tmp_path, change, name):
+def test_solutions_that_do_not_fit_together_are_named(made, tmp_path, change, name):
     out = tmp_path / "out"
-    assert calibrate(out, frames) == 0
+    shutil.copytree(made / "whole", out)
     first, *others = (out / "solver.jsonl").read_text().splitlines(keepends=True)
     line = json.loads(first)
     change(line["solved"])

@@ -191,7 +191,8 @@ def test_a_table_that_cannot_be_read_without_pyarrow_is_one_line(annotated_folde
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     capsys.readouterr()
     assert run("evaluate", tmp_path, annotated_folder) == 2
-    assert capsys.readouterr().err == "fieldcalib: Parquet needs pyarrow: pip install 'fieldcalib[parquet]'\n"
+    said = "Parquet needs pyarrow: pip install 'fieldcalib[parquet]', in a checkout pip install '.[parquet]'"
+    assert capsys.readouterr().err == f"fieldcalib: {said}\n"
 
 
 def test_shards_have_no_tables(annotated_folder, tmp_path, capsys):

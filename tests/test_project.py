@@ -160,7 +160,7 @@ def test_game_states_get_the_places_of_their_boxes(tmp_path, cameras, calibratio
     path.write_text(json.dumps(state))
     command = ["project", str(path), "--cameras", str(cameras), "--out", str(out)]
     assert main(command) == 0
-    assert "5 boxes" in capsys.readouterr().out
+    assert "5 rows" in capsys.readouterr().out
     pitch, *players, rejected, sky = json.loads(out.read_text())["predictions"]
     assert pitch == state["predictions"][0]
     assert rejected["bbox_pitch"] is sky["bbox_pitch"] is None

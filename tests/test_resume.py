@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import time
 from functools import partial
 
@@ -75,11 +76,25 @@ def test_wrong_numbers_of_jobs(many, tmp_path, capsys, jobs):
 # --- an end at a known place ---
 
 
+def with_small_units(patch):
+    """Units of two frames."""
+    patch.setattr(units, "SMALLEST_UNIT", 1)
+    patch.setattr(units, "LARGEST_UNIT", 2)
+
+
 @pytest.fixture
 def small_units(monkeypatch):
-    """Units of two frames."""
-    monkeypatch.setattr(units, "SMALLEST_UNIT", 1)
-    monkeypatch.setattr(units, "LARGEST_UNIT", 2)
+    with_small_units(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def whole_in_small_units(annotated_folder, tmp_path_factory):
+    """The output of a run that nothing ended."""
+    out = tmp_path_factory.mktemp("small_units") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        with_small_units(patch)
+        assert calibrate(out, annotated_folder) == 0
+    return out
 
 
 class Ending:
@@ -101,10 +116,9 @@ NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 @pytest.mark.parametrize(("error", "code"), [(NO_SPACE, 2), (KeyboardInterrupt(), 130), (MemoryError(), 2)])
 @pytest.mark.parametrize(("count", "torn"), [(1, 0), (2, 1), (3, 0), (3, 1)])
 def test_what_was_done_is_not_lost(
-    annotated_folder, small_units, tmp_path, monkeypatch, capsys, error, code, count, torn
+    annotated_folder, small_units, whole_in_small_units, tmp_path, monkeypatch, capsys, error, code, count, torn
 ):
     """Each frame has two lines: the run ends before the first of a frame, or between both."""
-    assert calibrate(tmp_path / "whole", annotated_folder) == 0
     out = tmp_path / "out"
     ending = Ending(2 * count + torn, error)
     with monkeypatch.context() as patch:
@@ -116,10 +130,10 @@ def test_what_was_done_is_not_lost(
     assert len(read(out)) == count
     assert not (out / "summary.json").exists()
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
-    assert content_of(out) == content_of(tmp_path / "whole")
+    assert content_of(out) == content_of(whole_in_small_units)
 
 
-def test_a_camera_that_has_no_room_is_written_later(annotated_folder, tmp_path, monkeypatch):
+def test_a_camera_that_has_no_room_is_written_later(annotated_folder, calibrated_folder, tmp_path, monkeypatch):
     """Its line is there already."""
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
@@ -134,8 +148,7 @@ def test_a_camera_that_has_no_room_is_written_later(annotated_folder, tmp_path, 
     assert [line["id"] for line in lines_of(out)] == list("abc")
     assert set(cameras_in(out)) == {"a", "b"}
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
-    assert calibrate(tmp_path / "whole", annotated_folder) == 0
-    assert content_of(out) == content_of(tmp_path / "whole")
+    assert content_of(out) == content_of(calibrated_folder)
 
 
 def test_a_line_that_cannot_be_read_removes_nothing(annotated_folder, tmp_path, capsys):
@@ -154,11 +167,10 @@ def test_a_run_that_did_nothing_leaves_nothing(annotated_folder, tmp_path, monke
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_what_a_kill_leaves_is_repaired(annotated_folder, tmp_path):
+def test_what_a_kill_leaves_is_repaired(annotated_folder, calibrated_folder, tmp_path):
     """A torn line, a camera that is missing, temporary files."""
-    assert calibrate(tmp_path / "whole", annotated_folder) == 0
     out = tmp_path / "out"
-    assert calibrate(out, annotated_folder) == 0
+    shutil.copytree(calibrated_folder, out)
     (out / "summary.json").unlink()
     lines = (out / "cameras.jsonl").read_bytes().splitlines(keepends=True)
     (out / "cameras.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:1000])
@@ -166,7 +178,7 @@ def test_what_a_kill_leaves_is_repaired(annotated_folder, tmp_path):
     (out / ".unfinished-x.json").write_text("half")
     assert len(read(out)) == 2
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
-    assert content_of(out) == content_of(tmp_path / "whole")
+    assert content_of(out) == content_of(calibrated_folder)
 
 
 def test_a_run_that_is_not_finished_is_evaluated_and_said_to_be(annotated_folder, tmp_path, capsys):

@@ -70,14 +70,14 @@ def run(options: argparse.Namespace) -> int:
     projection = given(Projection, options, cameras=cameras)
     if options.out.suffix.lower() == ".json":
         count, placed = write_game_state(projection, options.out)
-        show(f"{count} boxes in {options.out}, {placed} on the pitch")
+        show(f"{count} rows in {options.out}, {placed} on the pitch")
         return 0
     extents: dict[tuple[int, int], Extent] = {}
     problems = _write_table(projection, options.out, extents)
     total = problems.total()
     said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
-    boxes = "1 box" if total == 1 else f"{total} boxes"
-    show(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
+    rows = "1 row" if total == 1 else f"{total} rows"  # of boxes or of points
+    show(f"{rows} in {options.out}{': ' * bool(said)}{said}")
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:

@@ -24,7 +24,10 @@ from fieldcalib.io.image import Image, checked_image
 DARK: Colour = (24, 24, 24)
 POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
-BORDER, AROUND = 64, 12.0  # points along a side of the image; pixels of the map around what is in view
+UNSEEN = 0.62  # brightness of the ground that a camera does not see
+BORDER, AROUND = 64, 3  # points along a side of the image; pixels of the map around what is in view
+FARTHEST = 1e5  # pixels of a map; OpenCV's are 32-bit integers
+FINER, RIM = 6, 8  # subpixels along a pixel of the map, and of them in the border: what is seen moves without jumps
 MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
 
 
@@ -82,12 +85,13 @@ def draw_minimap(
     expect(field, Field, FIELD)
     if camera is not None:
         expect(camera, (Camera, RationalCamera), CAMERA)
-    overhead, X, empty = _map_of(field, checked_image_size(size))
-    picture = empty.copy()
-    if camera is not None:
-        _light_view(picture, camera, X)
-    result = to_uint8(picture)
-    if camera is not None:
+    overhead, X, empty, dark = _map_of(field, checked_image_size(size))
+    if camera is None:
+        result = to_uint8(empty)
+    else:
+        result = dark.copy()
+        part, seen, rim = _in_view(camera, overhead, X)
+        result[part] = to_uint8(_lit(empty[:, *part], seen, rim))
         _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
     points = np.empty((0, 2)) if points is None else points
     return draw_players(result, overhead, points, colours=colours, trails=trails)
@@ -176,17 +180,49 @@ def inset_map(picture: Image, camera: Camera | RationalCamera, field: Field) -> 
     picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
 
 
-def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> None:
-    """Light the ground that a camera sees on a map whose pixels are at X (height, width, 3), in place."""
-    seen, rim = np.zeros((2, *X.shape[:2]), np.float32)
-    part = _part_in_view(camera, X)
-    if X[part].size:
-        inside = _inside(camera, X[part])
-        seen[part] = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0)
-        rim[part] = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0)
-    picture *= 0.62 + 0.38 * seen
+def _lit(part: Float32, seen: Float32, rim: Float32) -> Float32:
+    """A part (3, height, width) of a map with light on what is seen, and on the border of that."""
+    picture = part * (UNSEEN + (1.0 - UNSEEN) * seen)
     mix(picture, SPOTLIGHT, 0.22 * seen)
     mix(picture, SPOTLIGHT, 0.9 * rim)
+    return picture
+
+
+def _in_view(
+    camera: Camera | RationalCamera, overhead: Camera, X: Array
+) -> tuple[tuple[slice, slice], Float32, Float32]:
+    """Rows and columns of a map that hold all that a camera sees, and how far each pixel there is seen, or its border.
+
+    `X` (height, width, 3) are the ground points of the map's pixels. The view of most cameras is a polygon on the
+    ground; that of others, which see the horizon, or whose lens may fold back, is found by projecting the ground.
+    """
+    import cv2
+
+    height, width = X.shape[:2]
+    border = None if isinstance(camera, RationalCamera) else overhead.project(_border_on_ground(camera))
+    if border is None or not np.all(np.abs(border) < FARTHEST):  # NaN above the horizon
+        inside = _inside(camera, X)
+        seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
+        rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+        return (slice(0, height), slice(0, width)), seen, rim
+    left, top = np.clip(np.floor(border.min(axis=0)) - AROUND, 0, (width, height)).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(border.max(axis=0)) + AROUND, 0, (width, height)).astype(int).tolist()
+    part, size = (slice(top, bottom), slice(left, right)), (right - left, bottom - top)
+    if 0 in size:
+        return part, *np.zeros((2, *size[::-1]), np.float32)
+    masks = np.zeros((2, FINER * size[1], FINER * size[0]), np.uint8)
+    polygon = [fixed_point(FINER * (border - (left, top) + 0.5) - 0.5)]
+    cv2.fillPoly(masks[0], polygon, 255, cv2.LINE_AA, SHIFT)
+    cv2.polylines(masks[1], polygon, True, 255, RIM, cv2.LINE_AA, SHIFT)
+    seen, rim = (cv2.resize(mask, size, interpolation=cv2.INTER_AREA) / np.float32(255.0) for mask in masks)
+    return part, seen, rim
+
+
+def _border_on_ground(camera: Camera) -> Array:
+    """Ground points (N, 3) that a camera sees at the border of its image, in order; NaN above the horizon."""
+    share, zero, one = np.linspace(0.0, 1.0, BORDER), np.zeros(BORDER), np.ones(BORDER)
+    x, y = np.concatenate([share, one, share[::-1], zero]), np.concatenate([zero, share, one, share[::-1]])
+    return camera.image_to_field(np.stack([x, y], axis=-1) * camera.image_size - 0.5)
 
 
 def _inside(camera: Camera | RationalCamera, X: Array) -> Array:
@@ -196,33 +232,6 @@ def _inside(camera: Camera | RationalCamera, X: Array) -> Array:
     inside = np.maximum(inside, -centre[0])  # far outside and below the camera it is not linear
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(inside / np.hypot(*np.gradient(inside)))
-
-
-def _part_in_view(camera: Camera | RationalCamera, X: Array) -> tuple[slice, slice]:
-    """Rows and columns of a map that hold all that a camera sees; all of them where it sees the horizon.
-
-    Most cameras see a small part of the field, and what is outside need not be projected.
-    """
-    whole = slice(0, X.shape[0]), slice(0, X.shape[1])
-    if isinstance(camera, RationalCamera):  # its lens may fold back, so that the border does not enclose what is seen
-        return whole
-    width, height = camera.image_size
-    share = np.linspace(0.0, 1.0, BORDER)
-    zero, one = np.zeros(BORDER), np.ones(BORDER)
-    border = np.stack([np.concatenate([share, one, share, zero]), np.concatenate([zero, share, one, share])], axis=-1)
-    corners = camera.image_to_field(border * (width, height) - 0.5)[:, :2]
-    if not np.all(np.isfinite(corners)):
-        return whole
-    rim = AROUND * np.abs(X[1, 1, :2] - X[0, 0, :2])
-    low, high = corners.min(axis=0) - rim, corners.max(axis=0) + rim
-    x, y = X[0, :, 0], X[:, 0, 1]
-    columns = np.flatnonzero((x >= low[0]) & (x <= high[0]))
-    rows = np.flatnonzero((y >= low[1]) & (y <= high[1]))
-    if not (len(rows) and len(columns)):
-        return slice(0), slice(0)
-    if min(len(rows), len(columns)) < 2:  # too few for a gradient
-        return whole
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
@@ -265,8 +274,8 @@ def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) ->
 
 
 @lru_cache(maxsize=4)  # slower than drawing the view of a camera, and the same in every frame of a video
-def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32]:
-    """A camera high above a field, the ground points of its pixels (height, width, 3), and its colours (3, ...)."""
+def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32, Image]:
+    """A camera high above a field, its pixels' ground points (height, width, 3) and colours (3, ...), a dark map."""
     width, height = size
     margin = MAP_MARGIN * np.hypot(field.length, field.width)
     half = np.maximum(field.half_extent + 0.5 * margin, np.array([field.length, field.width]) / 2.0 + margin)
@@ -277,7 +286,7 @@ def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32
     ground = Ground.of_rays(overhead, rays(overhead))
     picture = surface(ground, field)
     add_paint(picture, ground, field, 0.9, least=1.3 / scale)
-    return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture
+    return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture, to_uint8(UNSEEN * picture)
 
 
 def _mark_camera(picture: Image, position: Array, centre: Array) -> None:

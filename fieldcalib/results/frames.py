@@ -223,7 +223,8 @@ class Lazy(Mapping[str, Value]):
         return id in self._numbers
 
     def __repr__(self) -> str:
-        return f"<{len(self)} values by id>"
+        ids = [repr(id) for id in islice(self, SHOWN)] + ["..."] * (len(self) > SHOWN)
+        return f"<{len(self)} by id: {', '.join(ids)}>"
 
 
 class LazyList(Sequence[Value]):
