@@ -31,6 +31,7 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 TRUTH = Path(__file__).parents[1] / "tests" / "court_truth.json"
 UNIT = 1280.0  # columns of the image in whose pixels distances are given
 RIGHT, FARTHEST = 3.0, 6.0  # px of that image: the largest median and the largest distance of a right camera
+LIMITS = RIGHT, FARTHEST
 
 
 @dataclass(frozen=True, eq=False)

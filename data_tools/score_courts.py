@@ -38,7 +38,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.command_parser import add_made_frames, parser_of
-from data_tools.court_truth import UNIT, court_frames
+from data_tools.court_truth import LIMITS, UNIT, court_frames
 from data_tools.nonsense import nonsense
 from data_tools.synthetic import SyntheticFrame, frame
 from data_tools.synthetic.cameras import random_camera
@@ -53,16 +53,16 @@ from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import CourtEvidence
-from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.court_search import FoundCourt, find_courts
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.io.videos import VideoReader
 
 SIZE = (960, 540)
-RIGHT = 5.0  # px of 1280 columns: largest median distance of a right camera of a synthetic frame
+RIGHT = 5.0, np.inf  # px of 1280 columns: largest median and other distance of a right camera of a synthetic frame
+SAME = 12.0  # px: median distance up to which a camera is the right one of those that were searched, if not exact
 SQUARE = 0.01  # largest difference of the pixels' sides
 PICTURES = (".jpg", ".jpeg", ".png")
-STEPS = 100  # of the fit of the coefficients, by Newton's method
 WEAK = 0.3  # standard deviation of the coefficients' prior is 1 over its root: evidence that separates has no limit
 
 
@@ -74,12 +74,26 @@ class Case:
     field: Field
     """That is searched for."""
     image: Image
-    is_right: Callable[[Camera], bool]
+    distances: Callable[[Camera], Array]
+    """Distances (N,) of a camera's points from the true ones, pixels of 1280 columns."""
+    right: tuple[float, float] = RIGHT
+    """Largest distances of a right camera, in the median and at all."""
+
+    def is_right(self, found: FoundCourt) -> bool:
+        """Whether a camera that was found is right, or one of those further along the field that it may be."""
+        return any(np.median(off) <= self.right[0] and np.max(off) <= self.right[1] for off in self._distances(found))
+
+    def is_same(self, found: FoundCourt) -> bool:
+        """Whether it is the right one of those that were searched."""
+        return any(np.median(off) <= SAME for off in self._distances(found))
+
+    def _distances(self, found: FoundCourt) -> list[Array]:
+        return [self.distances(camera) for camera in (found.calibration.required_camera, *found.moved)]
 
 
-def never(camera: Camera) -> bool:
-    """Say that a camera is wrong: the picture does not show its field."""
-    return False
+def nowhere(camera: Camera) -> Array:
+    """Distances of a camera of a picture that does not show its field."""
+    return np.array([np.inf])
 
 
 def of_clips(options: argparse.Namespace) -> Iterator[Case]:
@@ -93,8 +107,8 @@ def of_clips(options: argparse.Namespace) -> Iterator[Case]:
         with VideoReader(options.folder / f"{clip}.mp4") as video:
             for number, image in enumerate(video):
                 if number in wanted:
-                    truth = never if options.field else wanted[number].is_right
-                    yield Case(f"{clip} {number}", field_named(name), image, truth)
+                    truth = nowhere if options.field else wanted[number].distances
+                    yield Case(f"{clip} {number}", field_named(name), image, truth, LIMITS)
 
 
 def of_synthetic(options: argparse.Namespace) -> Iterator[Case]:
@@ -106,7 +120,7 @@ def of_synthetic(options: argparse.Namespace) -> Iterator[Case]:
             continue
         made += 1
         searched = field_named(options.field) if options.nominal else one.field
-        yield Case(f"seed {seed}", searched, one.image, Truth(one.camera, one.field).is_right)
+        yield Case(f"seed {seed}", searched, one.image, Truth(one.camera, one.field).distances)
         if made == options.frames:
             break
 
@@ -128,7 +142,7 @@ def of_basketball(options: argparse.Namespace) -> Iterator[Case]:
         if index >= options.first and (index - options.first) % options.every == 0:
             made = seen_by(camera, game.field, np.random.default_rng(index), game)
             off = np.round(camera.K[:2, 2] - 0.5 * np.array(SIZE)).astype(int).tolist()
-            yield Case(f"camera {index}, {off} px off", game.field, made.image, Truth(camera, game.field).is_right)
+            yield Case(f"camera {index}, {off} px off", game.field, made.image, Truth(camera, game.field).distances)
 
 
 def in_view(camera: Camera, field: Field) -> tuple[Array, BoolArray]:
@@ -146,30 +160,32 @@ class Truth:
     camera: Camera
     field: Field
 
-    def distance(self, camera: Camera) -> float:
-        """Median distance of the points of the field in view, in pixels of 1280 columns; of the nearer twin."""
+    def distances(self, camera: Camera) -> Array:
+        """Distances of the points of the field in view, in pixels of 1280 columns; those of the nearer twin."""
         X, seen = in_view(self.camera, self.field)
-        xy = self.camera.project(X)
+        if not np.any(seen):
+            return np.array([np.inf])
+        xy = self.camera.project(X[seen])
         unit, twins = self.camera.image_size[0] / UNIT, ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0))
-        off = [np.linalg.norm(camera.project(X[seen] * turn) - xy[seen], axis=1) / unit for turn in twins]
-        return min(float(np.median(np.where(np.isfinite(one), one, np.inf))) if len(one) else np.inf for one in off)
+        off = [np.linalg.norm(camera.project(X[seen] * turn) - xy, axis=1) / unit for turn in twins]
+        return min((np.where(np.isfinite(one), one, np.inf) for one in off), key=lambda one: float(np.median(one)))
 
-    def is_right(self, camera: Camera) -> bool:
-        """Whether a camera is within `RIGHT` of the true one."""
-        return self.distance(camera) <= RIGHT
+    def distance(self, camera: Camera) -> float:
+        """Their median."""
+        return float(np.median(self.distances(camera)))
 
 
 def of_pictures(options: argparse.Namespace) -> Iterator[Case]:
     """Pictures that do not show the field."""
     for path in sorted(options.folder.iterdir()):
         if path.suffix.lower() in PICTURES:
-            yield Case(path.name, field_named(options.field), parse_image(path.read_bytes()), never)
+            yield Case(path.name, field_named(options.field), parse_image(path.read_bytes()), nowhere)
 
 
 def of_nonsense(options: argparse.Namespace) -> Iterator[Case]:
     """Pictures without a field."""
     for seed in range(options.seed, options.seed + options.frames):
-        yield Case(f"nonsense {seed}", field_named(options.field), nonsense(seed), never)
+        yield Case(f"nonsense {seed}", field_named(options.field), nonsense(seed), nowhere)
 
 
 def search(options: argparse.Namespace) -> int:
@@ -179,12 +195,15 @@ def search(options: argparse.Namespace) -> int:
         start = time.process_time()
         found = find_courts(case.image, case.field)
         seconds.append(time.process_time() - start)
-        right = [any(map(case.is_right, (one.calibration.required_camera, *one.moved))) for one in found]
         accepted = bool(found) and found[0].calibration.accepted
         good = accepted and found[0].calibration.verdict == Verdict.GOOD
-        first = bool(found) and right[0]
+        first = bool(found) and case.is_right(found[0])
         table.append((first, first and accepted, first and good, accepted and not first))
-        rows = [{"right": is_right, **asdict(one.evidence)} for is_right, one in zip(right, found, strict=True)]
+        rows = [
+            {"is_same": case.is_same(one), **asdict(one.evidence)}
+            for one in found
+            if one.calibration.solved is not None
+        ]
         lines.append(json.dumps({"name": case.name, "accepted": accepted, "found": rows}) + "\n")
     if options.evidence is not None:
         with options.evidence.open("a", encoding="utf-8") as file:
@@ -199,36 +218,64 @@ def _median(values: list[float]) -> float:
     return round(float(np.median(values)), 2) if values else float("nan")
 
 
-def fitted(features: Array, right: Array) -> Array:
-    """Coefficients (n,) of the logistic model of rows of features (N, n), with a weak prior."""
-    scale = np.maximum(np.std(features, axis=0), 1e-3)
+def fitted(pictures: Sequence[tuple[Array, BoolArray]]) -> Array:
+    """Coefficients (n,) for which the cameras that were found are most probable, with a weak prior.
+
+    Parameters
+    ----------
+    pictures : sequence of (array (N, n), array (N,) of bool)
+        Features of the N cameras found in each picture, and which of them are the right one; maybe none.
+    """
+    from scipy.optimize import minimize
+
+    scale = np.maximum(np.std(np.concatenate([features for features, _ in pictures]), axis=0), 1e-3)
     scale[0] = 1.0
-    F, b = features / scale, np.zeros(features.shape[1])
-    prior = np.diag(np.where(np.arange(len(b)) > 0, WEAK, 1e-3))
-    for _ in range(STEPS):
-        p = 1.0 / (1.0 + np.exp(-F @ b))
-        gradient = F.T @ (right - p) - prior @ b
-        b = b + np.linalg.solve((F.T * (p * (1.0 - p))) @ F + prior, gradient)
-    return np.asarray(b / scale)
+    scaled = [(features / scale, is_same) for features, is_same in pictures]
+    prior = np.where(np.arange(len(scale)) > 0, WEAK, 1e-3)
+
+    def loss(b: Array) -> tuple[float, Array]:
+        value, gradient = 0.5 * float(prior @ (b * b)), prior * b
+        for features, is_same in scaled:
+            log_odds = features @ b
+            value += _surprise(log_odds, is_same)
+            gradient = gradient + features.T @ (_shares(log_odds, 0.0) - _shares(np.where(is_same, log_odds, -np.inf)))
+        return value, gradient
+
+    return np.asarray(minimize(loss, np.zeros(len(scale)), jac=True).x / scale)
+
+
+def _shares(log_odds: Array, other: float = -np.inf) -> Array:
+    """Shares (N,) of each in the sum of the odds and another one; 0 if there are none."""
+    every = np.logaddexp.reduce(np.append(log_odds, other))
+    return np.exp(log_odds - every) if np.isfinite(every) else np.zeros(len(log_odds))
+
+
+def _surprise(log_odds: Array, is_same: BoolArray) -> float:
+    """Negative logarithm of the probability (`fieldcalib.images.court_evidence.probabilities`) of what is true."""
+    every = np.logaddexp.reduce(np.append(log_odds, 0.0))
+    return float(every - (np.logaddexp.reduce(log_odds[is_same]) if np.any(is_same) else 0.0))
 
 
 def fit(options: argparse.Namespace) -> int:
-    """Print the coefficients, and how well they separate the first cameras of the pictures."""
-    rows, right = [], []
-    for path in options.files:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            for one in json.loads(line)["found"][:1]:
-                right.append(float(one.pop("right")))
-                rows.append(CourtEvidence(**one).features)
-    features, truth = np.array(rows), np.array(right)
-    b = fitted(features, truth)
-    p = 1.0 / (1.0 + np.exp(-features @ b))
-    print(json.dumps({"coefficients": b.round(2).tolist(), "pictures": len(truth), "right": int(truth.sum())}))
-    for least in (0.5, 0.8, 0.9, 0.95, 0.99):
-        accepted = p >= least
-        wrong = int(np.count_nonzero(accepted & (truth == 0.0)))
-        print(json.dumps({"least": least, "accepted": int(accepted.sum()), "wrong": wrong}))
+    """Print the coefficients, and how surprising each file is for those that are fitted to the others."""
+    files = [list(_pictures(path)) for path in options.files]
+    for path, held_out in zip(options.files, files, strict=True):
+        b = fitted([one for other in files if other is not held_out for one in other])
+        surprise = np.mean([_surprise(features @ b, is_same) for features, is_same in held_out])
+        print(json.dumps({"file": path.name, "pictures": len(held_out), "surprise": round(float(surprise), 3)}))
+    pictures = [one for file in files for one in file]
+    right = sum(bool(np.any(is_same)) for _, is_same in pictures)
+    coefficients = fitted(pictures).round(2).tolist()
+    print(json.dumps({"coefficients": coefficients, "pictures": len(pictures), "right": right}))
     return 0
+
+
+def _pictures(path: Path) -> Iterator[tuple[Array, BoolArray]]:
+    """Features and truth of the cameras in each picture of a file of evidence."""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if found := json.loads(line)["found"]:
+            is_same = np.array([one.pop("is_same") for one in found], dtype=bool)
+            yield np.array([CourtEvidence(**one).features for one in found]), is_same
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

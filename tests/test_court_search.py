@@ -277,8 +277,8 @@ def test_a_rendered_court_is_found(field, camera):
     found = find_courts(picture(camera, field), field)
     assert found[0].calibration.accepted
     assert Truth(camera, field).distance(found[0].calibration.required_camera) < 1.0
-    assert found[0].evidence.probability > 0.9
-    assert all(one.evidence.score <= found[0].evidence.score for one in found)
+    assert found[0].probability > 0.9
+    assert all(one.probability <= found[0].probability for one in found)
     twin = found[0].twin
     X = np.array([1.0, 2.0, 0.0])
     np.testing.assert_allclose(twin.project(-X), found[0].calibration.required_camera.project(X))

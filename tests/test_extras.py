@@ -48,6 +48,19 @@ def test_modules_and_tests_that_need_an_extra_are_skipped_with_the_reason(run):
     assert "test_referee.py: needs SoccerNet: pip install 'fieldcalib[soccernet]'" in text
 
 
+def test_a_property_test_that_needs_an_extra_ends_at_its_first_example(run, pytester, monkeypatch):
+    """Hypothesis would look for a simpler example that fails."""
+    head = "from hypothesis import given, strategies\n\n@given(strategies.integers())\ndef test_it(number):\n"
+    count = "    with open('tried', 'a') as file:\n        print(number, file=file)\n"
+    counts, text = run(test_any=f"{head}{count}    {absent('SoccerNet')}")
+    assert counts == {"skipped": 1}, text
+    assert "test_any.py: needs SoccerNet: pip install 'fieldcalib[soccernet]'" in text
+    assert len((pytester.path / "tried").read_text().splitlines()) == 1
+    monkeypatch.setenv("FIELDCALIB_ALL_EXTRAS", "1")
+    counts, text = run(test_any=f"{head}    {absent('SoccerNet')}")
+    assert counts == {"failed": 1}, text
+
+
 @pytest.mark.parametrize("package", ["fieldcalib.nowhere", "torch.nowhere", "pandas_of_nobody"])
 def test_what_no_extra_brings_is_an_error(run, package):
     counts, text = run(broken=absent(package), test_broken=inside(absent(package)))

@@ -49,6 +49,11 @@ class MarkingInView:
         return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
 
     @property
+    def is_confirmed(self) -> bool:
+        """Whether it shows paint nearly everywhere, at enough places."""
+        return self.share >= CONFIRMED and self.places >= LEAST_PLACES
+
+    @property
     def is_off(self) -> bool:
         """Whether it is evidence against the camera: its paint lies beside it or is missing."""
         return self.is_beside or self.is_unseen
@@ -86,9 +91,8 @@ def paint_confirms(markings: Sequence[MarkingInView]) -> bool:
     >>> paint_confirms(lines), paint_confirms(lines[:2])
     (True, False)
     """
-    on = [one for one in markings if one.share >= CONFIRMED and one.places >= LEAST_PLACES]
-    off = any(one.is_off for one in markings)
-    return len(on) >= LEAST_MARKINGS and paint_share(markings) >= CONFIRMED and not off
+    confirmed, off = sum(one.is_confirmed for one in markings), any(one.is_off for one in markings)
+    return confirmed >= LEAST_MARKINGS and paint_share(markings) >= CONFIRMED and not off
 
 
 def paint_share(markings: Sequence[MarkingInView]) -> float:

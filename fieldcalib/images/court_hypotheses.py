@@ -11,7 +11,7 @@ homography explains any four lines; few are left that are a camera's, and that s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -28,6 +28,10 @@ FARTHEST_CUT = 1.2  # widths: from the middle of a picture to the principal poin
 LARGEST_MISFIT = 0.25  # of both equations for f^2, in shares of the squared columns: lens, principal point, noise
 FARTHEST_CORNER = 2.5  # picture widths from its middle: crossings further away are those of nearly parallel lines
 MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
+OVER, OVER_SHARE = (
+    0.3,
+    0.05,
+)  # m, and share of its length, by which a line in the picture may be longer than its marking
 STEEPEST_ROLL = np.radians(12.0)
 INSIDE = 0.35  # share of the half extent within which no camera stands unless its stands say so
 
@@ -156,13 +160,15 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     """
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
-    cameras = quads.cameras if row is None else quads.cut_out
     is_symmetric = looks_the_same_turned(field)
     parts = [Cameras.none(size)]
-    for turned in (False,) if is_symmetric else (False, True):
-        for x in combinations(on_field.across, 2):
-            for y in combinations(on_field.along, 2):
-                parts.append(cameras(*((x[::-1], y[::-1]) if turned else (x, y))))
+    for step in (1,) if is_symmetric else (1, -1):
+        for i in combinations(range(len(on_field.across)), 2):
+            for j in combinations(range(len(on_field.along)), 2):
+                at = list(i[::step]), list(j[::step])
+                x, y = on_field.across[at[0]], on_field.along[at[1]]
+                own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
+                parts.append(own.cameras(x, y) if row is None else own.cut_out(x, y))
     joined = Cameras.joined(parts)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
@@ -211,6 +217,9 @@ class _Quads:
     """Along its y."""
     h3: Array
     """The corner (0, 0)."""
+    ends: Array
+    """Places of the ends of the lines along the square, (N, 4, 2): of those at x = 0 and 1, then at y = 0 and 1; NaN
+    beyond the horizon."""
     c: Array
     """The principal point, (2,) pixels."""
     size: tuple[int, int]
@@ -240,22 +249,38 @@ class _Quads:
             h1, h2, h3 = h1 * scale, h2 * scale, h3 * scale
         depth = np.stack([h3[:, 2], h3[:, 2] + h1[:, 2], h3[:, 2] + h2[:, 2], h3[:, 2] + h1[:, 2] + h2[:, 2]])
         good = np.all(depth > 0.0, axis=0) & np.all(np.isfinite(h1) & np.isfinite(h2) & np.isfinite(h3), axis=1)
-        h1, h2, h3 = h1[good], h2[good], h3[good]
+        h1, h2, h3, a, b = h1[good], h2[good], h3[good], a[good], b[good]
         corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])
         near = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
-        h1, h2, h3 = h1[near], h2[near], h3[near]
+        h1, h2, h3, a, b = h1[near], h2[near], h3[near], a[near], b[near]
         # seen from above, y is to the right of x, as in the picture; else the pair along the field is the other way
         (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))
         flip = (xx * yy - xy * yx < 0.0)[:, None]
-        h3, h1, h2 = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2)
-        return cls(h1, h2, h3, c, size)
+        h3, h1, h2, b = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2), np.where(flip, b[:, ::-1], b)
+        sides = ((h3, h2, a[:, 0]), (h3 + h1, h2, a[:, 1]), (h3, h1, b[:, 0]), (h3 + h2, h1, b[:, 1]))
+        places = np.stack([_places(start, along, ends[own]) for start, along, own in sides], axis=1)
+        return cls(h1, h2, h3, np.sort(places, axis=2), c, size)
 
-    def homographies(self, x: tuple[float, float], y: tuple[float, float]) -> tuple[Array, Array, Array]:
+    def take(self, index: BoolArray) -> _Quads:
+        """Some of them."""
+        return replace(self, h1=self.h1[index], h2=self.h2[index], h3=self.h3[index], ends=self.ends[index])
+
+    def are_within(self, x: Array, y: Array, x_reach: Array, y_reach: Array) -> BoolArray:
+        """In which of them the lines end within markings, if they are the rectangle between two x and two y.
+
+        The two x and the two y are both in ascending or both in descending order. The markings at each x reach from one
+        y to another, (2, 2), and those at each y from one x to another.
+        """
+        ends = self.ends if x[1] > x[0] else self.ends[:, :, ::-1]
+        of_x, of_y = y[0] + ends[:, :2] * (y[1] - y[0]), x[0] + ends[:, 2:] * (x[1] - x[0])
+        return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach), axis=1))
+
+    def homographies(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """Columns of the homographies of metres for which they are the rectangle between two x and two y."""
         h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
         return h1, h2, self.h3 - h1 * x[0] - h2 * y[0]
 
-    def cut_out(self, x: tuple[float, float], y: tuple[float, float]) -> Cameras:
+    def cut_out(self, x: Array, y: Array) -> Cameras:
         """The same as `cameras`, with the column of the principal point that fits, anywhere near the picture."""
         h1, h2, h3 = self.homographies(x, y)
         # a c + b s = d of both equations, with c the column of the principal point and s = c^2 + f^2
@@ -272,7 +297,7 @@ class _Quads:
         at = np.column_stack([self.c[0] + self.size[0] * c[kept], np.full(len(kept), self.c[1])])
         return Cameras(f * self.size[0], at, R, C, self.size)
 
-    def cameras(self, x: tuple[float, float], y: tuple[float, float]) -> Cameras:
+    def cameras(self, x: Array, y: Array) -> Cameras:
         """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
         h1, h2, h3 = self.homographies(x, y)
         A, B = 2.0 * np.sum(h1[:, :2] * h2[:, :2], axis=1), 2.0 * h1[:, 2] * h2[:, 2]
@@ -286,6 +311,24 @@ class _Quads:
             good = np.flatnonzero((squared > 0.0) & (misfit < LARGEST_MISFIT))
         f, R, C, _ = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
         return Cameras(f * self.size[0], np.tile(self.c, (len(f), 1)), R, C, self.size)
+
+
+def _places(start: Array, along: Array, ends: Array) -> Array:
+    """Places (N, 2) of pixels (N, 2, 2) on lines with the homogeneous points ``start + place * along``, (N, 3) each."""
+    from_start = start[:, None, :2] - ends * start[:, None, 2:]
+    step = along[:, None, :2] - ends * along[:, None, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = -np.sum(from_start * step, axis=2) / np.sum(step * step, axis=2)
+    return np.where(start[:, 2:] + place * along[:, 2:] > 0.0, place, np.nan)
+
+
+def are_within(ends: Array, reach: Array) -> BoolArray:
+    """Whether both ends (..., 2) of lines, in ascending order, lie between the ends of their markings, (..., 2).
+
+    Lines may be a little longer than the markings.
+    """
+    over = OVER + OVER_SHARE * (reach[..., 1] - reach[..., 0])
+    return np.asarray((ends[..., 0] > reach[..., 0] - over) & (ends[..., 1] < reach[..., 1] + over))
 
 
 def parallel_pairs(lines: Array, ends: Array) -> IntArray:

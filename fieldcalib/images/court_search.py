@@ -28,11 +28,12 @@ from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_evidence import CourtEvidence, Picture, lying_on
+from fieldcalib.images.court_evidence import LEAST_PROBABILITY, CourtEvidence, Picture, lying_on, probabilities
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.images.resized import on_field_as_seen
@@ -56,6 +57,7 @@ NOTHING = (
     Status.TOO_FEW_SEGMENTS,
     "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
 )
+UNDETERMINED = "the lines near its markings do not determine it"
 ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
 REPEATS = "it may stand {:g} m further along the field, where markings look alike, as `alternatives` say"
 GRID = 7  # points of the field along and across at which cameras are compared
@@ -68,6 +70,8 @@ class FoundCourt:
     calibration: Calibration
     """Its status says whether it is accepted."""
     evidence: CourtEvidence
+    probability: float
+    """Probability that it is right, 0 if its errors are not known; it knows that the camera was searched for."""
     twin: Camera | None = None
     """The camera on the other side of the field whose picture is the same; None if the field tells its sides apart."""
     moved: tuple[Camera, ...] = ()
@@ -144,7 +148,7 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
     if not _has_accepted(found) and field.surface in FLOORS:
         darker = replace(field, lines=replace(field.lines, lighter=not field.lines.lighter))
         found += _in_polarity(replace(task, object_segments=darker), picture, are_cut_out=False, sized=sized)
-    return sorted(found, key=lambda one: (not one.calibration.accepted, -one.evidence.probability))
+    return sorted(found, key=lambda one: (not one.calibration.accepted, -one.probability))
 
 
 def _has_accepted(found: Sequence[FoundCourt]) -> bool:
@@ -182,14 +186,17 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     found = _fitted(task, markings, image, _merged(refined, field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    evidence = _evidence(picture, ranked, field, found)
-    courts = [_court(one, its, picture) for one, its in zip(found, evidence, strict=True)]
-    return sorted(courts, key=lambda one: -one.evidence.score)
+    evidence, are_alike = _evidence(picture, ranked, field, found)
+    odds = [0.0 if one.calibration.solved is None else its.odds for one, its in zip(found, evidence, strict=True)]
+    probability = probabilities(np.array(odds), are_alike).tolist()
+    courts = [_court(*one, picture) for one in zip(found, evidence, probability, strict=True)]
+    return sorted(courts, key=lambda one: (-one.probability, -one.evidence.score))
 
 
-def _court(refined: Refined, evidence: CourtEvidence, picture: Picture) -> FoundCourt:
+def _court(refined: Refined, evidence: CourtEvidence, probability: float, picture: Picture) -> FoundCourt:
     """A camera that was found, judged, with the others that take the same picture."""
-    calibration, camera, field = _judged(refined, evidence), refined.calibration.required_camera, _field_of(refined)
+    calibration = _judged(refined, evidence, probability)
+    camera, field = refined.calibration.required_camera, _field_of(refined)
     points, size, least = MarkingPoints.of(field, POINTS), picture.stripes.size, ALIKE * evidence.score
     moved = tuple(
         one for one in moved_by_steps(camera, field) if picture.maps.score(one.scaled(size), points)[0] >= least
@@ -197,7 +204,7 @@ def _court(refined: Refined, evidence: CourtEvidence, picture: Picture) -> Found
     if moved:
         calibration = replace(calibration, alternatives=moved)
         calibration = with_complaints(calibration, (*complaints_of(calibration), REPEATS.format(field.repeats)))
-    return FoundCourt(calibration, evidence, twin_of(camera, field), moved)
+    return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)
 
 
 def _field_of(refined: Refined) -> Field:
@@ -206,28 +213,39 @@ def _field_of(refined: Refined) -> Field:
     return refined.calibration.field
 
 
-def _evidence(picture: Picture, ranked: Ranked, given: Field, refined: Sequence[Refined]) -> list[CourtEvidence]:
-    """The evidence for each camera, against the refined ones and those that were searched for the given field.
+def _evidence(
+    picture: Picture, ranked: Ranked, given: Field, refined: Sequence[Refined]
+) -> tuple[list[CourtEvidence], BoolArray]:
+    """The evidence for each of N cameras, and which of them project the field about alike, (N, N).
 
-    Cameras further along a field whose markings repeat are no others.
+    Cameras further along a field whose markings repeat are alike.
     """
     fields, size = [_field_of(one) for one in refined], picture.stripes.size
     cameras = [one.calibration.required_camera.scaled(size) for one in refined]
-    points = [MarkingPoints.of(field, POINTS) for field in fields]
-    scores = [picture.maps.score(*one) for one in zip(cameras, points, strict=True)]
     seen = np.array([camera.project(_grid(field)) for camera, field in zip(cameras, fields, strict=True)])
-    searched, found = ranked.projected(_grid(given)), []
-    for index, (camera, field, (score, weight, shown)) in enumerate(zip(cameras, fields, scores, strict=True)):
-        alike = [one.project(_grid(field)) for one in (camera, *moved_by_steps(camera, field))]
-        apart = _are_apart(seen, alike, size)
-        others = [other for (other, *_), is_other in zip(scores, apart, strict=True) if is_other]
-        others += ranked.score[_are_apart(searched, alike, size)][:1].tolist()
-        explained, count = picture.explained(field, camera)
-        runner_up = max(others, default=0.0) / score if score > 0.0 else np.inf
-        mean, visible = score / max(shown, 1.0), shown / max(weight, 1.0)
-        paint = refined[index].paint_share
-        found.append(CourtEvidence(score, mean, explained, count, max(runner_up, 0.0), paint, visible))
-    return found
+    searched, found, are_alike = ranked.projected(_grid(given)), [], np.zeros((len(refined), len(refined)), dtype=bool)
+    for index, (one, camera, field) in enumerate(zip(refined, cameras, fields, strict=True)):
+        alike = [other.project(_grid(field)) for other in (camera, *moved_by_steps(camera, field))]
+        are_alike[index] = ~_are_apart(seen, alike, size)
+        runner_up = float(np.max(ranked.score[_are_apart(searched, alike, size)], initial=0.0))
+        found.append(_evidence_for(one, camera, field, picture, runner_up))
+    return found, are_alike
+
+
+def _evidence_for(refined: Refined, camera: Camera, field: Field, picture: Picture, runner_up: float) -> CourtEvidence:
+    """The evidence for a camera of the scaled picture, against another one with a score."""
+    score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
+    markings = () if refined.paint is None else refined.paint.markings
+    return CourtEvidence(
+        score=score,
+        mean=score / max(shown, 1.0),
+        explained=picture.explained(field, camera),
+        runner_up=runner_up / max(score, 1.0),
+        paint=refined.paint_share,
+        visible=shown / max(weight, 1.0),
+        confirmed=sum(one.is_confirmed for one in markings),
+        off=sum(one.is_off for one in markings),
+    )
 
 
 def _are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
@@ -292,12 +310,13 @@ def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refi
     return found
 
 
-def _judged(refined: Refined, evidence: CourtEvidence) -> Calibration:
+def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
     """The calibration of a refined camera, "probably wrong" without enough evidence."""
     calibration = refined.judged
-    if not calibration.accepted or evidence.is_enough:
-        return calibration
-    doubt = "; ".join((f"found by search, right with a probability of {evidence.probability:.2f}", *evidence.doubts))
+    if not calibration.accepted or probability >= LEAST_PROBABILITY:
+        return with_hidden_markings(calibration, probability)
+    doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
+    doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
 
 

@@ -15,13 +15,14 @@ from itertools import combinations
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import looks_the_same_turned
 from fieldcalib.fields.stands import focal_length_from_fov
 from fieldcalib.images.court_hypotheses import (
     Cameras,
     FieldLines,
+    are_within,
     heights,
     on_canonical_side,
     parallel_pairs,
@@ -31,10 +32,6 @@ from fieldcalib.localize.long_lines import LongLines
 
 FACTOR = 1.15  # between focal lengths
 LEVEL = np.radians(10.0)  # largest roll: broadcast cameras are level to 1 degree, those in halls to 8
-OVER, OVER_SHARE = (
-    0.3,
-    0.05,
-)  # m, and share of its length, by which a line in the picture may be longer than its marking
 
 
 def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
@@ -79,9 +76,9 @@ class _Triples:
     v: Array
     """Of the third line, (T,)."""
     pair_ends: Array
-    """v of the ends of the two lines, (T, 2, 2)."""
+    """v of the ends of the two lines, in ascending order, (T, 2, 2)."""
     third_ends: Array
-    """u of the ends of the third line, (T, 2)."""
+    """u of the ends of the third line, in ascending order, (T, 2)."""
     c: Array
     """The principal point, (2,) pixels."""
     size: tuple[int, int]
@@ -118,7 +115,8 @@ class _Triples:
         order = np.argsort(u, axis=1)
         R = np.stack([across, along, down] if are_across else [along, across, down], axis=2)
         u, end_v = np.take_along_axis(u, order, axis=1), np.take_along_axis(end_v[:, :2], order[:, :, None], axis=1)
-        return cls(f[good] * width, R, u, v, end_v, end_u[:, 2], c, size, are_across)
+        end_u, end_v = np.sort(end_u[:, 2], axis=1), np.sort(end_v, axis=2)
+        return cls(f[good] * width, R, u, v, end_v, end_u, c, size, are_across)
 
     def cameras(self, field: FieldLines, heights: tuple[float, float]) -> Cameras:
         """The cameras that see lines of a field in them, of heights within a range."""
@@ -136,10 +134,10 @@ class _Triples:
         found = [(np.zeros(0, dtype=np.intp), np.zeros((0, 3)))]
         for value, reach in zip(third_values, third_reach, strict=True):
             at_v = value - h * self.v[t]
-            good = _are_within(third_ends, reach)
+            good = are_within(third_ends, reach)
             for k in (0, 1):
                 pair_ends = at_v[:, None] + h[:, None] * self.pair_ends[t, k]
-                good &= _are_within(pair_ends, pair_reach[two[q, k]])
+                good &= are_within(pair_ends, pair_reach[two[q, k]])
             place = (at_u, at_v, -h) if self.are_across else (at_v, at_u, -h)
             found.append((t[good], np.column_stack(place)[good]))
         index, C = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -170,10 +168,3 @@ def _unit(v: Array) -> Array:
 
 def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.sum(a * b, axis=1))
-
-
-def _are_within(ends: Array, reach: Array) -> BoolArray:
-    """Whether both ends (N, 2) of lines lie between the ends of their markings, (2,) or (N, 2)."""
-    over = OVER + OVER_SHARE * (reach[..., 1] - reach[..., 0])
-    low, high = reach[..., 0] - over, reach[..., 1] + over
-    return np.asarray((np.min(ends, axis=1) > low) & (np.max(ends, axis=1) < high))

@@ -23,6 +23,7 @@ from fieldcalib.images.pictures import Method, with_aspect_estimated, without_bo
 from fieldcalib.images.place_search import Place, search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.images.resized import on_field_as_seen
+from fieldcalib.images.second_opinion import may_be_searched, with_second_opinion
 from fieldcalib.images.twins import CameraSide
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -75,9 +76,10 @@ def calibrate_from_images(
     images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network, optional
-        Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the court is searched for in each image
+        Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the field is searched for in each image
         (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
-        refined, and the aspect is not estimated.
+        refined, and the aspect is not estimated. With one it is searched for where the network's camera is refused,
+        if nothing of the camera is given and cameras are refined.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -142,6 +144,8 @@ def calibrate_from_images(
         of_part = partial(calibrate_alone, ImageTask(task, on.network(network, task.field), refine, estimate_size))
         if estimate_aspect and camera_matrix is None and prior is not None:
             of_part = partial(with_aspect_estimated, of_part, task)
+        if refine and prior is not None and may_be_searched(task):
+            of_part = partial(with_second_opinion, of_part, task, estimate_size)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     of_part = partial(said_plainly, of_part, object_segments, by_network=network is not None)
