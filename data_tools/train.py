@@ -153,9 +153,15 @@ def sampled_pixels(classes: Tensor, seed: int) -> Tensor:
     return ((classes > 0) | (chance < BACKGROUND_SAMPLED)).flatten().nonzero()[:, 0]
 
 
+def _has_bfloat16(device: torch.device) -> bool:
+    """Whether a device computes with 16 bits itself: where they are emulated, training takes ten times as long."""
+    on_gpu = device.type == "cuda"
+    return bool(torch.cuda.is_bf16_supported() if on_gpu else torch.ops.mkldnn._is_mkldnn_bf16_supported())
+
+
 def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -> Tensor:
     """Cross-entropy over the chosen pixels, with a lower weight for the background."""
-    with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor supports it
+    with torch.autocast(images.device.type, torch.bfloat16, enabled=_has_bfloat16(images.device)):  # half the time
         logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
     weight = torch.ones(logits.shape[1], device=images.device)
     weight[0] = BACKGROUND_WEIGHT / BACKGROUND_SAMPLED

@@ -78,8 +78,8 @@ def test_a_letterboxed_clip_is_calibrated_as_without_borders(clip):
         assert one.camera.image_size == LETTERBOXED
         np.testing.assert_allclose(one.camera.C, other.camera.C, atol=1e-6)
         assert np.median(far_off(one.camera.cropped((0, BAR), SIZE), truth)) < 1.0
-        assert "without black borders: 480 x 270 at 0, 45" in one.message
-    assert "without black borders" in found.notes[-1]
+        assert "without borders: 480 x 270 at 0, 45" in one.message
+    assert "without borders" in found.notes[-1]
     again = VideoCalibration.from_dict(found.to_dict())
     assert again == found
     assert again[3:5].cameras[0].image_size == LETTERBOXED
@@ -182,8 +182,8 @@ def test_a_live_video_begins_anew_where_borders_are_none(clip):
     for picture in boxed[12:]:
         picture[:, :200] = np.maximum(picture[:, :200], 90)
     found = tracked(boxed, Asked(cameras[::EVERY]))
-    assert all("without black borders" in one.message for one in found[:12])
-    assert not any("without black borders" in one.message for one in found[12:])
+    assert all("without borders" in one.message for one in found[:12])
+    assert not any("without borders" in one.message for one in found[12:])
 
 
 def test_live_pictures_of_another_shape_are_to_be_checked_until_it_is_told(clip, often, monkeypatch):

@@ -47,7 +47,9 @@ def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
     picture[~inside] = render_field(PINHOLE, FIELD)[~inside]
     assert difference(picture, PINHOLE) < 0.25 * difference(picture, BENT)
     assert main([*command, str(tmp_path / "flat")]) == 2
-    assert "a.png is there already: give another --out" in capsys.readouterr().err
+    assert (
+        "a.png is there already: remove the folder, if a run of this command was interrupted" in capsys.readouterr().err
+    )
 
 
 def test_a_video_keeps_its_frames(tmp_path, capsys):

@@ -135,7 +135,7 @@ class Shape:
 
     Examples
     --------
-    >>> shape = Shape(Placement((1280, 960), (1280, 960), Crop((1280, 720), (0, -120))), "without black borders")
+    >>> shape = Shape(Placement((1280, 960), (1280, 960), Crop((1280, 720), (0, -120))), "without borders")
     >>> shape == Shape.from_dict(shape.to_dict())
     True
     """

@@ -80,8 +80,8 @@ class VideoCalibration(FrameSequence):
     """Model of the camera, and the reason, where frames do not share the parameters that they were to share
     (`fieldcalib.images.clip_models`)."""
     shape: Shape | None = None
-    """Black borders and pixels that are not square; `tripods` are in square pixels within the borders, the frames of
-    this sequence in pixels of the pictures. None where there are neither."""
+    """Borders, of windows too, and pixels that are not square; `tripods` are in square pixels within the borders, the
+    frames of this sequence in pixels of the pictures. None where there are neither."""
     is_side_open: bool = False
     """Whether nothing tells on which side of the field the camera is: each frame has the one that is turned by 180
     degrees among its `alternatives`."""

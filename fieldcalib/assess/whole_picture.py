@@ -47,6 +47,9 @@ SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed pic
 CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part it is"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out"
 
+SEVERAL_VIEWS = "the picture shows several views side by side, and the camera is of one of them: cut that one out"
+IN_WINDOW = "the picture may show a frame in a window, in which no camera was found: cut the frame out"
+
 
 class Declared(StrEnum):
     """Statement of a user about a picture."""

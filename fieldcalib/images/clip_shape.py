@@ -1,9 +1,12 @@
-"""The shape of the frames of a clip, from some of them: black borders, and whether they were squashed from 16:9.
+"""The shape of the frames of a clip, from some of them: borders, windows, and whether they were squashed from 16:9.
 
-Borders are the smallest among some frames. Frames of another shape than 16:9 are calibrated as they are and as they
-would be shown, both times as frames of one camera, whose place and lens cannot absorb the errors of single frames.
-Where the shape is right the lines lie nearer to their markings: with u and v the distances of the lines of one label in
-one frame, in the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
+Borders are the smallest among some frames, windows those that most of them have; of several windows the one with the
+most cameras is taken, and all cameras are to be checked.
+
+Frames of another shape than 16:9 are calibrated as they are and as they would be shown, both times as frames of one
+camera, whose place and lens cannot absorb the errors of single frames. Where the shape is right the lines lie nearer to
+their markings: with u and v the distances of the lines of one label in one frame, in the picture's own pixels, as it is
+and as shown, the log odds that frames were squashed are
 
     1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
@@ -29,9 +32,17 @@ from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import SHAPE
+from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS, SHAPE
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.pictures import as_shown, log_ratio_of_squash, shape_within, shown_part, within_borders
+from fieldcalib.images.pictures import (
+    as_shown,
+    log_ratio_of_squash,
+    placement_of,
+    shape_within,
+    shown_part,
+    within_borders,
+)
+from fieldcalib.images.windows import Window, windows_of
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -80,9 +91,30 @@ class ShapeEstimator:
             return None
         size = size_of(some[0])
         placement = common_borders(some) if self.finds_borders else Placement(size, size, None)
+        placement, complaints = self._window(some, placement) if self.finds_borders else (placement, ())
+        shape = None if placement.is_whole else shape_within(placement)
         if self.finds_squash and may_be_squashed(placement.frame_size):
-            return shape_of_odds(self.log_odds([placement.image_in_frame(image) for image in some]), placement)
-        return None if placement.is_whole else shape_within(placement)
+            shape = shape_of_odds(self.log_odds([placement.image_in_frame(image) for image in some]), placement)
+        return shape if shape is None else replace(shape, complaints=(*shape.complaints, *complaints))
+
+    def _window(self, images: Sequence[Image], placement: Placement) -> tuple[Placement, tuple[str, ...]]:
+        """The placement of the window between black borders that has the most cameras, and complaints of others."""
+        inner = [placement.image_in_frame(image) for image in images]
+        windows = common_windows(inner)
+        if not windows:
+            return placement, ()
+        size = placement.frame_size
+        ways = [Placement(size, size, None), *(placement_of(one, size) for one in windows)]
+        cameras = [self._cameras([way.image_in_frame(image) for image in inner]) for way in ways]
+        best = len(ways) - 1 - int(np.argmax(cameras[::-1]))  # a window rather than the whole
+        way = ways[best]
+        complaints = (IN_WINDOW,) if best == 0 else (SEVERAL_VIEWS,) * (len(windows) > 1)
+        corner = np.add(placement.corner, way.corner).tolist()
+        return replace(placement, crop=Crop(way.frame_size, (corner[0], corner[1]))), complaints
+
+    def _cameras(self, images: Sequence[Image]) -> int:
+        """Number of images that have a camera of their own."""
+        return sum(one.accepted for one in self.options.calibrate_alone(images, self.network))
 
     def log_odds(self, images: Sequence[Image]) -> float:
         """Log odds that frames of another shape than 16:9 were squashed from it."""
@@ -142,6 +174,26 @@ def common_borders(images: Sequence[Image]) -> Placement:
     """
     x, y = np.max([shown_part(image).corner for image in images], axis=0).tolist()
     return within_borders(size_of(images[0]), (-x, -y))
+
+
+def common_windows(images: Sequence[Image]) -> list[Window]:
+    """The windows that most of some pictures have, as `fieldcalib.images.windows.windows_of` finds them.
+
+    Examples
+    --------
+    >>> picture = np.full((540, 960, 3), 60, np.uint8)
+    >>> picture[100:505, 200:920] = np.random.default_rng(0).integers(90, 250, (405, 720, 3))
+    >>> len(common_windows([picture, picture])), common_windows([picture, np.zeros_like(picture)])
+    (1, [])
+    """
+    found = [windows_of(image) for image in images]
+    often = max(found, key=lambda some: sum(_are_same(some, other) for other in found))
+    count = sum(_are_same(often, other) for other in found)
+    return often if count > len(found) / 2 else []
+
+
+def _are_same(some: Sequence[Window], others: Sequence[Window]) -> bool:
+    return len(some) == len(others) and bool(np.all(np.abs(np.subtract(some, others)) <= SAME))
 
 
 def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:

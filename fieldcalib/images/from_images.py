@@ -87,8 +87,9 @@ def calibrate_from_images(
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
     take_off_borders : bool
-        Whether black borders are left out, where no `camera_matrix` is given: cameras are in pixels of the whole
-        pictures, with the principal point near the middle of what is shown.
+        Whether black borders and what is around frames in windows (`fieldcalib.images.windows`) are left out, where no
+        `camera_matrix` is given: cameras are in pixels of the whole pictures, with the principal point near the middle
+        of what is shown.
     estimate_aspect : bool
         Whether pictures of another shape than 16:9 may have been squashed from it, as in `calibrate_from_segments`; not
         without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.

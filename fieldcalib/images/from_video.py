@@ -106,7 +106,8 @@ def calibrate_video(
         As in `calibrate_from_images`. A position holds for all frames, and so does a focal length (no zoom). A rotation
         holds for one frame, and cannot be given.
     take_off_borders : bool
-        Whether black borders that all of some of its first frames have are left out, unless there is a `camera_matrix`.
+        Whether black borders that all of some of its first frames have, and what is around a window that most of them
+        have, are left out, unless there is a `camera_matrix`.
         Cameras are in pixels of the whole pictures (`VideoCalibration.shape`).
     estimate_aspect : bool
         Whether frames of another shape than 16:9 may have been squashed from it: some of them are calibrated together

@@ -1,8 +1,11 @@
-"""Calibration of pictures that may have black borders or may have been squashed.
+"""Calibration of pictures that may have black borders, show frames in windows, or may have been squashed.
 
 Black borders, letterboxes and pillarboxes, are taken off. They are black, even, and equal on opposite sides: night
 skies and dark stands are on one side, or have structure. They are compressed with the picture, so black is not quite
 zero, and their last rows show a little of the picture.
+
+Of a picture that shows a frame in a window, or several views (`fieldcalib.images.windows`), the windows are calibrated,
+and the best of their cameras is taken; where there are several, it is to be checked whose it is.
 
 A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
 had been squashed, and the calibration that the lines in it make more likely is returned (`fieldcalib.solve.aspect`).
@@ -11,13 +14,16 @@ had been squashed, and the calibration that the lines in it make more likely is 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib.assess.placement import Crop, Placement, Shape
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.images.detected_lines import calibrate_on_lines
+from fieldcalib.images.windows import Window, windows_of
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.aspect import likelier, log_evidence, may_be_squashed, shown_size
 from fieldcalib.solve.task import Task
@@ -31,12 +37,54 @@ STEP = 3  # one pixel in three of each row is used
 
 
 def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibration]:
-    """Calibrate the parts of pictures between black borders, with cameras in pixels of the whole pictures."""
+    """Calibrate what pictures show between black borders or in windows; cameras are in the whole pictures' pixels."""
     shapes = [shape_within(shown_part(image)) for image in images]
-    found = calibrate([shape.placement.image_in_frame(image) for shape, image in zip(shapes, images, strict=True)])
+    found = _in_windows(
+        calibrate, [shape.placement.image_in_frame(image) for shape, image in zip(shapes, images, strict=True)]
+    )
     return [
         one if shape.placement.is_whole else shape.in_picture(one) for shape, one in zip(shapes, found, strict=True)
     ]
+
+
+def _in_windows(calibrate: Method, images: Sequence[Image]) -> list[Calibration]:
+    """Calibrate pictures, each in the window whose camera is most likely right; whole if none has a camera."""
+    ways = [[Shape(within_borders(size_of(image), (0, 0))), *window_shapes(image)] for image in images]
+    parts = [way.placement.image_in_frame(image) for some, image in zip(ways, images, strict=True) for way in some]
+    of_parts = iter(calibrate(parts))
+    found = []
+    for some in ways:
+        whole, *others = [way.in_picture(next(of_parts)) for way in some]
+        found.append(_best_window(whole, others) if others else whole)
+    return found
+
+
+def window_shapes(image: Image) -> list[Shape]:
+    """The shapes of the windows of a picture; where there are several, each complains of the others."""
+    windows = windows_of(image)
+    complaints = (SEVERAL_VIEWS,) if len(windows) > 1 else ()
+    return [replace(shape_within(placement_of(one, size_of(image))), complaints=complaints) for one in windows]
+
+
+def placement_of(window: Window, image_size: tuple[int, int]) -> Placement:
+    """The placement of frames in a window.
+
+    Examples
+    --------
+    >>> placement_of(Window(200, 100, 920, 505), (960, 540)).crop
+    Crop(frame_size=(720, 405), corner=(-200, -100))
+    """
+    left, top, right, bottom = window
+    return Placement(image_size, image_size, Crop((right - left, bottom - top), (-left, -top)))
+
+
+def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibration:
+    """The camera of a window that is most likely right; of none, that of the whole picture, with doubts."""
+    accepted = [one for one in others if one.accepted]
+    if accepted:
+        return max(accepted, key=lambda one: one.probability(size_known=True) if one.has_probability else 0.0)
+    said = replace(whole, message="; ".join(filter(None, (whole.message, IN_WINDOW))))
+    return with_complaints(said, (*complaints_of(said), IN_WINDOW)) if whole.accepted else said
 
 
 def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
@@ -118,11 +166,11 @@ def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Plac
 
 
 def shape_within(placement: Placement) -> Shape:
-    """The shape of frames between borders; its message describes the borders, and is empty without any."""
+    """The shape of frames between borders; its message describes what is between them, and is empty without any."""
     if placement.is_whole:
         return Shape(placement)
     (width, height), (x, y) = placement.frame_size, placement.corner
-    return Shape(placement, f"without black borders: {width} x {height} at {-x}, {-y}")
+    return Shape(placement, f"without borders: {width} x {height} at {-x}, {-y}")
 
 
 def _border(pixels: Image) -> int:

@@ -69,8 +69,9 @@ class Tracker:
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_video`.
     take_off_borders, estimate_aspect : bool
-        As in `calibrate_video`, from the images so far; when the estimate changes, the tracker begins anew. Until it
-        is known whether pictures of another shape than 16:9 were squashed, all cameras are to be checked.
+        As in `calibrate_video`, from the images so far, but windows are not looked for; when the estimate changes, the
+        tracker begins anew. Until it is known whether pictures of another shape than 16:9 were squashed, all cameras
+        are to be checked.
     estimate_size : bool
         As in `calibrate_video`.
     every : int

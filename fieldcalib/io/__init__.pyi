@@ -1,3 +1,4 @@
+from . import abandoned as abandoned
 from . import annotation_files as annotation_files
 from . import annotations as annotations
 from . import boxes as boxes

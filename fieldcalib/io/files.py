@@ -11,19 +11,19 @@ import tempfile
 import zipfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
+from fieldcalib.io.abandoned import TEMPORARY, locked, remove_abandoned
 from fieldcalib.io.zips import Readable, open_member
 
 HIDDEN = re.compile(r"\.")
 YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
-TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
 READ_AT_ONCE = 4096  # bytes: LZMA unpacks each part as a whole, to 7000 times that at most
 
 # Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
@@ -390,19 +390,27 @@ def remove_temporaries(folder: Path) -> None:
 def replacement(path: Path) -> Iterator[tuple[int, Path]]:
     """Open a temporary file beside a path, which replaces the path if no error occurs.
 
-    Its name is random, and a link at `path` is replaced, not followed.
+    Its name is random, and a link at `path` is replaced, not followed. Those that a killed process has left in the
+    folder are removed.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
-    temporary = Path(name)
-    try:
-        yield handle, temporary
-        umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    remove_abandoned(path.parent)
+    with ExitStack() as locks:
+        while True:
+            handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
+            locks.enter_context(locked(handle))
+            if os.path.exists(name):
+                break
+            os.close(handle)  # another process took it for abandoned before it was locked
+        temporary = Path(name)
+        try:
+            yield handle, temporary
+            umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
+            os.umask(umask)
+            os.chmod(temporary, 0o666 & ~umask)
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
 
 
 @contextmanager

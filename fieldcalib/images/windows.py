@@ -1,0 +1,182 @@
+"""Windows of a picture: frames that are shown shrunk before a background, and views side by side.
+
+The sides of a window are steps of brightness or colour that are exactly vertical or horizontal, and go on from one
+corner to the other. Here the places of a picture are found where a step is the largest of its neighbourhood across the
+side. Of a side, nearly all places are such steps in one column (one row); in stands or grass one in five is by chance.
+Posts and markings are as steep, but do not end where others begin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.problem.prior import BROADCAST_SHAPE
+
+LOOKED_AT = 200  # rows (columns) of a picture at which vertical (horizontal) steps are looked for, about
+STEP = 8  # levels: smaller steps are compression and noise
+AROUND = 2  # px to each side, among which the step is the largest
+COVERED, COVERED_PART = 0.78, 0.42  # least shares of the places of a side, and of each of its `PARTS`, that are steps
+FAINT, FAINT_PART = 0.45, 0.15  # the same of one side of a window that touches no border of the picture
+WEAK, STRONG = 1, 2
+PARTS = np.array([0.0, 0.06, 0.24, 0.41, 0.59, 0.76, 0.94, 1.0])
+CANDIDATE, MOST = 0.25, 16  # least share of all places of a column that are steps; largest number of columns
+NARROWEST, LOWEST = 0.25, 0.3  # least width and height of a window, shares of the picture's
+SMALLEST = 180  # px: the sides of smaller pictures are too short to be told from chance
+NARROWEST_BORDER = 0.01  # share of the picture's size: nearer steps come from compression and resizing
+SHOWN = 0.4  # share of the picture's height that the highest window has
+SAME_SHAPE = 0.05  # log ratio of shapes that are the same
+SAME = 0.02  # share of the picture's size: sides that are nearer belong to one border
+
+
+class Window(NamedTuple):
+    """A window, in pixels: first column and row, and those after the last ones."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Candidates for the vertical sides of windows (or, of the transposed picture, the horizontal ones)."""
+
+    at: tuple[int, ...]
+    """Columns; the first and the last are the picture's borders."""
+    covered: Array
+    """Number of steps in the first n looked-at rows of each, (candidates, rows + 1)."""
+    every: float
+    """Rows from one that is looked at to the next."""
+
+    @classmethod
+    def of(cls, image: Image) -> Sides:
+        """Find the candidates of an image (height, width, 3)."""
+        import cv2
+
+        height, width = image.shape[:2]
+        every = max(height // LOOKED_AT, 1)
+        rows = np.ascontiguousarray(image[::every])  # of a transposed view this copies only what is looked at
+        blue, green, red = cv2.split(cv2.absdiff(rows[:, 1:], rows[:, :-1]))
+        step = cv2.max(cv2.max(blue, green), red)
+        # a step that was resized or compressed lies in two columns
+        step = cv2.max(step[:, 1:], step[:, :-1])
+        largest = cv2.dilate(step, np.ones((1, 2 * AROUND + 1), np.uint8))
+        is_step = (step == largest) & (step >= STEP)
+        share = cv2.reduce(is_step.astype(np.float32), 0, cv2.REDUCE_AVG)[0]
+        near = cv2.dilate(share[None], np.ones((1, 2 * 2 + 1), np.uint8))[0]
+        inside = np.abs(np.arange(len(share)) + 1 - width / 2.0) < (0.5 - NARROWEST_BORDER) * width
+        candidates = np.flatnonzero((share == near) & (share >= CANDIDATE) & inside)
+        candidates = np.sort(candidates[np.argsort(-share[candidates], kind="stable")[:MOST]])
+        inner = np.cumsum(np.pad(is_step[:, candidates].T, ((0, 0), (1, 0))), axis=1)
+        border = np.tile(np.arange(len(rows) + 1), (1, 1))
+        return cls((0, *(candidates + 1).tolist(), width), np.concatenate([border, inner, border]).astype(float), every)
+
+    def between(self, first: int, last: int) -> IntArray:
+        """How certainly each candidate is a side from a row to another: 0 for not at all, `WEAK` or `STRONG`."""
+        ends = np.rint((first + (last - first) * PARTS) / self.every).astype(int)
+        ends = np.clip(ends, 0, self.covered.shape[1] - 1)
+        shares = np.diff(self.covered[:, ends]) / np.maximum(np.diff(ends), 1)
+        least, mean = np.min(shares, axis=1), np.mean(shares, axis=1)
+        is_weak = (least >= FAINT_PART) & (mean >= FAINT)
+        is_strong = (least >= COVERED_PART) & (mean >= COVERED)
+        return np.where(is_strong, STRONG, np.where(is_weak, WEAK, 0))
+
+
+def windows_of(image: Image) -> list[Window]:
+    """The windows of a picture to a few pixels, from left to right; none of a picture that is one frame.
+
+    Examples
+    --------
+    >>> picture = np.full((540, 960, 3), 60, np.uint8)
+    >>> picture[100:505, 200:920] = np.random.default_rng(0).integers(90, 250, (405, 720, 3))
+    >>> windows_of(picture)
+    [Window(left=200, top=100, right=919, bottom=504)]
+    """
+    if min(image.shape[:2]) < SMALLEST:
+        return []
+    vertical = Sides.of(image)
+    horizontal = Sides.of(np.swapaxes(image, 0, 1))
+    if len(vertical.at) == len(horizontal.at) == 2:
+        return []
+    found = _rectangles(vertical, horizontal)
+    inner = [one for one in found if not any(_is_within(other, one, size_of(image)) for other in found)]
+    windows = _apart([one for one in inner if _may_be_window(one, size_of(image))])
+    least = SHOWN * len(image)
+    return windows if any(one.bottom - one.top > least for one in windows) else []  # smaller ones are insets
+
+
+def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
+    """Rectangles all of whose sides are steps or borders of the picture, and that no step divides."""
+    columns, rows = np.array(vertical.at), np.array(horizontal.at)
+    levels: dict[tuple[int, int], IntArray] = {}
+    found = []
+    for top, bottom in combinations(range(len(rows)), 2):
+        if rows[bottom] - rows[top] < LOWEST * rows[-1]:
+            continue
+        upright = vertical.between(rows[top], rows[bottom])
+        strong = columns[upright == STRONG]
+        for left, right in combinations(np.flatnonzero(upright).tolist(), 2):
+            at = int(columns[left]), int(columns[right])
+            if at[1] - at[0] < NARROWEST * columns[-1] or _is_divided(strong, *at, columns[-1]):
+                continue
+            one = Window(*(int(side) for side in (at[0], rows[top], at[1], rows[bottom])))
+            if at not in levels:
+                levels[at] = horizontal.between(*at)
+            level = levels[at]
+            certain = [upright[left], upright[right], level[top], level[bottom]]
+            least = 3 * STRONG + WEAK if _free_sides(one, (columns[-1], rows[-1])) == 4 else 4 * STRONG
+            if min(certain) > 0 and sum(certain) >= least:
+                found.append(one)
+    return found
+
+
+def _is_divided(sides: IntArray, first: int, last: int, whole: int) -> bool:
+    """Whether there are sides between the first and the last one."""
+    gap = SAME * whole
+    return bool(np.any((sides > first + gap) & (sides < last - gap)))
+
+
+def _is_within(inner: Window, outer: Window, size: tuple[int, int]) -> bool:
+    """Whether a window is another one without the line around it."""
+    off = np.subtract(inner, outer) * (1, 1, -1, -1)
+    return bool(np.any(off) and np.all(off >= 0) and np.all(off <= SAME * np.array([*size, *size])))
+
+
+def _may_be_window(window: Window, size: tuple[int, int]) -> bool:
+    """Whether the borders of a picture and a rectangle make a window: an upright or a level step alone does not."""
+    (width, height), (left, top, right, bottom) = size, window
+    if (
+        right - left == width
+    ):  # a level touchline is as wide, but hardly in an upright picture, or twice at equal heights
+        return width < height and top > 0 and abs(top - (height - bottom)) <= SAME * height
+    if bottom - top == height:
+        return True
+    shape = (right - left) / (bottom - top)
+    return _free_sides(window, size) > 2 or any(
+        abs(np.log(shape / one)) < SAME_SHAPE for one in (width / height, BROADCAST_SHAPE)
+    )
+
+
+def _free_sides(window: Window, size: tuple[int, int]) -> int:
+    """Number of sides that are not on the picture's border."""
+    return int(np.count_nonzero(np.array(window) != (0, 0, *size)))
+
+
+def _apart(windows: Sequence[Window]) -> list[Window]:
+    """The largest windows that do not overlap, from left to right."""
+    found: list[Window] = []
+    for one in sorted(windows, key=lambda one: (one.left - one.right) * (one.bottom - one.top)):
+        if not any(_overlap(one, other) for other in found):
+            found.append(one)
+    return sorted(found)
+
+
+def _overlap(a: Window, b: Window) -> bool:
+    return max(a.left, b.left) < min(a.right, b.right) and max(a.top, b.top) < min(a.bottom, b.bottom)
