@@ -22,8 +22,8 @@ MARGIN = 0.02  # of the half extent: markings at the border of the field belong 
 # frames of clips, synthetic frames and rendered views of measured cameras under their own field; courts and soccer
 # under other fields.
 COEFFICIENTS = np.array([-4.42, 2.01, 8.68, -6.75, 0.87, -0.72, -1.07])
-# Of an accepted camera; three lines fit many cameras. With the coefficients of all other files of evidence 227 of the 257
-# best cameras that are right are accepted, and none of the 163 wrong ones.
+# Of an accepted camera; three lines fit many cameras. With the coefficients of all other files of evidence 227 of the
+# 257 best cameras that are right are accepted, and none of the 163 wrong ones.
 LEAST_PROBABILITY, LEAST_SCORE = 0.8, 250.0
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
 MOST_RIVAL = 1.3  # of the runner-up
