@@ -54,8 +54,8 @@ def cameras_of(frames):
     return [frame.camera for frame in frames]
 
 
-def calibrated(pictures, cameras, field=KNOWN):
-    return calibrate_video(field, pictures, KnownCameras([cameras[t] for t in looked_at(pictures, cameras)]))
+def calibrated(pictures, cameras, field=KNOWN, **options):
+    return calibrate_video(field, pictures, KnownCameras([cameras[t] for t in looked_at(pictures, cameras)]), **options)
 
 
 def off(found, cameras):
@@ -203,7 +203,7 @@ def test_what_stands_still_is_the_background_of_a_camera_at_rest():
 def test_a_video_without_a_pitch():
     noise = np.random.default_rng(0).integers(0, 255, (27, 48, 3), np.uint8)
     pictures = [cv2.resize(np.roll(noise, t, axis=1), SIZE, interpolation=cv2.INTER_CUBIC) for t in range(4)]
-    found = calibrated(pictures, [None] * 4)
+    found = calibrated(pictures, [None] * 4, take_off_borders=False)  # smooth noise has windows now and then
     assert found.cameras == [None] * 4
     assert found.tripods == ()
     assert [str(frame.status) for frame in found] == ["too few segments"] * 4
