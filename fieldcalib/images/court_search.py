@@ -11,8 +11,9 @@ or three in three                                                      images/fe
   v
 the best different cameras, refined on the picture, lens included      images/refinement
   |  equal ones merged; what each explains of the picture              images/court_evidence
+  |  in halls the same for the stripes of each paint, and darker ones, until one camera is sure
   v
-ranked cameras, the first one accepted or not
+cameras by their probability of being right, the first one accepted or not
 """
 
 from __future__ import annotations
