@@ -58,12 +58,13 @@ export class ClipBar {
     this.state = job.state;
     this.error = job.error;
     this.toDraw = job.to_draw ?? this.toDraw;
+    this.canUndoKeep = job.can_undo_keep ?? this.canUndoKeep;
     this.changes = job.state === "ready" ? job.changes : null;
     const shown = {
       solve: job.state === "none" || job.state === "failed",
       next: job.state === "none" || job.state === "failed",
       draw: (job.state === "none" || job.state === "failed") && Boolean(this.toDraw?.length),
-      undo_keep: (job.state === "none" || job.state === "failed") && Boolean(job.can_undo_keep),
+      undo_keep: (job.state === "none" || job.state === "failed") && Boolean(this.canUndoKeep),
       cancel: job.state === "running",
       worst: job.state === "ready" && Boolean(job.changes?.frames.length),
       keep: job.state === "ready",
