@@ -188,7 +188,8 @@ def test_refinement_brings_the_homography_home(database):
 def test_the_homography_is_for_images_of_the_given_size(database):
     view = edge_images(central(1, 4).homographies, PIECES)[0]
     large, small = (homography(database, view, size) for size in (IMAGE_SIZE, (640, 360)))
-    np.testing.assert_allclose(scaling((640, 360)) @ large, small, rtol=1e-9)
+    # OpenCV's ECC adds in float32 on several threads: from run to run it differs by 8e-5
+    np.testing.assert_allclose(scaling((640, 360)) @ large, small, rtol=1e-3)
 
 
 def test_no_line_no_homography(database):
