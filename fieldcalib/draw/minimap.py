@@ -194,13 +194,13 @@ def _in_view(
     """Rows and columns of a map that hold all that a camera sees, and how far each pixel there is seen, or its border.
 
     `X` (height, width, 3) are the ground points of the map's pixels. The view of most cameras is a polygon on the
-    ground; that of others, which see the horizon, or whose lens may fold back, is found by projecting the ground.
+    ground; that of others, which see the horizon, or whose lens folds back, is found by projecting the ground.
     """
     import cv2
 
     height, width = X.shape[:2]
-    border = None if isinstance(camera, RationalCamera) else overhead.project(_border_on_ground(camera))
-    if border is None or not np.all(np.abs(border) < FARTHEST):  # NaN above the horizon
+    border = overhead.project(_border_on_ground(camera))
+    if not np.all(np.abs(border) < FARTHEST):  # NaN above the horizon, and where the lens folds back
         inside = _inside(camera, X)
         seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
         rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
@@ -218,7 +218,7 @@ def _in_view(
     return part, seen, rim
 
 
-def _border_on_ground(camera: Camera) -> Array:
+def _border_on_ground(camera: Camera | RationalCamera) -> Array:
     """Ground points (N, 3) that a camera sees at the border of its image, in order; NaN above the horizon."""
     share, zero, one = np.linspace(0.0, 1.0, BORDER), np.zeros(BORDER), np.ones(BORDER)
     x, y = np.concatenate([share, one, share[::-1], zero]), np.concatenate([zero, share, one, share[::-1]])
