@@ -184,11 +184,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
     in_hall = field.surface in FLOORS
     for lighter in (field.lines.lighter, not field.lines.lighter)[: 2 if in_hall else 1]:
         is_own = lighter == field.lines.lighter
-        own = (
-            task
-            if is_own
-            else replace(task, object_segments=replace(field, lines=replace(field.lines, lighter=lighter)))
-        )
+        court = field if is_own else replace(field, lines=replace(field.lines, lighter=lighter))
+        own = replace(task, object_segments=court)
         search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
         stripes = picture.stripes(lighter=lighter)
         yield search(stripes)

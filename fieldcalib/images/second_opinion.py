@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
 from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.pictures import Method
 from fieldcalib.io.image import Image
@@ -30,5 +29,5 @@ def with_second_opinion(
 
 def may_be_searched(task: Task) -> bool:
     """Whether a field can be searched for: it has stands, and nothing of the camera is given."""
-    field = task.object_segments
-    return isinstance(field, Field) and bool(field.stands or field.named_stands) and task.given.is_empty
+    field = task.field
+    return field is not None and bool(field.stands or field.named_stands) and task.given.is_empty
