@@ -1,4 +1,4 @@
-"""Evidence for cameras that were searched for: odds, probabilities, stripes that are no paint, hidden markings."""
+"""Evidence for cameras that were searched for: odds, probabilities, stripes that are no paint."""
 
 from dataclasses import replace
 
@@ -9,13 +9,9 @@ from hypothesis import strategies as st
 from pictures import picture
 
 from data_tools.score_courts import fitted
-from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, calibrate_from_images, soccer
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.words import Status, Verdict
-from fieldcalib.fields import futsal, tennis
+from fieldcalib import Camera
+from fieldcalib.fields import tennis
 from fieldcalib.images.court_evidence import CourtEvidence, Picture, probabilities
-from fieldcalib.images.court_search import find_courts
-from fieldcalib.images.hidden_markings import SURE, with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureToSearch
 
 SIZE = (1280, 720)
@@ -72,60 +68,3 @@ def test_the_grain_of_a_floor_counts_by_its_contrast():
     assert unexplained > 0.25 * len(with_grain.stripes.xy)
     assert with_grain.explained(court, TENNIS) > 0.97
     assert clean > 0.97
-
-
-def calibrated(field=None, camera=TENNIS):
-    field = field or tennis()
-    return find_courts(picture(camera, field), field)[0].calibration
-
-
-def test_a_line_far_from_a_known_marking_is_not_its_paint():
-    found = calibrated()
-    label = found.markings[0].label
-    off = MarkingInView(label, 400.0, 30, share=0.1, offset=25.0)
-    doubted = replace(found, markings=(off, *found.markings[1:]))
-    assert doubted.verdict == Verdict.CHECK
-    sure = with_hidden_markings(doubted, 0.95)
-    assert sure.verdict == Verdict.GOOD
-    assert f"hidden or worn: {label!r}" in sure.message
-    assert with_hidden_markings(doubted, SURE - 0.01) is doubted
-    near = replace(found, markings=(replace(off, offset=6.5), *found.markings[1:]))
-    assert with_hidden_markings(near, 0.95) is near  # may be its paint: the camera is off
-
-
-def test_a_line_beside_a_marking_of_a_field_whose_size_varies_may_be_its_paint():
-    hall = Camera.from_angles(0.05, 1.2, 0.0, 1000.0, (2.0, 24.0, -9.0), SIZE)
-    found = calibrated(futsal(), hall)
-    off = MarkingInView(found.markings[0].label, 400.0, 30, share=0.1, offset=25.0)
-    doubted = replace(found, markings=(off, *found.markings[1:]))
-    assert with_hidden_markings(doubted, 0.95) is doubted
-
-
-class Blind:
-    """A network that finds nothing."""
-
-    classes = ("background", "Middle line")
-
-    def __call__(self, images):
-        return np.zeros((len(images), 2, 90, 160), np.float32)
-
-
-VIEW = Camera.from_angles(0.1, 1.3, 0.0, 1000.0, (0.0, 60.0, -20.0), (960, 540))
-
-
-def test_a_pitch_is_searched_for_where_the_network_sees_nothing():
-    image = picture(VIEW, soccer())
-    (found,) = calibrate_from_images(soccer(), [image], Blind())
-    assert found.accepted
-    assert "the network's labels gave no camera" in found.message
-    X = np.array([[0.0, 0.0, 0.0], [10.0, 5.0, 0.0], [-20.0, -10.0, 0.0]])
-    np.testing.assert_allclose(found.camera.project(X), VIEW.project(X), atol=1.5)
-
-
-KNOWN = {"camera_matrix": VIEW.K, "flags": KNOWN_INTRINSICS_FLAGS}
-
-
-@pytest.mark.parametrize("how", [{"refine": False}, KNOWN], ids=["not refined", "with a matrix"])
-def test_nothing_is_searched_for_where_more_is_asked(how):
-    (found,) = calibrate_from_images(soccer(), [picture(VIEW, soccer())], Blind(), **how)
-    assert found.status == Status.TOO_FEW_SEGMENTS

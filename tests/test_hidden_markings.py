@@ -1,0 +1,43 @@
+"""Markings of a court that boards, nets or wear hide, with other lines beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+from pictures import picture
+
+from fieldcalib import Camera
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.words import Verdict
+from fieldcalib.fields import futsal, tennis
+from fieldcalib.images.court_search import find_courts
+from fieldcalib.images.hidden_markings import SURE, with_hidden_markings
+
+SIZE = (1280, 720)
+TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
+
+
+def calibrated(field=None, camera=TENNIS):
+    field = field or tennis()
+    return find_courts(picture(camera, field), field)[0].calibration
+
+
+def test_a_line_far_from_a_known_marking_is_not_its_paint():
+    found = calibrated()
+    label = found.markings[0].label
+    off = MarkingInView(label, 400.0, 30, share=0.1, offset=25.0)
+    doubted = replace(found, markings=(off, *found.markings[1:]))
+    assert doubted.verdict == Verdict.CHECK
+    sure = with_hidden_markings(doubted, 0.95)
+    assert sure.verdict == Verdict.GOOD
+    assert f"hidden or worn: {label!r}" in sure.message
+    assert with_hidden_markings(doubted, SURE - 0.01) is doubted
+    near = replace(found, markings=(replace(off, offset=6.5), *found.markings[1:]))
+    assert with_hidden_markings(near, 0.95) is near  # may be its paint: the camera is off
+
+
+def test_a_line_beside_a_marking_of_a_field_whose_size_varies_may_be_its_paint():
+    hall = Camera.from_angles(0.05, 1.2, 0.0, 1000.0, (2.0, 24.0, -9.0), SIZE)
+    found = calibrated(futsal(), hall)
+    off = MarkingInView(found.markings[0].label, 400.0, 30, share=0.1, offset=25.0)
+    doubted = replace(found, markings=(off, *found.markings[1:]))
+    assert with_hidden_markings(doubted, 0.95) is doubted
