@@ -2,10 +2,11 @@
 
 picture, scaled to 1280 columns
   |  stripes; the distortion without which they lie on straight lines  localize/stripes, localize/straightened
-  |  the longest of these lines                                         localize/long_lines
+  |  the longest of these lines, and ellipses                           localize/long_lines, localize/ellipses
   v
 cameras that see four lines of the field in four lines of the picture  images/court_hypotheses
 or three in three                                                      images/few_lines
+or a circle in an ellipse, and a line in a line                        images/circle_hypotheses
   |  ranked by a likelihood ratio, in three rounds with more points     images/court_ranking, images/stripe_likelihood
   |  the best ones pulled onto stripes                                  images/pulled_cameras
   v
@@ -189,6 +190,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
         stripes = picture.stripes(lighter=lighter)
         yield search(stripes)
+        if stripes.bend.a != 0.0:
+            yield search(stripes.unbent)  # circles look as lines do that a lens has bent
         for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[: PAINTS if in_hall else 0]:
             yield search(stripes.take(np.flatnonzero(paint)))
 
