@@ -66,7 +66,8 @@ SAME = 8.0  # px: refined cameras that are nearer to each other than this are on
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
-    "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
+    "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
+    "or a line and a circle",
 )
 UNDETERMINED = "the lines near its markings do not determine it"
 ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
@@ -97,10 +98,10 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image : (height, width, 3) uint8 array
         Blue, green, red.
     field : Field
-        With markings along and across it: at least two lines of one direction and one of the other must show. On a
-        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so. Of a
-        field whose size varies (`size_model`) and is not known (`size_known`) the size is estimated with each camera,
-        where the picture determines it (`Calibration.field`).
+        With markings along and across it: at least two lines of one direction and one of the other must show, or a
+        line and a circle. On a floor in a hall, lines are looked for that are darker than it too; the field of such a
+        camera says so. Of a field whose size varies (`size_model`) and is not known (`size_known`) the size is
+        estimated with each camera, where the picture determines it (`Calibration.field`).
     flags, prior
         As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
         and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
