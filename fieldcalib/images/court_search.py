@@ -211,7 +211,7 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     to_refine = [ToRefine(image, _unjudged(ranked.camera(k).scaled(size_of(image)), field)) for k in started]
     markings = Markings.of(field)
     refined = [_if_possible(one, field) for one in refine_all(task, markings, to_refine)]
-    ends = [one and one.calibration.camera for one in refined]
+    ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
     found = _fitted(task, markings, image, _merged([one for one in refined if one is not None], field))
     if sized:
