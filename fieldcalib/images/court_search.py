@@ -33,7 +33,6 @@ from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import (
     LEAST_PROBABILITY,
-    LEAST_SCORE,
     CourtEvidence,
     Picture,
     lying_on,
@@ -62,6 +61,7 @@ ENOUGH = 0.95  # probability of a camera from which on no other stripes are sear
 HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
+ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
 SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
@@ -244,6 +244,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
     camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
+    expected = [one for one in markings if one.is_expected]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
@@ -252,8 +253,10 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
+        painted=sum(one.is_painted for one in expected) / max(len(expected), 1),
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
+        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
     )
 
 
@@ -308,8 +311,7 @@ def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refi
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
     """The calibration of a refined camera, "probably wrong" without enough evidence."""
     calibration = refined.judged
-    is_enough = probability >= LEAST_PROBABILITY and evidence.score >= LEAST_SCORE
-    if not calibration.accepted or is_enough:
+    if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
         return with_hidden_markings(calibration, probability)
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
     doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))
