@@ -52,7 +52,7 @@ def test_worse_evidence_has_smaller_odds(worse):
 def test_the_fit_recovers_coefficients():
     rng, truth = np.random.default_rng(0), np.array([-1.0, 2.0, -1.5])
     pictures = []
-    for _ in range(3000):
+    for _ in range(1000):
         features = np.column_stack([np.ones(3), rng.normal(size=(3, 2))])
         odds = np.exp(features @ truth)
         right = rng.choice(4, p=np.append(odds, 1.0) / (1.0 + odds.sum()))
