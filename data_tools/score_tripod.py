@@ -3,8 +3,8 @@
     python -m data_tools.score_tripod FOLDER
 
 FOLDER holds frames of hockey with points (`data_tools.rink_points`). Prints a line of JSON with the number of pictures;
-how many have a right camera, an accepted right one, an accepted wrong one; the place, metres; and the processor time
-for each picture, seconds, with the share of the search for the place.
+how many have a right camera, an accepted right one, a good right one, an accepted wrong one; the place, metres; and the
+processor time for each picture, seconds, with the share of the search for the place.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.rink_points import FIELD, rink_frames
+from fieldcalib.assess.words import Verdict
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.images.from_images import calibrate_from_images
@@ -41,13 +42,14 @@ def run(options: argparse.Namespace) -> int:
     place = pooled_place(rink, images)
     found = calibrate_from_images(rink, images, place=place)
     right = [one.camera is not None and frame.is_right(one.camera) for frame, one in zip(frames, found, strict=True)]
-    accepted = [one.accepted for one in found]
-    counts = np.array(right), np.array(accepted)
+    is_right, accepted = np.array(right), np.array([one.accepted for one in found])
+    good = np.array([one.verdict == Verdict.GOOD for one in found])
     record = {
         "pictures": len(frames),
-        "right": int(np.sum(counts[0])),
-        "accepted and right": int(np.sum(counts[0] & counts[1])),
-        "accepted and wrong": int(np.sum(~counts[0] & counts[1])),
+        "right": int(np.sum(is_right)),
+        "accepted and right": int(np.sum(is_right & accepted)),
+        "good and right": int(np.sum(is_right & good)),
+        "accepted and wrong": int(np.sum(~is_right & accepted)),
         "place": None if place is None else np.round(place.C, 1).tolist(),
         "seconds": round((time.process_time() - start) / max(len(frames), 1), 2),
     }
