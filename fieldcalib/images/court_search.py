@@ -63,6 +63,7 @@ HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
 ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
+SURE = 0.9  # least probability of a camera that tells which markings are hidden
 SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
@@ -313,7 +314,7 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Ca
     """The calibration of a refined camera, "probably wrong" without enough evidence."""
     calibration = refined.judged
     if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
-        return with_hidden_markings(calibration, probability)
+        return with_hidden_markings(calibration) if probability >= SURE else calibration
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
     doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")

@@ -17,19 +17,18 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.solve.options import pixel_unit
 
-SURE = 0.9  # least probability of a camera that tells which markings are hidden
 FARTHER = 5.0  # standard deviations of the ground at a marking, beyond which a line is not its paint
 LEAST_OFF = 6.0  # px of a 960 x 540 image: nearer lines may be its paint, as lenses and courts differ from their models
 STEP = 0.1  # m across a marking, for its scale in the picture
 
 
-def with_hidden_markings(calibration: Calibration, probability: float) -> Calibration:
-    """A calibration of a court that is right with a probability, in which hidden markings are no evidence against it.
+def with_hidden_markings(calibration: Calibration) -> Calibration:
+    """A calibration of a court by a camera that is sure, in which hidden markings are no evidence against it.
 
     Nothing is changed if the court may have another size, or the camera's errors are not known.
     """
     field = calibration.field
-    if not calibration.accepted or probability < SURE or field is None or calibration.solved is None:
+    if not calibration.accepted or field is None or calibration.solved is None:
         return calibration
     if field.moves_with_size and not field.size_known:
         return calibration

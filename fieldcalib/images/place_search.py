@@ -21,6 +21,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.images.court_hypotheses import Cameras
 from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.io.image import Image, size_of
@@ -35,6 +36,7 @@ KEPT, CLOSER = 2000, 24  # views that are compared at more points, and looked at
 APART = 40.0  # px: views that are further from each other than this are different
 OTHER = 100.0  # px: views that are further from the best one than this are others
 LEAST_SCORE = 100.0  # of an accepted view
+SURE_SCORE = 250.0  # of one that tells which markings are hidden
 RIVAL = 0.7  # share of the score that another view must not reach
 BEYOND = 1.05  # half extents of the field within which the middle of a picture looks
 WIDTHS = 1.96  # standard deviations between the mean and the end of a range of a stand
@@ -197,4 +199,4 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
         doubts.append("another view from that place explains the picture nearly as well")
     if doubts:
         return replace(found, status=Status.IMPROBABLE, message=f"{'; '.join(doubts)}; {found.message}")
-    return found
+    return with_hidden_markings(found) if score >= SURE_SCORE else found
