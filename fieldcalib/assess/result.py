@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, is_number, listed
+from fieldcalib._checks import expect, is_number, listed, number, truth
 from fieldcalib._deprecated import deprecated
 from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
@@ -97,7 +97,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         for name in ("per_segment_errors", "pixel_counts"):
-            object.__setattr__(self, name, ReadOnlyDict(getattr(self, name)))
+            object.__setattr__(self, name, ReadOnlyDict(expect(getattr(self, name), Mapping, "{label: number}")))
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -308,6 +308,8 @@ class Calibration:
         """
         if metres is not None and not (is_number(metres) and metres > 0.0):
             raise ValueError(f"metres must be a positive number, got {metres!r}")
+        metres = None if metres is None else float(metres)
+        size_known, level = truth(size_known, "size_known"), truth(level, "level")
         if self.camera is None or not self.knows_errors:
             return 0.0 if self.camera is None else float("nan")
         if self.field is None:
@@ -444,6 +446,7 @@ def doubted(
     >>> doubted(nothing, 0.5) is nothing
     True
     """
+    number(least, "least")
     if not calibration.knows_errors or calibration.status is Status.REJECTED:
         return calibration
     probability = calibration.probability(metres, size_known=size_known)

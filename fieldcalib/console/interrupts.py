@@ -8,6 +8,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 # Functions whose exceptions Python prints and forgets: finalizers, and those of llvmlite that LLVM calls while Numba
 # loads or compiles a function. LLVM takes seconds, after which a signal is handled in the first function called.
@@ -25,7 +26,7 @@ def interrupts_reach_the_work() -> Iterator[None]:
 
     Nothing changes where they are ignored or handled by other code, or in another thread than the main one.
     """
-    before = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
     changed = [number for number, handler in before.items() if _is_handled_by(number, handler)]
     for number in changed:
         signal.signal(number, _interrupt)

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import truth
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
 from fieldcalib.assess.words import Status
@@ -137,6 +138,13 @@ def calibrate_from_images(
     task = Task(object_segments, given, flags, prior=prior)
     on = CameraSide.of(task.field, given, flags, prior, side)
     task = replace(task, prior=on.prior(prior, task.field), side=on.side)
+    for name, value in (
+        ("refine", refine),
+        ("estimate_size", estimate_size),
+        ("estimate_aspect", estimate_aspect),
+        ("take_off_borders", take_off_borders),
+    ):
+        truth(value, name)
     of_part: Method = partial(_searched, task, place, estimate_size)
     if network is not None:
         if place is not None:
