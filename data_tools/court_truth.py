@@ -34,6 +34,19 @@ RIGHT, FARTHEST = 3.0, 6.0  # px of that image: the largest median and the large
 LIMITS = RIGHT, FARTHEST
 
 
+def distances(camera: Camera, X: Array, xy: Array, columns: int) -> Array:
+    """Distances (N,) of pixels from the points that a camera projects, in pixels of an image of 1280 columns.
+
+    They are those of the camera or of its twin on the other side of the field, whichever is nearer in the median;
+    infinite for what is behind the camera.
+    """
+    both = []
+    for turn in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)):
+        off = np.linalg.norm(camera.project(X * turn) - xy, axis=1) * UNIT / columns
+        both.append(np.where(np.isfinite(off), off, np.inf))
+    return min(both, key=lambda off: float(np.median(off)))
+
+
 @dataclass(frozen=True, eq=False)
 class CourtFrame:
     """The crossings of lines that were set in a frame."""
@@ -54,12 +67,7 @@ class CourtFrame:
         They are those of the camera or of its twin on the other side of the court, whichever is nearer in the median;
         infinite for what is behind the camera.
         """
-        unit = self.size[0] / UNIT
-        both = []
-        for X in (self.X, self.X * (-1.0, -1.0, 1.0)):
-            off = np.linalg.norm(camera.project(X) - self.xy, axis=1) / unit
-            both.append(np.where(np.isfinite(off), off, np.inf))
-        return min(both, key=lambda off: float(np.median(off)))
+        return distances(camera, self.X, self.xy, self.size[0])
 
     def is_right(self, camera: Camera) -> bool:
         """Whether a camera is right: within 3 px of 1280 in the median, and nowhere more than 6 px off."""

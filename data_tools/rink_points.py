@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.court_truth import UNIT, distances
 from fieldcalib._types import Array
 from fieldcalib.fields.catalogue import field
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 
 FIELD = "ice-hockey-nhl-2013"
-UNIT, RIGHT = 1920.0, 10.0  # columns of the picture in whose pixels the median distance of a right camera is given
+RIGHT = 10.0 * UNIT / 1920.0  # px of an image of 1280 columns: the largest median distance of a right camera
 SIDES = {"0": "left", "1": "right"}
 DEPTHS = {"0": "bottom", "1": "top"}
 # Ends of the L marks by corner and number: the second point of each is its corner.
@@ -54,21 +55,13 @@ class RinkFrame:
     xy: Array
     """Their pixels, (N, 2)."""
 
-    def distance(self, camera: Camera) -> float:
-        """Median distance of the points from their projections, in pixels of a picture of 1920 columns.
-
-        It is that of the camera or of its twin on the other side of the rink, whichever is nearer; infinite for what
-        is behind the camera.
-        """
-        both = []
-        for turn in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)):
-            off = np.linalg.norm(camera.project(self.X * turn) - self.xy, axis=1)
-            both.append(float(np.median(np.where(np.isfinite(off), off, np.inf))))
-        return min(both) * UNIT / camera.image_size[0]
+    def distances(self, camera: Camera) -> Array:
+        """Distances (N,) of the points from their projections (`data_tools.court_truth.distances`)."""
+        return distances(camera, self.X, self.xy, camera.image_size[0])
 
     def is_right(self, camera: Camera) -> bool:
         """Whether a camera is within `RIGHT` of the points in the median."""
-        return self.distance(camera) <= RIGHT
+        return float(np.median(self.distances(camera))) <= RIGHT
 
 
 def point_named(rink: Field, name: str) -> Array | None:

@@ -3,6 +3,8 @@
     python -m data_tools.score_courts clips FOLDER [--field NAME]
     python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N] [--least-view SHARE] [--nominal]
     python -m data_tools.score_courts basketball FILE [--first N] [--every N]
+    python -m data_tools.score_courts rinks FOLDER
+    python -m data_tools.score_courts halls FOLDER
     python -m data_tools.score_courts pictures FOLDER --field NAME
     python -m data_tools.score_courts nonsense --field NAME [--frames N]
     python -m data_tools.score_courts fit FILE...
@@ -23,6 +25,11 @@ The size of a field that varies is the true one, with --nominal the usual one, f
 
 `basketball`: rendered views of measured cameras of basketball games, in FILE as for `data_tools.undeclared`.
 
+`rinks`: frames of hockey with points (`data_tools.rink_points`) in FOLDER, each searched by itself.
+
+`halls`: pictures of a hall whose cameras were measured (`data_tools.hall_points`) in FOLDER; the line has how far each
+first camera stands from there too, metres.
+
 `pictures`, `nonsense`: pictures that do not show the field, or no field at all; any camera is wrong.
 """
 
@@ -37,8 +44,9 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools import hall_points, rink_points
 from data_tools.command_parser import add_made_frames, parser_of
-from data_tools.court_truth import LIMITS, UNIT, court_frames
+from data_tools.court_truth import LIMITS, court_frames, distances
 from data_tools.nonsense import nonsense
 from data_tools.synthetic import SyntheticFrame, frame
 from data_tools.synthetic.cameras import random_camera
@@ -78,6 +86,8 @@ class Case:
     """Distances (N,) of a camera's points from the true ones, pixels of 1280 columns."""
     right: tuple[float, float] = RIGHT
     """Largest distances of a right camera, in the median and at all."""
+    metres: Callable[[Camera], float] | None = None
+    """Distance of a camera from where the true one was measured, if it was."""
 
     def is_right(self, found: FoundCourt) -> bool:
         """Whether a camera that was found is right, or one of those further along the field that it may be."""
@@ -165,14 +175,25 @@ class Truth:
         X, seen = in_view(self.camera, self.field)
         if not np.any(seen):
             return np.array([np.inf])
-        xy = self.camera.project(X[seen])
-        unit, twins = self.camera.image_size[0] / UNIT, ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0))
-        off = [np.linalg.norm(camera.project(X[seen] * turn) - xy, axis=1) / unit for turn in twins]
-        return min((np.where(np.isfinite(one), one, np.inf) for one in off), key=lambda one: float(np.median(one)))
+        return distances(camera, X[seen], self.camera.project(X[seen]), self.camera.image_size[0])
 
     def distance(self, camera: Camera) -> float:
         """Their median."""
         return float(np.median(self.distances(camera)))
+
+
+def of_rinks(options: argparse.Namespace) -> Iterator[Case]:
+    """Frames of hockey whose points are known."""
+    rink = field_named(rink_points.FIELD)
+    for one in rink_points.rink_frames(options.folder):
+        yield Case(one.path.name, rink, parse_image(one.path.read_bytes()), one.distances, (rink_points.RIGHT, np.inf))
+
+
+def of_halls(options: argparse.Namespace) -> Iterator[Case]:
+    """Pictures of a hall whose cameras were measured."""
+    court = field_named(hall_points.FIELD)
+    for one in hall_points.hall_pictures(options.folder):
+        yield Case(one.name, court, one.image, one.distances, (hall_points.RIGHT, np.inf), one.metres)
 
 
 def of_pictures(options: argparse.Namespace) -> Iterator[Case]:
@@ -190,7 +211,7 @@ def of_nonsense(options: argparse.Namespace) -> Iterator[Case]:
 
 def search(options: argparse.Namespace) -> int:
     """Search each picture; how many are right, accepted and right, accepted and wrong."""
-    table, seconds, lines = [], [], []
+    table, seconds, lines, metres = [], [], [], []
     for case in options.source(options):
         start = time.process_time()
         found = find_courts(case.image, case.field)
@@ -198,6 +219,8 @@ def search(options: argparse.Namespace) -> int:
         accepted = bool(found) and found[0].calibration.accepted
         good = accepted and found[0].calibration.verdict == Verdict.GOOD
         first = bool(found) and case.is_right(found[0])
+        if case.metres is not None:
+            metres.append(round(case.metres(found[0].calibration.required_camera), 2) if found else None)
         table.append((first, first and accepted, first and good, accepted and not first))
         rows = [
             {"is_same": case.is_same(one), **asdict(one.evidence)}
@@ -210,7 +233,8 @@ def search(options: argparse.Namespace) -> int:
             file.writelines(lines)
     counts = np.sum(np.array(table, dtype=int).reshape(-1, 4), axis=0).tolist()
     names = ("right", "accepted and right", "good and right", "accepted and wrong")
-    print(json.dumps({"pictures": len(table), **dict(zip(names, counts, strict=True)), "seconds": _median(seconds)}))
+    record = {"pictures": len(table), **dict(zip(names, counts, strict=True)), "seconds": _median(seconds)}
+    print(json.dumps(record | ({"metres": metres} if metres else {})))
     return 0
 
 
@@ -284,6 +308,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "clips": of_clips,
         "frames": of_synthetic,
         "basketball": of_basketball,
+        "rinks": of_rinks,
+        "halls": of_halls,
         "pictures": of_pictures,
         "nonsense": of_nonsense,
     }
@@ -291,7 +317,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name, source in sources.items():
         command = commands[name]
         command.set_defaults(run=search, source=source)
-        if name in ("clips", "pictures"):
+        if name in ("clips", "rinks", "halls", "pictures"):
             command.add_argument("folder", type=Path)
         elif name == "basketball":
             command.add_argument("file", type=Path)
@@ -302,7 +328,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name == "frames":
             command.add_argument("--least-view", type=float, metavar="SHARE", help="of the field in the picture")
             command.add_argument("--nominal", action="store_true", help="search for the field in its usual size")
-        if name != "basketball":
+        if name not in ("basketball", "rinks", "halls"):
             command.add_argument("--field", required=name != "clips", metavar="NAME")
         command.add_argument("--evidence", type=Path, metavar="FILE", help="add a line for each picture to FILE")
     commands["fit"].add_argument("files", type=Path, nargs="+", metavar="FILE")

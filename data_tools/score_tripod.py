@@ -1,10 +1,10 @@
 """Courts in pictures of one camera (`fieldcalib.images.pooled_place`), against points that were set by hand.
 
-    python -m data_tools.score_tripod FOLDER [--alone]
+    python -m data_tools.score_tripod FOLDER
 
 FOLDER holds frames of hockey with points (`data_tools.rink_points`). Prints a line of JSON with the number of pictures;
 how many have a right camera, an accepted right one, an accepted wrong one; the place, metres; and the processor time
-for each picture, seconds, with the share of the search for the place. With --alone each is searched by itself.
+for each picture, seconds, with the share of the search for the place.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--alone", action="store_true", help="search each picture by itself")
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))
 
@@ -39,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     start, rink = time.process_time(), field_named(FIELD)
     frames = list(rink_frames(options.folder))
     images = [parse_image(frame.path.read_bytes()) for frame in frames]
-    place = None if options.alone else pooled_place(rink, images)
+    place = pooled_place(rink, images)
     found = calibrate_from_images(rink, images, place=place)
     right = [one.camera is not None and frame.is_right(one.camera) for frame, one in zip(frames, found, strict=True)]
     accepted = [one.accepted for one in found]

@@ -14,12 +14,17 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import theta_from_camera
 
-costly = settings(max_examples=settings().max_examples // 2)  # for properties of which an example takes long
+DEFAULT_EXAMPLES = settings.get_profile("local").max_examples  # the profiles are in conftest.py
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
 
 # Of many scripts, and what formats escape. For `hypothesis.strategies.text` a table of Unicode is made: seconds.
 CHARACTERS = "aZ09 _-.,:;/\\'\"<>&%#@[]{}éßλж漢あ한ع🏀\u0301\u00a0"
+
+
+def examples(count):
+    """Settings of a property: `count` examples by default, more or fewer in proportion under other profiles."""
+    return settings(max_examples=max(1, count * settings().max_examples // DEFAULT_EXAMPLES))
 
 
 def texts(**limits):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
-from strategies import bounded, vectors
+from strategies import bounded, examples, vectors
 from synthetic import observe
 
 from fieldcalib.fields.sports.soccer import soccer
@@ -55,7 +55,7 @@ def neighbours(count, *apart):
     return first, np.concatenate([np.arange(d, count) for d in apart])
 
 
-@settings(deadline=None, max_examples=15)
+@examples(15)
 @given(
     p=vectors((60.0, 40.0), (900.0, 500.0), count=6),
     way=bounded(3, -3.0, 3.0),

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from objects import relative_error
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
-from strategies import labelled_frames, numbers
+from strategies import examples, labelled_frames, numbers
 from synthetic import observe, random_frames
 
 from fieldcalib import (
@@ -73,7 +73,7 @@ def test_twice_is_the_same():
 frames_of_the_camera = labelled_frames(FRAME, numbers(0.0, 3.0), least=6)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(data=st.data(), frame=frames_of_the_camera)
 def test_the_order_of_labels_and_pixels_does_not_matter(data, frame):
     labels = data.draw(st.permutations(list(frame)))
@@ -82,7 +82,7 @@ def test_the_order_of_labels_and_pixels_does_not_matter(data, frame):
     assert relative_error(one.camera, other.camera) < 3e-5
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(frame=frames_of_the_camera, factor=st.sampled_from([2, 3]))
 def test_an_enlarged_frame_has_the_same_camera(frame, factor):
     enlarged = {label: factor * xy for label, xy in frame.items()}
@@ -92,7 +92,7 @@ def test_an_enlarged_frame_has_the_same_camera(frame, factor):
     assert large.rms == pytest.approx(factor * small.rms, rel=1e-4)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(frame=frames_of_the_camera)
 def test_a_mirrored_frame_has_the_mirrored_camera(frame):
     """Left and right exchanged, in the image and in the labels."""

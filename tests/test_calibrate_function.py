@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from commands import run
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from networks import FIELD, Blind, KnownCameras, looked_at
-from strategies import numbers, texts
+from strategies import examples, numbers, texts
 
 import fieldcalib
 from fieldcalib import Camera, calibrate, read, soccer
@@ -396,7 +396,7 @@ def test_results_that_differ_are_not_equal(some):
     assert some != dict(some)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(
     frames=st.dictionaries(
         texts(min_size=1, max_size=8).filter(lambda id: id.isalnum()),

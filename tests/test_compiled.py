@@ -7,9 +7,9 @@ import sys
 import numba  # noqa: F401 (skipped where it is not installed)
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import cameras, generators
+from strategies import cameras, examples, generators
 from synthetic import observe, random_frames
 
 from fieldcalib.fields.segments import PointCloud
@@ -64,7 +64,7 @@ def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
     return with_segment_ends(evaluate(problem, theta), 50.0)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(camera=cameras(lens=True, image_sizes=(SIZE,)), rng=generators(), lens=st.sampled_from([RadialLens, Pinhole]))
 def test_closest_points_and_their_derivatives(camera, rng, lens):
     start = problem_of(camera, rng, lens)
@@ -83,7 +83,7 @@ def test_closest_points_and_their_derivatives(camera, rng, lens):
         np.testing.assert_allclose(compiled.cost, cost, rtol=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     camera=cameras(lens=True, image_sizes=(SIZE,)),
     rng=generators(),

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import bounded, moved, numbers
+from strategies import bounded, examples, moved, numbers
 
 from fieldcalib import Camera, CameraDistribution, calibrate_from_homography, calibrate_from_points, soccer
 from fieldcalib.io.wc14 import parse_homography
@@ -37,7 +37,7 @@ def some_of(least):
     points=some_of(1),
     quadrant=st.sampled_from([None, (1, 1), (1, -1), (-1, 1), (-1, -1)]),
 )
-@settings(max_examples=80)
+@examples(80)
 def test_true_points_are_never_complained_about(length, width, points, quadrant):
     """Any part of any field, from one point to all of them, of one quadrant too."""
     X = points_of(length, width)[points]
@@ -58,7 +58,7 @@ SCATTERED = np.random.default_rng(0).uniform(-0.8, 0.8, (30, 3))
     extent=numbers(0.1, 60.0),
     digits=st.integers(0, 3),
 )
-@settings(max_examples=80)
+@examples(80)
 def test_points_of_anything_else_are_left_alone(X, middle, extent, digits):
     X = (middle + extent * X).round(digits)
     assert other_reading(X) is None
@@ -79,7 +79,7 @@ def test_a_grid_is_left_alone(spacing):
     width=widths,
     points=some_of(15),
 )
-@settings(max_examples=60)
+@examples(60)
 def test_other_origins_and_units_are_named(unit, corner, length, width, points):
     assume(corner or unit != "metres")
     X = points_of(length, width)[points]

@@ -16,7 +16,7 @@ from fieldcalib.images.picture_stripes import PictureToSearch
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
-EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0, 0.4)
+EVIDENCE = CourtEvidence(500.0, 2.5, 0.95, 0.6, 0.9, 0.7, 8, 0.9, 0, 0.4, False)
 
 
 @pytest.mark.property
@@ -32,7 +32,17 @@ def test_probabilities_of_cameras_that_differ_add_up_to_less_than_one(odds, seed
 
 
 @pytest.mark.parametrize(
-    "worse", [{"mean": 1.0}, {"explained": 0.6}, {"runner_up": 1.0}, {"confirmed": 2}, {"off": 2}], ids=str
+    "worse",
+    [
+        {"mean": 1.0},
+        {"explained": 0.6},
+        {"runner_up": 1.0},
+        {"confirmed": 2},
+        {"painted": 0.4},
+        {"off": 2},
+        {"is_above": True},
+    ],
+    ids=str,
 )
 def test_worse_evidence_has_smaller_odds(worse):
     assert replace(EVIDENCE, **worse).odds < EVIDENCE.odds
@@ -42,7 +52,7 @@ def test_worse_evidence_has_smaller_odds(worse):
 def test_the_fit_recovers_coefficients():
     rng, truth = np.random.default_rng(0), np.array([-1.0, 2.0, -1.5])
     pictures = []
-    for _ in range(3000):
+    for _ in range(1000):
         features = np.column_stack([np.ones(3), rng.normal(size=(3, 2))])
         odds = np.exp(features @ truth)
         right = rng.choice(4, p=np.append(odds, 1.0) / (1.0 + odds.sum()))
@@ -68,3 +78,10 @@ def test_the_grain_of_a_floor_counts_by_its_contrast():
     assert unexplained > 0.25 * len(with_grain.stripes.xy)
     assert with_grain.explained(court, TENNIS) > 0.97
     assert clean > 0.97
+
+
+def test_few_lines_are_enough_if_the_markings_show_their_paint():
+    assert EVIDENCE.is_enough
+    assert replace(EVIDENCE, score=180.0).is_enough
+    assert not replace(EVIDENCE, score=180.0, paint=0.3).is_enough
+    assert replace(EVIDENCE, paint=0.3).is_enough

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from numdiff import central_differences
-from strategies import angle, cameras, numbers, vectors
+from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, observe
 from tripods import SIZE, chain, matched, panned
 
@@ -58,7 +58,7 @@ def across_and_moves(camera, field=FIELD):
     return np.array(normals).reshape(-1, 2), np.array(moves).reshape(-1, 2, 2)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(cameras())
 def test_the_motion_in_view_is_the_translation_that_fits_best_across_the_markings(camera):
     normals, moves = across_and_moves(camera)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from strategies import pixel_arrays
+from strategies import examples, pixel_arrays
 from views import inside
 
 from fieldcalib import Camera, calibrate_batch, calibrate_from_homography, calibrate_from_segments, soccer
@@ -161,7 +161,7 @@ def test_no_next_mark_without_a_camera():
     assert next_mark(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing")) is None
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_click_errors_are_the_shifts_of_inexact_clicks(seed):
     """By simulation: the cameras of clicks that are off by a tenth of a pixel."""

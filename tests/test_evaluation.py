@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
-from strategies import angle, cameras, costly, numbers, vectors
+from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, observe, random_camera, random_distorted
 
 from fieldcalib.fields.segments import Arc, Line, PointCloud
@@ -188,7 +188,7 @@ def sightings(draw, lens):
 @pytest.mark.parametrize(
     "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
 )
-@settings(max_examples=6)
+@examples(6)
 @given(data=st.data())
 def test_jacobian_equals_central_differences_column_by_column(lens, data):
     layout, theta, frame = data.draw(sightings(lens))
@@ -249,7 +249,6 @@ def test_jacobian_of_some_parameters_is_a_part_of_the_whole(lens, free):
     np.testing.assert_allclose(part, jacobian(evaluation)[:, :, index], rtol=1e-12, atol=1e-11)
 
 
-@settings(max_examples=20)
 @given(
     camera=cameras(lens=True, image_sizes=(SIZE,)),
     others=vectors(-OTHER_COEFFICIENTS, OTHER_COEFFICIENTS),
@@ -286,7 +285,7 @@ def test_derivatives_of_a_projection_are_those_of_the_camera(camera, others, len
         assert by_name[name] == pytest.approx(numeric, rel=1e-6, abs=1e-4 * RHO * 1e-2), name
 
 
-@costly
+@examples(10)
 @given(camera=cameras(lens=True))
 def test_pixels_on_their_segments_have_no_residual(camera):
     frame = observe(ALL_KINDS, camera)
@@ -296,7 +295,7 @@ def test_pixels_on_their_segments_have_no_residual(camera):
     np.testing.assert_allclose(r, 0.0, atol=1e-6)
 
 
-@costly
+@examples(10)
 @given(camera=cameras(lens=True), direction=angle(np.pi), distance=numbers(0.0, 20.0))
 def test_residual_is_the_distance_to_the_nearest_point_of_the_image_of_the_segment(camera, direction, distance):
     frame = beside_the_segments(FIELD.markings, camera, distance, direction)
@@ -363,7 +362,7 @@ def test_a_foot_point_at_infinity_has_a_residual_and_a_jacobian():
     assert jacobian_errors(evaluation, free).max() < 1e-6
 
 
-@costly
+@examples(10)
 @given(camera=cameras(lens=False), offset=vectors((-9.0, -9.0), (9.0, 9.0)), share=numbers(-2.0, 2.0))
 def test_sliding_along_a_line_changes_nothing(camera, offset, share):
     theta, image_size = theta_from_camera(camera), camera.image_size
@@ -376,7 +375,7 @@ def test_sliding_along_a_line_changes_nothing(camera, offset, share):
     np.testing.assert_allclose(r_slid, r, atol=1e-6)
 
 
-@costly
+@examples(10)
 @given(camera=cameras(lens=True), direction=angle(np.pi))
 def test_enlarging_the_image_enlarges_the_residuals(camera, direction):
     theta, (width, height) = theta_from_camera(camera), camera.image_size
@@ -391,7 +390,7 @@ def test_enlarging_the_image_enlarges_the_residuals(camera, direction):
     np.testing.assert_allclose(r_larger, 2.0 * r, atol=1e-5)
 
 
-@costly
+@examples(10)
 @given(camera=cameras(lens=False), direction=angle(np.pi))
 def test_a_lens_of_zero_is_no_lens(camera, direction):
     theta, image_size = theta_from_camera(camera), camera.image_size

@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from other_tools import (
     EXACT,
     MOST,
@@ -22,7 +22,7 @@ from other_tools import (
     without_lens,
     without_lens_and_principal_point,
 )
-from strategies import cameras
+from strategies import cameras, examples
 from synthetic import visible_field_points
 
 from fieldcalib.cli.export import FORMATS
@@ -46,14 +46,14 @@ def with_lens(*dist):
 
 @pytest.mark.parametrize("format", EXACT)
 @given(camera=cameras())
-@settings(max_examples=30)
+@examples(30)
 def test_formats_that_hold_the_whole_camera(format, camera):
     write, read = EXACT[format]
     assert farthest(read(write({"00007": camera}))["00007"], camera) < MOST
 
 
 @given(camera=cameras())
-@settings(max_examples=30)
+@examples(30)
 def test_a_game_state_is_of_1920_by_1080(camera):
     found = by_gamestate(gamestate_files({"2116000001": camera}))["2116000001"]
     assert farthest(found, camera, scale=1920 / camera.image_size[0]) < MOST
@@ -92,13 +92,13 @@ def test_lenses_that_do_not_fit_are_said(write, dist, message):
 
 
 @given(camera=cameras(lens=False))
-@settings(max_examples=30)
+@examples(30)
 def test_blender_by_its_formula(camera):
     assert farthest(by_blender(blender_files({"00007": camera}))["00007"], camera) < MOST
 
 
 @given(camera=cameras(lens=True))
-@settings(max_examples=30)
+@examples(30)
 def test_blender_has_all_but_the_lens(camera):
     assert farthest(by_blender(blender_files({"00007": camera}))["00007"], without_lens(camera)) < MOST
 
@@ -110,7 +110,7 @@ def test_what_blender_loses_is_said():
 
 
 @given(camera=cameras())
-@settings(max_examples=30)
+@examples(30)
 def test_freed_has_pose_and_zoom(camera):
     (found,) = by_freed(freed_files({"1": camera})["camera.freed"], camera.image_size)
     f, width = camera.focal_length, camera.image_size[0]

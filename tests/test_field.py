@@ -4,9 +4,10 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
+from strategies import examples
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
@@ -160,7 +161,7 @@ def test_symmetric_is_an_involution(size):
     assert all(symmetric[symmetric[name]] == name for name in symmetric)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(field_sizes())
 def test_symmetric_maps_the_geometry_by_half_a_turn(size):
     field = soccer(*size)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from numdiff import central_differences, column_errors
-from strategies import angle, cameras, numbers, vectors
+from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.noise import Noise
@@ -111,7 +111,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
 # what the labels determine
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(vectors((97.0, 60.0), (113.0, 76.0)))
 def test_without_noise_only_the_prior_keeps_the_estimate_from_the_truth(truth):
     """It goes the share of the way from the prior's mean to the truth that comes from the labels."""

@@ -5,10 +5,10 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from objects import SIZE, any_object, objects, relative_error
-from strategies import any_angles, cameras, numbers, vectors
+from strategies import any_angles, cameras, examples, numbers, vectors
 from synthetic import displaced, in_image, random_camera
 
 from fieldcalib import (
@@ -52,7 +52,7 @@ def test_points_of_a_field_with_the_default_prior():
 
 
 @given(camera=cameras(lens=False))
-@settings(max_examples=30)
+@examples(30)
 def test_cameras_of_all_stands_come_back(camera):
     X, xy = seen(camera)
     assume(len(X) >= 6 and np.linalg.svd(X - X.mean(axis=0))[1][1] > 10.0)
@@ -157,7 +157,7 @@ def test_points_past_the_image_are_spoken_of():
     ],
 )
 @given(data=st.data())
-@settings(max_examples=15)
+@examples(15)
 def test_any_object_in_any_unit(planar, count, unit, data):
     X, camera, distance = data.draw(objects(planar=planar, count=count, unit=unit))
     calibration = calibrate_from_points(X, camera.project(X), SIZE, prior=None)
@@ -171,7 +171,6 @@ def test_any_object_in_any_unit(planar, count, unit, data):
     angles=any_angles(),
     shift=vectors([-10.0] * 3, [10.0] * 3),
 )
-@settings(max_examples=20)
 def test_the_unit_and_the_place_of_the_object_do_not_matter(drawn, noise, angles, shift):
     X, camera, _ = drawn
     xy, turn = displaced({"points": camera.project(X)}, noise)["points"], rotation_from_angles(angles)
@@ -233,7 +232,7 @@ def test_four_points_seen_head_on_have_a_camera_still(turn):
 
 @pytest.mark.parametrize("planar", [True, False])
 @given(data=st.data(), offset=vectors((-30.0, -30.0), (30.0, 30.0)))
-@settings(max_examples=10)
+@examples(10)
 def test_known_intrinsics(planar, data, offset):
     """A lens, pixels that are not square and a principal point off the centre are taken out before the DLT."""
     X, camera, distance = data.draw(objects(planar=planar, count=14))
@@ -409,7 +408,7 @@ def test_points_of_weight_0_are_not_there(prior):
 
 
 @given(scale=st.sampled_from([1e-3, 0.2, 50.0]))
-@settings(max_examples=3)
+@examples(3)
 def test_without_a_prior_only_the_ratio_of_the_weights_matters(scale):
     X, xy = seen(CAMERA)
     xy = displaced({"points": xy}, 2.0)["points"]

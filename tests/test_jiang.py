@@ -4,8 +4,9 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strategies import examples
 
 from baselines.jiang.estimate import homographies
 from baselines.jiang.four_points import (
@@ -139,7 +140,7 @@ def test_layers_of_the_error_network_are_spectrally_normalised():
 
 
 @given(pans, tilts, focals, st.integers(0, 2**32))
-@settings(max_examples=50)
+@examples(50)
 def test_the_overlap_is_iou_whole(pan, tilt, f, seed):
     truth = points_of(camera_of(pan, tilt, f))
     points = perturbed(truth, np.random.default_rng(seed))

@@ -3,8 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from strategies import examples
 from views import camera
 
 from fieldcalib.draw.scene import render_field
@@ -67,7 +68,7 @@ motions = st.fixed_dictionaries(
 FIRST = Frame.of(view(seed=0))
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(motions)
 @example({})
 @example({"pan": 0.03, "f": 1800.0})

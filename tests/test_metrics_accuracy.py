@@ -6,9 +6,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import cameras, labelled_frames, numbers, vectors
+from strategies import cameras, examples, labelled_frames, numbers, vectors
 from synthetic import displaced, observe, random_frames, whole_circle_markings
 
 from fieldcalib import calibrate_batch, soccer
@@ -407,7 +407,6 @@ def assert_same(a, b):
                 np.testing.assert_allclose(side[label], other_side[label], rtol=0, atol=1e-9)
 
 
-@settings(max_examples=20)
 @given(drawn=evaluated())
 def test_turned_labels_change_nothing_but_the_side(drawn):
     predictions, frames = drawn
@@ -418,7 +417,6 @@ def test_turned_labels_change_nothing_but_the_side(drawn):
     assert not np.any(b.turned & ~a.turned & (a.segments[..., 0].sum(axis=-1) == 0))
 
 
-@settings(max_examples=20)
 @given(data=st.data(), drawn=evaluated(), chunk=st.sampled_from([1, 2, 5]))
 def test_frames_do_not_know_of_each_other(data, drawn, chunk):
     predictions, frames = drawn
@@ -432,7 +430,6 @@ def test_frames_do_not_know_of_each_other(data, drawn, chunk):
     np.testing.assert_allclose(whole.accuracy, other.accuracy, rtol=1e-12)
 
 
-@settings(max_examples=20)
 @given(drawn=evaluated())
 def test_missing_predictions_change_completeness_alone(drawn):
     predictions, frames = drawn
@@ -447,7 +444,6 @@ def test_missing_predictions_change_completeness_alone(drawn):
     assert np.array_equal(np.isnan(all_of_them.frame_accuracy[:, 0]), ~all_of_them.found)
 
 
-@settings(max_examples=20)
 @given(drawn=evaluated())
 def test_counts_add_up_and_grow_with_the_threshold(drawn):
     predictions, frames = drawn
@@ -506,7 +502,7 @@ def test_a_perfect_camera_with_a_lens_and_another_field():
     assert evaluate_segments([without], [frame], SIZE, field=field).accuracy[0] < 0.7
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     views=st.lists(cameras(lens=False, stands=("main center",), image_sizes=(SIZE,)), min_size=1, max_size=2),
     distance=numbers(0.0, 8.0),

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import cameras, vectors
+from strategies import cameras, examples, vectors
 
 from fieldcalib import soccer
 from fieldcalib.geometry.camera import Camera
@@ -117,7 +117,6 @@ def test_iou_part_other_overlap():
     assert iou_part(away, from_above(20.0), SIZE) == iou_part(away, away, SIZE) == 0.0
 
 
-@settings(max_examples=20)
 @given(pair=pairs(0.02))
 def test_iou_part_of_cameras_against_exact_polygons(pair):
     polygons = [view(camera) for camera in pair]
@@ -127,7 +126,7 @@ def test_iou_part_of_cameras_against_exact_polygons(pair):
     assert iou_part(*pair, SIZE) == pytest.approx(exact_iou(a, b), abs=RASTER)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(pair=pairs(0.02), scale=st.sampled_from([-1.0, 1e-4, -50.0]))
 def test_iou_part_is_symmetric_and_takes_homographies(pair, scale):
     a, b = pair
@@ -139,14 +138,14 @@ def test_iou_part_is_symmetric_and_takes_homographies(pair, scale):
     assert iou_part(scale * b.pinhole_homography, b.pinhole_homography, SIZE) == 1.0
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(camera=cameras(lens=True))
 def test_iou_part_of_equal_cameras_is_1(camera):
     assert iou_part(camera, camera, camera.image_size) == 1.0
     assert iou_part(RationalCamera.from_camera(camera), camera, camera.image_size) == pytest.approx(1.0, abs=RASTER)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(x=st.floats(-50, 50), y=st.floats(-30, 30), pan=st.floats(-3.1, 3.1), tilt=st.floats(0.6, 1.5))
 def test_a_homography_does_not_see_what_is_behind_its_camera(x, y, pan, tilt):
     """From above the field, half of it lies behind: the sign of the homography is settled by the camera's height."""

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences
-from strategies import bounded, costly, moved
+from strategies import bounded, examples, moved
 from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
@@ -266,7 +266,7 @@ def rms_by_hand(theta, layout, covariance, field, xy):
     return np.sqrt(np.einsum("nij,jk,nik->n", J, covariance, J))
 
 
-@costly
+@examples(10)
 @given(
     data=st.data(),
     layout=st.sampled_from([LAYOUT, WITH_SIZE, PLAIN, FIXED]),

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pictures import picture
-from strategies import numbers
+from strategies import examples, numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
 
@@ -82,7 +82,7 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
     assert not any(one.is_beside for one in found.values())
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(pan=numbers(-22.0, 22.0), tilt=numbers(-22.0, 22.0))
 def test_what_is_found_beside_markings_is_paint(pan, tilt):
     """A camera that looks aside: all that is found lies where the true camera projects markings.
@@ -98,7 +98,7 @@ def test_what_is_found_beside_markings_is_paint(pan, tilt):
         assert distance.max() < 5.0, label
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(pan=numbers(-9.0, 9.0), tilt=numbers(-9.0, 9.0))
 def test_ridges_are_judged_by_another_camera_without_the_image(pan, tilt):
     ridges = Ridges.of(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
@@ -109,7 +109,7 @@ def test_ridges_are_judged_by_another_camera_without_the_image(pan, tilt):
             assert not again[one.label].is_beside, one.label
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(tilt=numbers(5.0, 15.0))
 def test_distance_of_paint_is_that_of_the_projections(tilt):
     wrong, label = turned(PENALTY_AREA, tilt=tilt), "Side line top"  # nothing is painted beyond
@@ -123,7 +123,7 @@ def test_distance_of_paint_is_that_of_the_projections(tilt):
     assert found.offset == pytest.approx(np.max(distance), abs=1.5)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(side=st.sampled_from((-1.0, 1.0)), pixels=numbers(8.0, 22.0))
 def test_camera_that_looks_aside_paint_contradicts(side, pixels):
     found = paint_evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from strategies import generators
+from hypothesis import given
+from strategies import examples, generators
 
 from data_tools import wrong_labels
 from data_tools.random_frames import SIZE, confused_labels, mislabelled, random_frame
@@ -16,7 +16,7 @@ from fieldcalib.problem.simulated import observe, pan_over_field
 FIELD = soccer()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(generators())
 def test_pixels_are_near_the_segments_that_they_should_be_labelled_with(rng):
     frame = random_frame(FIELD, rng)

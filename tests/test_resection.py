@@ -5,10 +5,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from objects import SIZE, any_object, objects, relative_error
-from strategies import bounded, numbers, vectors
+from strategies import bounded, examples, numbers, vectors
 
 from fieldcalib import PINHOLE_FLAGS, Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
@@ -36,7 +36,6 @@ def started(X, xy, K, dist):
     aspect=numbers(0.8, 1.25),
     k1=numbers(-0.2, 0.2),
 )
-@settings(max_examples=20)
 def test_what_is_known_is_taken_out_before_the_dlt(drawn, offset, aspect, k1):
     """Lens, aspect ratio and principal point: the DLT of what is left is exact."""
     X, camera, distance = drawn
@@ -61,7 +60,7 @@ def test_a_known_focal_length_decides_the_distance():
     wrong=st.sets(st.integers(0, 19), min_size=6, max_size=6),
     by=vectors((100.0, 100.0), (300.0, 300.0), count=6),
 )
-@settings(max_examples=10)
+@examples(10)
 def test_resection_finds_the_camera_among_gross_errors(planar, data, wrong, by):
     X, camera, distance = data.draw(objects(planar=planar, count=20))
     u = camera.project(X) - camera.principal_point
@@ -74,7 +73,7 @@ def test_resection_finds_the_camera_among_gross_errors(planar, data, wrong, by):
 
 @pytest.mark.parametrize("planar", [True, False])
 @given(data=st.data())
-@settings(max_examples=10)
+@examples(10)
 def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(planar, data):
     """From 1e5 times as far away, with a lens as long."""
     X, camera, _ = data.draw(objects(planar=planar, count=12))
@@ -87,7 +86,6 @@ def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(pla
 
 
 @given(share=bounded((20, 2), 0.0, 1.0))
-@settings(max_examples=20)
 def test_resection_has_most_points_in_front(share):
     """Behind a camera its homography maps points into the image too, but it does not see them."""
     camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, 0.0, -5.0), SIZE)

@@ -7,9 +7,9 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from strategies import numbers, texts
+from strategies import examples, numbers, texts
 
 from fieldcalib import (
     Arc,
@@ -209,7 +209,7 @@ def test_any_calibration_survives_json_and_pickle(calibration):
             np.testing.assert_equal(getattr(found, one.name), getattr(calibration, one.name))
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(
     angles=st.tuples(numbers(-0.4, 0.4), numbers(1.25, 1.45), numbers(-0.03, 0.03)),
     f=numbers(900.0, 2500.0),

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from commands import lines_of, run
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from strategies import generators, numbers
+from strategies import examples, generators, numbers
 from synthetic import observe
 from tripods import SIZE, panned
 
@@ -38,7 +38,7 @@ def with_size(pitch, camera, rng, noise=0.5, field=FIELD):
     return found, with_size_from_labels(found, again)
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(generators(), numbers(97.0, 112.0), numbers(62.0, 74.0))
 def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
     given, found = with_size(soccer(length, width), WIDE, rng)

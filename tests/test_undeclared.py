@@ -6,9 +6,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pictures import picture
+from strategies import examples
 from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
@@ -104,7 +105,7 @@ def test_labels_of_a_whole_frame_speak_against_a_part():
     assert evidence.log_ratio_of_part < -1.0
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 1000))
 def test_the_principal_point_lies_where_labels_put_it_within_what_they_tell(seed):
     """Half of the prior's width off the middle: the offset to first order is that, within three sigma."""
@@ -157,7 +158,6 @@ def labelled_to_the_border(camera=CAMERA, count=6):
     return found
 
 
-@settings(max_examples=20, deadline=None)
 @given(st.floats(-0.6, 0.6), st.integers(0, 240), st.integers(0, 135))
 def test_labels_that_stop_short_tell_that_they_were_cut(pan, x, y):
     camera = Camera.from_angles(pan, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)

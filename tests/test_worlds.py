@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from strategies import examples
 from synthetic import observe
 
 import fieldcalib
@@ -79,7 +80,7 @@ def labelled(field, camera, labels, rng=None, noise=0.0):
     return observe({label: field[label] for label in labels}, camera, rng, noise)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.floats(-6.0, 6.0), st.floats(16.0, 28.0), st.floats(-9.0, -4.0), st.floats(900.0, 1300.0))
 def test_three_lines_and_a_circle_of_a_court_give_its_camera(x, y, z, f):
     """And not one of a stadium, three times as far away."""
@@ -394,7 +395,6 @@ def test_swapped_sides_and_centimetres_say_how_to_mend_them(size, message):
 # --- the scale ---
 
 
-@settings(max_examples=20)
 @given(st.floats(-3.0, 3.0))
 def test_a_field_in_other_units_is_solved_in_the_same_steps(log_factor):
     """Lengths, stands and scale times a factor: the cameras are the same, with their centres times it."""

@@ -18,13 +18,14 @@ EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
-# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 420 pictures, in 263 of which one is right:
-# frames of clips, synthetic frames and rendered views of measured cameras under their own field; courts and soccer
-# under other fields.
-COEFFICIENTS = np.array([-4.42, 2.01, 8.68, -6.75, 0.87, -0.72, -1.07])
-# Of an accepted camera; three lines fit many cameras. With the coefficients of all other files of evidence 227 of the
-# 257 best cameras that are right are accepted, and none of the 163 wrong ones.
-LEAST_PROBABILITY, LEAST_SCORE = 0.8, 250.0
+# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
+# frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
+# rinks and soccer under other fields.
+COEFFICIENTS = np.array([-4.27, 1.71, 9.59, -8.25, 0.64, 1.81, -0.69, -0.92, -4.25])
+# Of an accepted camera. With the coefficients of all other files of evidence 256 of the 285 best cameras that are right
+# are accepted, and one of the 320 wrong ones, which projects the markings in view onto their paint.
+LEAST_PROBABILITY = 0.8
+LEAST_SCORE = 250.0  # three lines fit many cameras: with a lower one the markings in view must show their paint
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
 MOST_RIVAL = 1.3  # of the runner-up
 MOST_OFF = 3  # markings off their paint: more tell no more
@@ -49,23 +50,33 @@ class CourtEvidence:
     visible: float
     """Share of the points in view whose paint should be found: far lines are too thin."""
     confirmed: int
-    """Number of markings that show paint nearly everywhere."""
+    """Number of markings that show paint nearly everywhere, at enough places."""
+    painted: float
+    """Share of the markings in view whose paint should be visible that show it nearly everywhere."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
     misfit: float
     """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
+    is_above: bool
+    """Whether the camera stands above the field, as few do."""
 
     @property
     def features(self) -> Array:
-        """What the odds are computed from, (7,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
+        """What the odds are computed from, (9,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
-        return np.array([1.0, mean, self.explained, runner_up, confirmed, min(self.off, MOST_OFF), misfit])
+        off, above = min(self.off, MOST_OFF), float(self.is_above)
+        return np.array([1.0, mean, self.explained, runner_up, confirmed, self.painted, off, misfit, above])
 
     @property
     def odds(self) -> float:
         """Odds of the camera against that none of those that were refined is right."""
         return float(np.exp(self.features @ COEFFICIENTS))
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it is enough for a probability to be believed."""
+        return self.score >= LEAST_SCORE or self._paint_shown >= LITTLE_PAINT
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.circle_hypotheses import circle_hypotheses
 from fieldcalib.images.court_hypotheses import Cameras, hypotheses, stands
 from fieldcalib.images.few_lines import few_line_hypotheses
 from fieldcalib.images.pulled_cameras import pulled
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.localize.ellipses import Ellipse
 from fieldcalib.localize.long_lines import LongLines
 from fieldcalib.localize.straightened import Bend
 
@@ -21,6 +25,8 @@ PULLED = 100  # of these are pulled onto stripes, at the points of the second ro
 ROWS = (-0.25, 0.0, 0.25)  # of the principal point, in widths of the picture, where it may be anywhere
 CUT_OUT = 0.1  # standard deviation of the principal point of stands, in widths of the picture
 SURE = 400.0  # score: of 23 rendered views of measured cameras right ones have 394 and more, wrong ones at most 214
+
+Curves: TypeAlias = tuple[LongLines, Sequence[Ellipse]]  # of a picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +58,15 @@ class Ranked:
         return self.bend.bent(xy)
 
 
-def rank_cameras(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
-    """Search the cameras that explain the long lines of a picture, and rank them by all its stripes.
+def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
+    """Search the cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
 
-    Lines and maps are those of the picture without distortion. Where no camera is likely, and pictures `are_cut_out` of
-    larger ones, the principal point is looked for elsewhere too.
+    Curves and maps are those of the picture without distortion. Where no camera is likely, and pictures `are_cut_out`
+    of larger ones, the principal point is looked for elsewhere too.
     """
+    lines, ellipses = curves
     found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size)]
+    found.append(circle_hypotheses(ellipses, lines, field, maps.size))
     cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found), field), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
         others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field) for row in ROWS]

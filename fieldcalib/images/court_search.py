@@ -2,10 +2,11 @@
 
 picture, scaled to 1280 columns
   |  stripes; the distortion without which they lie on straight lines  localize/stripes, localize/straightened
-  |  the longest of these lines                                         localize/long_lines
+  |  the longest of these lines, and ellipses                           localize/long_lines, localize/ellipses
   v
 cameras that see four lines of the field in four lines of the picture  images/court_hypotheses
 or three in three                                                      images/few_lines
+or a circle in an ellipse, and a line in a line                        images/circle_hypotheses
   |  ranked by a likelihood ratio, in three rounds with more points     images/court_ranking, images/stripe_likelihood
   |  the best ones pulled onto stripes                                  images/pulled_cameras
   v
@@ -32,7 +33,6 @@ from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import (
     LEAST_PROBABILITY,
-    LEAST_SCORE,
     CourtEvidence,
     Picture,
     lying_on,
@@ -40,6 +40,7 @@ from fieldcalib.images.court_evidence import (
 )
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
+from fieldcalib.images.court_rivals import GRID, Rivals, are_apart, distances, grid_of, seen_grids
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hidden_markings import with_hidden_markings
@@ -60,17 +61,16 @@ ENOUGH = 0.95  # probability of a camera from which on no other stripes are sear
 HOPELESS = 60.0  # score of cameras that are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
-OTHER = 20.0  # px: cameras that are further from one than this in the median are others
+ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
 SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
-BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
-    "no camera was found by search: two lines across the field and one along it must show, or one across and two along",
+    "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
+    "or a line and a circle",
 )
 UNDETERMINED = "the lines near its markings do not determine it"
 ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
 REPEATS = "it may stand {:g} m further along the field, where markings look alike, as `alternatives` say"
-GRID = 7  # points of the field along and across at which cameras are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +96,10 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image : (height, width, 3) uint8 array
         Blue, green, red.
     field : Field
-        With markings along and across it: at least two lines of one direction and one of the other must show. On a
-        floor in a hall, lines are looked for that are darker than it too; the field of such a camera says so. Of a
-        field whose size varies (`size_model`) and is not known (`size_known`) the size is estimated with each camera,
-        where the picture determines it (`Calibration.field`).
+        With markings along and across it: at least two lines of one direction and one of the other must show, or a
+        line and a circle. On a floor in a hall, lines are looked for that are darker than it too; the field of such a
+        camera says so. Of a field whose size varies (`size_model`) and is not known (`size_known`) the size is
+        estimated with each camera, where the picture determines it (`Calibration.field`).
     flags, prior
         As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
         and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
@@ -189,6 +189,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
         stripes = picture.stripes(lighter=lighter)
         yield search(stripes)
+        if stripes.bend.a != 0.0:
+            yield search(stripes.unbent)  # circles look as lines do that a lens has bent
         for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[: PAINTS if in_hall else 0]:
             yield search(stripes.take(np.flatnonzero(paint)))
 
@@ -205,14 +207,16 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     ranked = stripes.ranked(field, are_cut_out=are_cut_out)
     if task.side == OPPOSITE:
         ranked = ranked.turned
-    started = [ranked.camera(index).scaled(size_of(image)) for index in _different(ranked, field)]
+    started = _different(ranked, field)
+    to_refine = [ToRefine(image, _unjudged(ranked.camera(k).scaled(size_of(image)), field)) for k in started]
     markings = Markings.of(field)
-    refined = refine_all(task, markings, [ToRefine(image, _unjudged(camera, field)) for camera in started])
-    found = _fitted(task, markings, image, _merged(refined, field))
+    refined = [_if_possible(one, field) for one in refine_all(task, markings, to_refine)]
+    ends = [None if one is None else one.calibration.camera for one in refined]
+    rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
+    found = _fitted(task, markings, image, _merged([one for one in refined if one is not None], field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    searched = ranked.projected(_grid(field))
-    return [_Candidate(one, _evidence(picture, ranked, searched, one), stripes) for one in found]
+    return [_Candidate(one, _evidence(picture, rivals, one), stripes) for one in found]
 
 
 def _court(candidate: _Candidate, probability: float) -> FoundCourt:
@@ -234,23 +238,25 @@ def _field_of(refined: Refined) -> Field:
     return refined.calibration.field
 
 
-def _evidence(picture: Picture, ranked: Ranked, searched: Array, refined: Refined) -> CourtEvidence:
-    """The evidence for a camera, against those that were searched and see a grid on the field elsewhere (B, N, 2)."""
+def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEvidence:
+    """The evidence for a camera, against the others that were searched."""
     field, size = _field_of(refined), picture.stripes.size
     camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
-    others = ranked.score[_are_apart(searched, _grids(camera, field), size)]
     markings = () if refined.paint is None else refined.paint.markings
+    expected = [one for one in markings if one.is_expected]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
         explained=picture.explained(field, camera),
-        runner_up=float(np.max(others, initial=0.0)) / max(score, 1.0),
+        runner_up=rivals.best_score(seen_grids(camera, field)) / max(score, 1.0),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
+        painted=sum(one.is_painted for one in expected) / max(len(expected), 1),
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
+        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
     )
 
 
@@ -258,59 +264,26 @@ def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
     """Which of N cameras project the field about alike, (N, N)."""
     grids = [_grids_of(one) for one in candidates]
     seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
-    alike = [~_are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
+    alike = [~are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
     return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
 
 
 def _grids_of(candidate: _Candidate) -> list[Array]:
     """`_grids` of a camera, in the picture of its stripes."""
     camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
-    return _grids(camera.scaled(candidate.stripes.maps.size), field)
-
-
-def _grids(camera: Camera, field: Field) -> list[Array]:
-    """The grid (N, 2) as a camera sees it, and as those do that are further along a field whose markings repeat."""
-    return [one.project(_grid(field)) for one in (camera, *moved_by_steps(camera, field))]
-
-
-def _are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
-    """Which cameras (B, N, 2) project the field elsewhere than all others (N, 2)."""
-    apart = [_distances(xy, other, size, median=True) > OTHER for other in others]
-    return np.asarray(np.all(apart, axis=0))
+    return seen_grids(camera.scaled(candidate.stripes.maps.size), field)
 
 
 def _different(ranked: Ranked, field: Field) -> list[int]:
     """The first cameras that project the field differently."""
-    xy = ranked.projected(_grid(field))
+    xy = ranked.projected(grid_of(field))
     chosen: list[int] = []
     for index in np.flatnonzero(ranked.score > HOPELESS).tolist():
-        if not chosen or np.min(_distances(xy[chosen], xy[index], ranked.bend.size)) > APART:
+        if not chosen or np.min(distances(xy[chosen], xy[index], ranked.bend.size)) > APART:
             chosen.append(index)
             if len(chosen) == REFINED:
                 break
     return chosen
-
-
-def _grid(field: Field) -> Array:
-    """Points (N, 3) on the ground, all over the field."""
-    x, y = (np.linspace(-half, half, GRID) for half in field.half_extent)
-    return np.array([(a, b, 0.0) for a in x for b in y])
-
-
-def _distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = False) -> Array:
-    """Largest or median distances (B,) between points that cameras (B, N, 2) and another one (N, 2) see in the picture.
-
-    They are infinite where no point is in the picture, or one of both cameras has it behind itself.
-    """
-    half = (0.5 + BEYOND) * np.array(size)
-    inside = np.all(np.abs(xy - 0.5 * np.array(size)) < half, axis=2)
-    inside |= np.all(np.abs(other - 0.5 * np.array(size)) < half, axis=1)
-    off = np.linalg.norm(xy - other, axis=2)
-    off = np.where(np.isfinite(off), off, np.inf)
-    if median:
-        some = np.sort(np.where(inside, off, np.inf), axis=1)
-        return np.asarray(some[np.arange(len(some)), np.count_nonzero(inside, axis=1) // 2])
-    return np.asarray(np.where(np.any(inside, axis=1), np.max(np.where(inside, off, 0.0), axis=1), np.inf))
 
 
 def _unjudged(camera: Camera, field: Field) -> Calibration:
@@ -338,33 +311,33 @@ def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refi
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
     """The calibration of a refined camera, "probably wrong" without enough evidence."""
     calibration = refined.judged
-    is_enough = probability >= LEAST_PROBABILITY and evidence.score >= LEAST_SCORE
-    if not calibration.accepted or is_enough:
+    if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
         return with_hidden_markings(calibration, probability)
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
     doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
 
 
-def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
-    """Of refined cameras that are the same, the best supported one.
+def _if_possible(refined: Refined, field: Field) -> Refined | None:
+    """A refined camera, None if the solver refused it, or it came to stand where no cameras do.
 
-    Those that the solver refused are left out, and those that came to stand where no cameras do: a camera at the height
-    of the ground sees the whole field in one line.
+    A camera at the height of the ground sees the whole field in one line.
     """
-    refined = [one for one in refined if one.calibration.camera is not None and one.calibration.accepted]
-    if not refined:
-        return []
-    cameras = [one.calibration.required_camera for one in refined]
-    standing = stands(Cameras.of(cameras, cameras[0].image_size), field)
-    refined = [one for one, does in zip(refined, standing, strict=True) if does]
-    X = _grid(field)
+    camera = refined.calibration.camera
+    if camera is None or not refined.calibration.accepted:
+        return None
+    return refined if stands(Cameras.of([camera], camera.image_size), field)[0] else None
+
+
+def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
+    """Of refined cameras that are the same, the best supported one."""
+    X = grid_of(field)
     kept: list[Refined] = []
     seen: list[Array] = []
     for one in sorted(refined, key=lambda one: -one.support):
         camera = one.calibration.required_camera
         xy = camera.project(X)
-        if not seen or np.min(_distances(np.array(seen), xy, camera.image_size)) > SAME:
+        if not seen or np.min(distances(np.array(seen), xy, camera.image_size)) > SAME:
             kept.append(one)
             seen.append(xy)
     return kept

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from fieldcalib._types import IntArray
@@ -10,12 +10,15 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.court_ranking import Ranked, rank_cameras
 from fieldcalib.images.stripe_likelihood import StripeMaps
 from fieldcalib.io.image import Image
+from fieldcalib.localize.ellipses import Ellipse, find_ellipses
 from fieldcalib.localize.long_lines import LongLines, long_lines
 from fieldcalib.localize.straightened import Bend, bend_of
 from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 
 LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
+
+ELLIPSES = 6  # from which circles are taken: on ice there are letters too
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +59,19 @@ class PictureStripes:
         return PictureStripes(self.seen.take(index), self.straight.take(index), self.colours.take(index), self.bend)
 
     @cached_property
+    def unbent(self) -> PictureStripes:
+        """The same for a lens without distortion."""
+        return PictureStripes(self.seen, self.seen, self.colours, replace(self.bend, a=0.0))
+
+    @cached_property
     def lines(self) -> LongLines:
         """Long lines without distortion."""
         return long_lines(self.straight, LINES)
+
+    @cached_property
+    def ellipses(self) -> tuple[Ellipse, ...]:
+        """Ellipses without distortion."""
+        return find_ellipses(self.straight, ELLIPSES)
 
     @cached_property
     def maps(self) -> StripeMaps:
@@ -69,6 +82,6 @@ class PictureStripes:
         """The likeliest cameras of a field; `are_cut_out` as in `rank_cameras`."""
         if (court, are_cut_out) not in self._ranked:
             straight = self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
-            ranked = rank_cameras(self.lines, straight, court, self.bend, are_cut_out=are_cut_out)
+            ranked = rank_cameras((self.lines, self.ellipses), straight, court, self.bend, are_cut_out=are_cut_out)
             self._ranked[court, are_cut_out] = ranked
         return self._ranked[court, are_cut_out]
