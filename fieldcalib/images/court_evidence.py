@@ -21,11 +21,12 @@ MARGIN = 0.02  # of the half extent: markings at the border of the field belong 
 # Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
 # frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
 # rinks and soccer under other fields.
-COEFFICIENTS = np.array([-4.27, 1.71, 9.59, -8.25, 0.64, 1.81, -0.69, -0.92, -4.25])
-# Of an accepted camera. With the coefficients of all other files of evidence 256 of the 285 best cameras that are right
-# are accepted, and one of the 320 wrong ones, which projects the markings in view onto their paint.
+COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.71])
+# Of an accepted camera. With the coefficients of all other files of evidence 255 of the 286 best cameras that are right
+# are accepted, and one of the 319 wrong ones, which projects the markings in view onto their paint.
 LEAST_PROBABILITY = 0.8
 LEAST_SCORE = 250.0  # three lines fit many cameras: with a lower one the markings in view must show their paint
+UNKNOWN = 0.5  # share of painted markings where the paint of none should be visible
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
 MOST_RIVAL = 1.3  # of the runner-up
 MOST_OFF = 3  # markings off their paint: more tell no more
@@ -52,7 +53,8 @@ class CourtEvidence:
     confirmed: int
     """Number of markings that show paint nearly everywhere, at enough places."""
     painted: float
-    """Share of the markings in view whose paint should be visible that show it nearly everywhere."""
+    """Share of the markings in view whose paint should be visible that show it nearly everywhere; `UNKNOWN` if there
+    are none, since far lines of large fields are thin."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
     misfit: float

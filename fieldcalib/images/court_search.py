@@ -33,6 +33,7 @@ from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_evidence import (
     LEAST_PROBABILITY,
+    UNKNOWN,
     CourtEvidence,
     Picture,
     lying_on,
@@ -253,7 +254,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
         confirmed=sum(one.is_confirmed for one in markings),
-        painted=sum(one.is_painted for one in expected) / max(len(expected), 1),
+        painted=float(np.mean([one.is_painted for one in expected])) if expected else UNKNOWN,
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
         is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
