@@ -25,13 +25,13 @@ from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.whole_picture import CUT, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
+from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
 from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE, SEVERAL_VIEWS, IN_WINDOW])
+NOT_WHOLE_FRAMES = frozenset([CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW])
 
 
 @dataclass(frozen=True, eq=False)
