@@ -31,7 +31,7 @@ from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.probability import largest_true_error
 from data_tools.truth import UNIT, points_in_view
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import CUT, IN_WINDOW, SEVERAL_VIEWS, SHAPE
+from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
@@ -210,7 +210,7 @@ def counts(found: Iterable[Calibration], shown: Iterable[Shown]) -> dict[str, in
         total["accepted"] += one.accepted
         total["good"] += good
         total["good and wrong"] += good and is_wrong(one.required_camera, picture)
-        total["complain"] += any(word in one.reason for word in (CUT, SHAPE, SEVERAL_VIEWS, IN_WINDOW))
+        total["complain"] += any(word in one.reason for word in (CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW))
     return total
 
 

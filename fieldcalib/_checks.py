@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from reprlib import repr as short
 from typing import Any
 
@@ -39,13 +42,15 @@ def real_array(values: Any) -> Array:
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a real number.
+    """Whether a value is a real number, of the range of floats.
 
     Examples
     --------
     >>> is_number(1.5), is_number(np.float32(1.0)), is_number("1"), is_number(True)
     (True, True, False, False)
     """
+    if isinstance(value, int) and not -sys.float_info.max <= value <= sys.float_info.max:
+        return False
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
@@ -64,6 +69,86 @@ def number(value: Any, name: str) -> Any:
     return value
 
 
+def positive(value: Any, name: str) -> Any:
+    """The value if it is a positive, finite number; a ValueError that begins with its name if it is none.
+
+    Examples
+    --------
+    >>> positive(-1.0, "radius")
+    Traceback (most recent call last):
+        ...
+    ValueError: radius must be a positive number, got -1.0
+    """
+    if not (is_number(value) and 0.0 < value < np.inf):
+        raise ValueError(f"{name} must be a positive number, got {short(value)}")
+    return value
+
+
+def whole_number(value: Any, name: str, least: int = 0) -> int:
+    """The value as an int if it is a whole number from `least`; a ValueError that begins with its name if it is none.
+
+    Examples
+    --------
+    >>> whole_number(2.0, "count"), whole_number(np.int64(3), "count")
+    (2, 3)
+    >>> whole_number(1.5, "count")
+    Traceback (most recent call last):
+        ...
+    ValueError: count must be a whole number from 0, got 1.5
+    """
+    if not (is_number(value) and least <= value < np.inf and value == int(value)):
+        raise ValueError(f"{name} must be a whole number from {least}, got {short(value)}")
+    return int(value)
+
+
+def one_of(value: Any, choices: Iterable[str], name: str) -> Any:
+    """The value if it is one of some texts; a ValueError that begins with its name and lists them if it is none.
+
+    Examples
+    --------
+    >>> one_of("nearest", ("linear", "cubic"), "interpolation")
+    Traceback (most recent call last):
+        ...
+    ValueError: interpolation must be one of linear, cubic, got 'nearest'
+    """
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {short(value)}")
+    return value
+
+
+def truth(value: Any, name: str) -> bool:
+    """The value if it is True or False; a ValueError that begins with its name if it is neither.
+
+    Examples
+    --------
+    >>> truth([], "ordered")
+    Traceback (most recent call last):
+        ...
+    ValueError: ordered must be True or False, got a list
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True or False, got {named(value)}")
+    return bool(value)
+
+
+def file_path(value: Any, what: str) -> Path:
+    """A path if the value is one, or the text of one; a ValueError that says what it should lead to if not.
+
+    Examples
+    --------
+    >>> file_path(3, "a folder of results")
+    Traceback (most recent call last):
+        ...
+    ValueError: expected the path of a folder of results, got an int
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise ValueError(f"expected the path of {what}, got {named(value)}")
+    path = Path(value)
+    if "\0" in str(path):
+        raise ValueError(f"expected the path of {what}, got one with a null character, {str(path)!r}")
+    return path
+
+
 def listed(values: Any, what: str) -> Any:
     """The values if they can be counted and gone through in order; a ValueError that says what they should be if not.
 
@@ -74,9 +159,27 @@ def listed(values: Any, what: str) -> Any:
         ...
     ValueError: expected pictures, a list, got an int
     """
-    if not (isinstance(values, Iterable) and hasattr(values, "__len__")) or isinstance(values, str | bytes | Mapping):
+    is_array = isinstance(values, np.ndarray) and values.ndim > 0
+    is_list = isinstance(values, Iterable) and hasattr(values, "__len__") and not isinstance(values, np.ndarray)
+    if not (is_array or is_list) or isinstance(values, str | bytes | Mapping):
         raise ValueError(f"expected {what}, a list, got {named(values)}")
     return values
+
+
+def several(values: Any, what: str) -> list[Any]:
+    """The values of an iterable; a ValueError that says what they should be if they are none.
+
+    Examples
+    --------
+    >>> several("ab", "frames")
+    Traceback (most recent call last):
+        ...
+    ValueError: expected frames, a list or an iterator, got a str
+    """
+    is_scalar = isinstance(values, np.ndarray) and not values.ndim
+    if is_scalar or isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise ValueError(f"expected {what}, a list or an iterator, got {named(values)}")
+    return list(values)
 
 
 def named(value: object) -> str:

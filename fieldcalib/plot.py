@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import CAMERA, FIELD, expect, listed, named, real_array
 from fieldcalib._extras import imported
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import GroundError
@@ -54,6 +55,7 @@ def soccer_pitch(field: Field, **options: Any) -> Any:
     >>> [round(float(limit)) for limit in (*ax.get_xlim(), *ax.get_ylim())]
     [-56, 56, -38, 38]
     """
+    expect(field, Field, FIELD)
     mplsoccer: Any = imported("mplsoccer", "plot", "fieldcalib.plot")
     return mplsoccer.Pitch("skillcorner", pitch_length=field.length, pitch_width=field.width, **options)
 
@@ -71,7 +73,7 @@ def on_pitch(X: ArrayLike) -> tuple[Array, Array]:
     >>> on_pitch([[10.0, 5.0]])
     (array([10.]), array([-5.]))
     """
-    points = np.asarray(X, dtype=float)
+    points = real_array(X)
     if points.ndim == 0 or points.shape[-1] not in (2, 3):
         raise ValueError(f"expected field points of shape (..., 2) or (..., 3), got {points.shape}")
     return points[..., 0], -points[..., 1]
@@ -95,7 +97,7 @@ def draw_players(pitch: Any, ax: Axes, X: ArrayLike, **options: Any) -> PathColl
     ValueError
         If the pitch is of another type, or the points have another shape.
     """
-    _check(pitch)
+    _check(pitch, ax)
     x, y = on_pitch(X)
     drawn: PathCollection = pitch.scatter(x, y, ax=ax, **{"s": 60, "edgecolors": "black", "zorder": 4, **options})
     return drawn
@@ -118,9 +120,9 @@ def draw_trails(pitch: Any, ax: Axes, trails: Sequence[ArrayLike], **options: An
     ValueError
         As `draw_players`.
     """
-    _check(pitch)
+    _check(pitch, ax)
     drawn: list[Line2D] = []
-    for trail in trails:
+    for trail in listed(trails, "trails of points"):
         x, y = on_pitch(trail)
         drawn += pitch.plot(x, y, ax=ax, **{"linewidth": 1.5, "alpha": 0.7, "zorder": 3, **options})
     return drawn
@@ -145,12 +147,15 @@ def draw_errors(pitch: Any, ax: Axes, X: ArrayLike, covariance: ArrayLike, level
     ValueError
         If the pitch is of another type or vertical, or an array has another shape.
     """
-    _check(pitch)
+    _check(pitch, ax)
     if pitch.vertical:
         raise ValueError("expected a Pitch whose x is horizontal, got a VerticalPitch")
     ellipses: Any = imported("matplotlib.collections", "plot", "fieldcalib.plot")
     x, y = on_pitch(X)
-    axes, angles = GroundError(np.asarray(covariance, dtype=float), np.inf).ellipse(level)
+    covariances = real_array(covariance)
+    if covariances.shape != (*x.shape, 2, 2):
+        raise ValueError(f"expected a covariance of each point, {(*x.shape, 2, 2)}, got shape {covariances.shape}")
+    axes, angles = GroundError(covariances, np.inf).ellipse(level)
     drawn: EllipseCollection = ellipses.EllipseCollection(
         2.0 * axes[:, 0],
         2.0 * axes[:, 1],
@@ -184,7 +189,7 @@ def draw_visible_area(pitch: Any, ax: Axes, camera: Camera, **options: Any) -> P
     ValueError
         If the pitch is of another type, or the camera sees no ground.
     """
-    _check(pitch)
+    _check(pitch, ax)
     outline = visible_ground(camera)
     drawn: Polygon
     (drawn,) = pitch.polygon(
@@ -210,6 +215,7 @@ def visible_ground(camera: Camera) -> Array:
     """
     import cv2
 
+    expect(camera, Camera, CAMERA)
     columns, rows = (np.arange(side + 1) - 0.5 for side in camera.image_size)
     across, down = (np.repeat(along[[0, -1]], len(other)) for along, other in ((columns, rows), (rows, columns)))
     border = np.column_stack([np.append(across, np.tile(columns, 2)), np.append(np.tile(rows, 2), down)])
@@ -220,8 +226,10 @@ def visible_ground(camera: Camera) -> Array:
     return np.asarray(cv2.convexHull(X.astype(np.float32))[:, 0], dtype=float)
 
 
-def _check(pitch: Any) -> None:
-    """Raise a ValueError unless a pitch has the coordinates of `on_pitch`."""
+def _check(pitch: Any, ax: Any) -> None:
+    """Raise a ValueError unless a pitch has the coordinates of `on_pitch`, and axes are some."""
+    if not hasattr(ax, "transData"):
+        raise ValueError(f"expected the axes of a drawing, as pitch.draw() makes them, got {named(ax)}")
     kind = getattr(pitch, "pitch_type", type(pitch).__name__)
     if kind not in PITCH_TYPES:
         raise ValueError(

@@ -209,6 +209,29 @@ def test_a_request_to_end_tidies_up(annotated_folder, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+INTERRUPTED_FINALIZER = """
+import os, signal, time, fieldcalib.run_folder.units as units
+signal.signal(signal.SIGINT, signal.default_int_handler)
+class Interrupting:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{signal})
+def work(*arguments):
+    Interrupting()
+    for _ in range(1000):
+        time.sleep(0.01)
+units.work = work
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+@pytest.mark.parametrize(("number", "code", "word"), [("SIGINT", 130, "interrupted"), ("SIGTERM", 143, "terminated")])
+def test_an_interrupt_of_a_finalizer_is_not_lost(annotated_folder, tmp_path, number, code, word):
+    """Python prints what a finalizer raises, and goes on."""
+    program = INTERRUPTED_FINALIZER.format(signal=number)
+    done = in_a_process(program, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (code, f"fieldcalib: {word}, nothing more is written\n")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_an_interrupt_that_is_ignored_stays_so():
     """As for a job in the background of a shell."""

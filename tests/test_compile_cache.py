@@ -2,6 +2,7 @@
 
 import importlib.util
 import logging
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,19 @@ from numba.core import caching
 caching.CacheImpl._locator_classes = caching.CompileResultCacheImpl._locator_classes = []
 from fieldcalib.problem.compilation import compiled_module
 print(compiled_module(), compiled_module())
+"""
+INTERRUPTED = """
+import os, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from numba.core.codegen import JITCodeLibrary
+load, signals = JITCodeLibrary._object_getbuffer_hook, [signal.SIGINT]
+def interrupted(*arguments):
+    if signals:
+        os.kill(os.getpid(), signals.pop())
+    return load(*arguments)
+JITCodeLibrary._object_getbuffer_hook = interrupted
+from fieldcalib.cli.main import main
+raise SystemExit(main())
 """
 
 
@@ -63,3 +77,18 @@ def test_without_a_folder_numpy_solves():
     assert done.stdout == "None None\n"
     assert len(done.stderr.splitlines()) == 1
     assert "NUMBA_CACHE_DIR names one" in done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_an_interrupt_while_llvm_calls_back_is_not_lost(annotated_folder, tmp_path):
+    """Python prints what such a function raises, and goes on."""
+    command = ["calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", tmp_path / "out"]
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, *map(str, command)],
+        capture_output=True,
+        text=True,
+        cwd=Path(fieldcalib.__file__).parents[1],
+    )
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr.splitlines()[-1] == "fieldcalib: interrupted, nothing more is written"
+    assert "Traceback" not in done.stderr

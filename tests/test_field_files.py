@@ -127,7 +127,7 @@ def test_a_court_of_ones_own(tmp_path):
         ("dashes: [0.5, 0.25]", "dashes: [0.0, 0.25]", "paint: Middle line: expected the length of dashes"),
         ("width: 0.1", "width: -0.1", "paint: Middle line: expected finite numbers"),
         ("Logo: {width", "Loggia: {width", "paint: 'Loggia' is none of the segments"),
-        ("surface: wood", "surface: parquet", "expected a surface among grass, turf, ice"),
+        ("surface: wood", "surface: parquet", "surface must be one of grass, turf, ice"),
         ("length: 28.0", "length: [28.0", "is no YAML"),
     ],
 )

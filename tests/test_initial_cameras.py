@@ -1,5 +1,7 @@
 """Starting cameras."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
@@ -73,6 +75,19 @@ def test_dlt_needs_four_lines_on_the_ground():
     posts = observe({label: s for label, s in FIELD.markings.items() if label not in GROUND}, camera)
     _, found = camera_from_lines(pack(FIELD, [seen, four, {**three, **posts}], SIZE), nothing_known())
     assert found.tolist() == [True, True, False]
+
+
+def test_memory_does_not_grow_with_the_square_of_the_number_of_lines(monkeypatch):
+    rng = np.random.default_rng(0)
+    lines = {f"{k}": Line((*rng.uniform(-40, 40, 2), 0.0), (*rng.uniform(-40, 40, 2), 0.0)) for k in range(1000)}
+    observations = pack(lines, [{label: rng.uniform(0.0, 500.0, (4, 2)) for label in lines}], SIZE)
+    tracemalloc.start()
+    H, _ = ground_homographies(observations, np.array(SIZE) / 2.0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100e6  # 196 MB with all lines at a time
+    monkeypatch.setattr("fieldcalib.solve.initial_cameras.MOST_MEMBERS", 10**9)
+    assert np.array_equal(ground_homographies(observations, np.array(SIZE) / 2.0)[0], H)
 
 
 def test_ground_homographies_map_metres_to_pixels():

@@ -412,7 +412,7 @@ def test_a_provider_that_is_not_there(tmp_path):
 
 
 def test_threads(tmp_path):
-    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="threads must be a whole number from 1, got 0"):
         SegmentationNetwork.load(write_network(tmp_path), threads=0)
 
 

@@ -482,7 +482,7 @@ def test_images_and_frames_may_be_generated(batch):
         with pytest.raises(ValueError, match="expected a list of images, got"):
             calibrate_from_images(soccer(), images, Blind())
     for frames in ("frames", 3, None):
-        with pytest.raises(ValueError, match="expected a sequence of mappings of labels"):
+        with pytest.raises(ValueError, match="expected mappings of labels"):
             calibrate_batch(soccer(), frames, SIZE)
 
 

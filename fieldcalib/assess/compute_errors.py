@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fieldcalib._checks import expect, listed
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 
@@ -30,6 +31,8 @@ def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     ['good', 'good']
     """
     groups: dict[tuple[int, int], list[Solved]] = {}
+    for one in listed(calibrations, "calibrations"):
+        expect(one, Calibration, "fieldcalib.calibrate_from_segments(...)")
     fields = {id(one.field): one.field for one in calibrations}
     for one in calibrations:
         if one.solved is not None and not one.has_errors:

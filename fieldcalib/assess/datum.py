@@ -117,7 +117,7 @@ def relative_to_markings(
 
 def checked(relative_to: RelativeTo) -> RelativeTo:
     """Return `relative_to`, or raise a ValueError if it is neither of the two."""
-    if relative_to not in (MARKINGS_IN_VIEW, CENTRE_MARK):
+    if not isinstance(relative_to, str) or relative_to not in (MARKINGS_IN_VIEW, CENTRE_MARK):
         raise ValueError(f"relative_to must be {MARKINGS_IN_VIEW!r} or {CENTRE_MARK!r}, got {relative_to!r}")
     return relative_to
 

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked, in_words
 from fieldcalib.assess.ground import ground_derivatives
@@ -204,7 +205,7 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
     """
     from scipy.special import fdtri  # a slow import
 
-    if not 0.0 < level < 1.0:
+    if not (is_number(level) and 0.0 < level < 1.0):
         raise ValueError(f"level must be a probability between 0 and 1, got {level}")
     return float(np.sqrt(dimensions * fdtri(dimensions, min(dof, NORMAL), level)))
 

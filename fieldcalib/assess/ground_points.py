@@ -13,6 +13,7 @@ from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
+MOST_NOISE = 1e6  # px
 STEP = 0.01  # px, of central differences: their relative error is the square of STEP / distance to the horizon
 
 
@@ -85,8 +86,8 @@ def locate_on_ground(
         )
         raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
     camera = calibration.required_camera
-    if not (is_number(pixel_sd) and pixel_sd >= 0.0):
-        raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
+    if not (is_number(pixel_sd) and 0.0 <= pixel_sd <= MOST_NOISE):
+        raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 to {MOST_NOISE:g}, got {pixel_sd}")
     X = camera.image_to_field(xy)
     if calibration.knows_errors:
         # at ground points, not at pixels: pixels of a squashed or cropped picture are not pixels of its frame

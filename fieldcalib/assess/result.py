@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, is_number, listed
+from fieldcalib._checks import expect, is_number, listed, number, truth
 from fieldcalib._deprecated import deprecated
 from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
@@ -25,13 +25,13 @@ from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.whole_picture import CUT, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
+from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
 from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE, SEVERAL_VIEWS, IN_WINDOW])
+NOT_WHOLE_FRAMES = frozenset([CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         for name in ("per_segment_errors", "pixel_counts"):
-            object.__setattr__(self, name, ReadOnlyDict(getattr(self, name)))
+            object.__setattr__(self, name, ReadOnlyDict(expect(getattr(self, name), Mapping, "{label: number}")))
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -308,6 +308,8 @@ class Calibration:
         """
         if metres is not None and not (is_number(metres) and metres > 0.0):
             raise ValueError(f"metres must be a positive number, got {metres!r}")
+        metres = None if metres is None else float(metres)
+        size_known, level = truth(size_known, "size_known"), truth(level, "level")
         if self.camera is None or not self.knows_errors:
             return 0.0 if self.camera is None else float("nan")
         if self.field is None:
@@ -444,6 +446,7 @@ def doubted(
     >>> doubted(nothing, 0.5) is nothing
     True
     """
+    number(least, "least")
     if not calibration.knows_errors or calibration.status is Status.REJECTED:
         return calibration
     probability = calibration.probability(metres, size_known=size_known)

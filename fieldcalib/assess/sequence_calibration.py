@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
+from reprlib import repr as short
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from fieldcalib._checks import expect
+from fieldcalib._checks import expect, whole_number
 from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
@@ -150,13 +151,18 @@ class SequenceCalibration(FrameSequence):
         run : (T,) int array
             Number of the run of each frame; frames of a run are consecutive in time.
         """
+        runs = np.asarray(run)
+        if runs.shape != (len(self),) or runs.dtype.kind not in "iu":
+            raise ValueError(f"run must have a whole number for each of {len(self)} frames, got {short(run)}")
+        longest = whole_number(longest, "longest")
         if self.layout is None:
             return self
-        frames = interpolated(self.frames, run, longest, Considered(self.layout, self.considered), self.field)
+        frames = interpolated(self.frames, runs, longest, Considered(self.layout, self.considered), self.field)
         return self if frames is self.frames else replace(self, frames=frames)
 
     def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
         """Replace messages about frames by a mapping from old to new messages."""
+        expect(others, Mapping, '{"old": "new"}')
         notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
         return replace(self, frames=replace(self.frames, notes=notes))
 
@@ -170,6 +176,8 @@ class SequenceCalibration(FrameSequence):
         frames = self.frames
         status, notes = frames.status.copy(), dict(frames.notes)
         for t, seen in expect(markings, Mapping, "{0: calibration.markings}").items():
+            if whole_number(t, "the number of a frame") >= len(self):
+                raise ValueError(f"expected the number of a frame from 0 to {len(self) - 1}, got {t}")
             if self.accepted[t] and paint_contradicts(seen):
                 status[t] = IMPROBABLE
                 words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
+from fieldcalib._checks import expect, listed
 from fieldcalib._extras import imported
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import Codec, FrameSequence
@@ -89,6 +90,8 @@ class VideoCalibration(FrameSequence):
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
         """Join the calibrations of parts of a video, one after the other."""
+        for part in listed(parts, "the calibrations of parts"):
+            expect(part, VideoCalibration, "fieldcalib.calibrate_video(...)")
         tripods = [tripod for part in parts for tripod in part.tripods]
         order = sorted(range(len(tripods)), key=lambda index: -len(tripods[index]))
         place = {index: k for k, index in enumerate(order)} | {NO_TRIPOD: NO_TRIPOD}

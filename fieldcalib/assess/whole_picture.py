@@ -45,6 +45,7 @@ SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
 CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part it is"
+ENLARGED = "the picture may be an enlarged part of a frame, and its lines do not show the middle: say which part it is"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out"
 
 SEVERAL_VIEWS = "the picture shows several views side by side, and the camera is of one of them: cut that one out"

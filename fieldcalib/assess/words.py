@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
+from fieldcalib._checks import expect
 from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LOOK, PICTURE
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
@@ -89,7 +90,7 @@ class NoCameraError(ValueError):
     """Error on using the camera of a calibration without one: it has the reason, and advice."""
 
     def __init__(self, status: Status, message: str) -> None:
-        super().__init__(status, message)
+        super().__init__(expect(status, Status, "Status.DEGENERATE"), message)
         self.status, self.reason, self.remedy = status, message, REMEDIES.get(status, "")
 
     def __str__(self) -> str:

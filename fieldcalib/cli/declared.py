@@ -88,6 +88,12 @@ class DeclaredPictures:
         return self.aspect == ESTIMATED and nothing
 
     @property
+    def may_be_enlarged(self) -> bool:
+        """Whether pictures may be enlarged parts of frames: not if they are placed in one, or resized."""
+        placed = self.display_size is not None or self.crop_of is not None or self.intrinsics is not None
+        return not placed and isinstance(self.aspect, str)
+
+    @property
     def declared(self) -> Declared:
         """Whether the frame, its pixels or nothing is declared."""
         if self.crop_of is not None:

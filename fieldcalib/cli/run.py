@@ -253,7 +253,13 @@ class ImageCalibrator:
 
         def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
             return calibrate_from_images(
-                field, some, self.network, refine=options.refine, place=self.place, **options.keywords(size)
+                field,
+                some,
+                self.network,
+                refine=options.refine,
+                may_be_enlarged=options.pictures.may_be_enlarged,
+                place=self.place,
+                **options.keywords(size),
             )
 
         # known intrinsics are of one size, nothing else depends on it

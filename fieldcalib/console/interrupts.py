@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+# Functions whose exceptions Python prints and forgets: finalizers, and those of llvmlite that LLVM calls while Numba
+# loads or compiles a function. LLVM takes seconds, after which a signal is handled in the first function called.
+LOSING = ("__del__", "_raw_object_cache_notify", "_raw_object_cache_getbuffer")
+SOON = 0.01  # s
 
 
 class Terminated(KeyboardInterrupt):
@@ -13,24 +21,42 @@ class Terminated(KeyboardInterrupt):
 
 
 @contextmanager
-def requests_to_end_interrupt() -> Iterator[None]:
-    """Let SIGTERM raise `Terminated`, so that everything is cleaned up as after Ctrl-C.
+def interrupts_reach_the_work() -> Iterator[None]:
+    """Let SIGTERM raise `Terminated`, so that everything is cleaned up as after Ctrl-C, and neither of both be lost.
 
-    Nothing changes where it is ignored or handled by other code, or in another thread than the main one.
+    Nothing changes where they are ignored or handled by other code, or in another thread than the main one.
     """
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, _terminate)
+    before: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    changed = [number for number, handler in before.items() if _is_handled_by(number, handler)]
+    for number in changed:
+        signal.signal(number, _interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in changed:
+            signal.signal(number, before[number])
 
 
-def _terminate(*_: object) -> None:
-    raise Terminated
+def _is_handled_by(number: signal.Signals, *handlers: object) -> bool:
+    is_main = threading.current_thread() is threading.main_thread()
+    return is_main and signal.getsignal(number) in handlers
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise what a signal stands for; a little later where it would be lost."""
+    while frame is not None:
+        if frame.f_code.co_name in LOSING:
+            threading.Timer(SOON, _send, [number]).start()
+            return
+        frame = frame.f_back
+    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+
+
+def _send(number: int) -> None:
+    if os.name == "posix":
+        os.kill(os.getpid(), number)  # wakes the main thread
+    else:
+        signal.raise_signal(number)
 
 
 @contextmanager
@@ -39,16 +65,14 @@ def interrupts_end_the_process() -> Iterator[None]:
 
     Nothing changes where interrupts are ignored or handled by other code, or in another thread than the main one.
     """
-    own: dict[signal.Signals, Callable[..., object]] = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGTERM: _terminate,
+    own = (signal.default_int_handler, _interrupt)
+    before = {
+        number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM) if _is_handled_by(number, *own)
     }
-    is_main = threading.current_thread() is threading.main_thread()
-    changed = [number for number, handler in own.items() if is_main and signal.getsignal(number) is handler]
-    for number in changed:
+    for number in before:
         signal.signal(number, signal.SIG_DFL)
     try:
         yield
     finally:
-        for number in changed:
-            signal.signal(number, own[number])
+        for number, handler in before.items():
+            signal.signal(number, handler)

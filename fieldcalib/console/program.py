@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from fieldcalib.console.interrupts import Terminated, requests_to_end_interrupt
+from fieldcalib.console.interrupts import Terminated, interrupts_reach_the_work
 from fieldcalib.processes.streams import open_closed_streams
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def exit_code(work: Callable[[], int]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
     try:
-        with requests_to_end_interrupt(), log_on_stderr():
+        with interrupts_reach_the_work(), log_on_stderr():
             code = int(work())
         sys.stdout.flush()
         return code

@@ -86,6 +86,8 @@ class _Told:
     def __init__(
         self, function: Callable[[int, int | None, str], object], total: int | None, initial: int, stage: str
     ) -> None:
+        if not callable(function):
+            raise ValueError(f"progress must be True, False or a function, got {function!r}")
         self._function, self._total, self._stage, self._done = function, total, stage, initial
         self.update(0)
 

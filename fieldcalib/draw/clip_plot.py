@@ -15,6 +15,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, draw_text, fixed_point, text_size
+from fieldcalib.draw.sheet import checked_calibrations
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
@@ -146,12 +147,13 @@ def _statuses(calibrations: Sequence[Calibration | None], rests_on: Sequence[str
     """A key of `STRIP_COLOURS` for each frame."""
     if rests_on is None and isinstance(calibrations, SequenceCalibration | VideoCalibration):
         rests_on = calibrations.basis
-    rests_on = [None] * len(calibrations) if rests_on is None else rests_on
+    checked_calibrations(calibrations)
+    rests_on = [None] * len(calibrations) if rests_on is None else listed(rests_on, "rests_on of each frame")
     if len(rests_on) != len(calibrations):
         raise ValueError(f"rests_on must be of {len(calibrations)} frames as the calibrations, got {len(rests_on)}")
     found = []
     for calibration, basis in zip(calibrations, rests_on, strict=True):
-        if basis and basis not in RESTS_ON:
+        if basis is not None and not (isinstance(basis, str) and basis in ("", *RESTS_ON)):
             raise ValueError(f"rests_on must be one of {', '.join(RESTS_ON)}, or None, got {basis!r}")
         if calibration is None or calibration.camera is None:
             found.append(NONE)

@@ -6,12 +6,13 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 from __future__ import annotations
 
 from collections.abc import Mapping
+from reprlib import repr as short
 from types import MappingProxyType
 from zlib import crc32
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, expect, listed, number, real_array
+from fieldcalib._checks import CAMERA, expect, listed, positive, real_array, truth
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
@@ -104,9 +105,11 @@ def draw_field(
     picture = np.array(checked_image(image, expect(camera, (Camera, RationalCamera), CAMERA).image_size), order="C")
     check_object(object_segments)
     expect(colours, Mapping, '{"Middle line": (0, 0, 255)}')
+    truth(dashed, "dashed")
     if not isinstance(thickness, int | np.integer) or not 1 <= thickness <= THICKEST:
         raise ValueError(f"thickness must be a whole number of pixels, 1 to {THICKEST}, got {thickness!r}")
-    listed(colour, "a colour (blue, green, red)")
+    if len(listed(colour, "a colour (blue, green, red)")) != 3:
+        raise ValueError(f"expected a colour (blue, green, red), got {short(colour)}")
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label
@@ -121,7 +124,11 @@ def draw_field(
             for xy in camera.project(segment.sample()):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
-            parts = [part for curve in curves for part in dashes(curve, DASH * thickness)] if dashed else curves
+            parts = (
+                [part for curve in curves for part in dashes(curve, DASH * thickness)]
+                if truth(dashed, "dashed")
+                else curves
+            )
             cv2.polylines(picture, [fixed_point(part) for part in parts], False, shade, thickness, cv2.LINE_AA, SHIFT)
     return picture
 
@@ -159,7 +166,8 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
     True
     """
     picture = np.array(checked_image(image), order="C")
-    number(radius, "radius")
+    if positive(radius, "radius") > THICKEST:
+        raise ValueError(f"radius must be at most {THICKEST} pixels, got {radius}")
     pixels = {}
     for label, values in expect(image_segments, Mapping, '{"Middle line": [(480, 100), (490, 400)]}').items():
         xy = real_array(values)
@@ -170,7 +178,7 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
         for pixel in xy:
             draw_dot(picture, pixel, radius + max(1.0, 0.3 * radius), DARK)
             draw_dot(picture, pixel, radius, label_colour(label))
-    if names:
+    if truth(names, "names"):
         _write_names(picture, pixels, radius)
     return picture
 
@@ -220,6 +228,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     False
     """
     expect(calibration, Calibration, "that of calibrate_from_segments")
+    truth(show_paint, "show_paint")
     check_object(field)
     height, camera, accepted = checked_image(image).shape[0], calibration.camera, calibration.accepted
     if camera is None:
@@ -228,7 +237,12 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
         colours = {one.label: ORANGE if one.is_beside else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
-            image, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
+            image,
+            camera,
+            field,
+            thickness=thickness,
+            dashed=not accepted,
+            colours=colours if show_paint else {},
         )
         if accepted:
             inset_map(picture, camera, field)

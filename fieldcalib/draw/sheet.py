@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fieldcalib._checks import listed, number
+from fieldcalib._checks import expect, listed, whole_number
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import Colour, draw_text, text_size
 from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.images import LONGEST_SIDE
 
 BACKGROUND: Colour = (30, 27, 25)
 CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # scales of OpenCV's font
@@ -62,9 +63,12 @@ def contact_sheet(
 
     if not len(listed(pictures, "pictures")) or len(pictures) != len(listed(captions, "captions")):
         raise ValueError(f"expected pictures with a caption each, got {len(pictures)} and {len(captions)} captions")
-    if number(columns, "columns") < 1 or number(width, "width") < 1:
-        raise ValueError(f"columns and width must be positive, got {columns} and {width}")
-    columns = min(columns, len(pictures))
+    for text in (title, legend, *captions):
+        expect(text, str, '"00:12"')
+    columns = min(whole_number(columns, "columns", 1), len(pictures))
+    if whole_number(width, "width", 1) * columns > LONGEST_SIDE:
+        raise ValueError(f"expected a sheet at most {LONGEST_SIDE} pixels wide, got {columns} columns of {width}")
+    width = int(width)
     first = checked_image(pictures[0])
     height = max(round(width * first.shape[0] / first.shape[1]), 1)
     top = GAP + TITLE_HEIGHT * bool(title) + LEGEND_HEIGHT * bool(legend)
@@ -120,9 +124,8 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
     >>> worst_frames([nothing] * 100, 5)
     [0, 64, 32, 96, 16]
     """
-    listed(calibrations, "calibrations")
-    if number(count, "count") < 0:
-        raise ValueError(f"count must not be negative, got {count}")
+    checked_calibrations(calibrations)
+    count = whole_number(count, "count")
     bits = len(calibrations).bit_length()
     order = sorted(range(len(calibrations)), key=lambda index: f"{index:0{bits}b}"[::-1])  # by halves, quarters, ...
     left = sorted(order, key=lambda index: _rank(calibrations[index]))
@@ -136,6 +139,13 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
         left = [index for index in left if index not in chosen]
         apart //= 2
     return chosen
+
+
+def checked_calibrations(calibrations: Sequence[Calibration | None]) -> None:
+    """Raise a ValueError unless these are calibrations, some of which may be None."""
+    for calibration in listed(calibrations, "calibrations"):
+        if calibration is not None:
+            expect(calibration, Calibration, "fieldcalib.calibrate_from_segments(...)")
 
 
 def _rank(calibration: Calibration | None) -> tuple[int, float, float]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, FIELD, expect, is_number
+from fieldcalib._checks import CAMERA, FIELD, expect, is_number, named, several
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
@@ -157,7 +157,10 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
     (True, True)
     """
     pictures, masks = [], []
-    for image, camera in views:
+    for view in several(views, "pictures with their cameras"):
+        if not (isinstance(view, tuple | list) and len(view) == 2):
+            raise ValueError(f"expected pairs (picture, camera), got {named(view)}")
+        image, camera = view
         picture, seen = top_view(image, camera, overhead)
         pictures.append(picture)
         masks.append(seen)

@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
 from threading import RLock, Thread
 from typing import Self
 
+from fieldcalib._checks import expect, file_path, whole_number
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.words import Status
@@ -103,7 +103,7 @@ class Editor:
         """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
         self._before_keep: BeforeKeep | None = None
-        given = GivenLabels() if labels is None else given_labels(Path(labels), self.frames, self.field)
+        given = GivenLabels() if labels is None else given_labels(file_path(labels, "labels"), self.frames, self.field)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
         self._has_noted_format = self.label_format == replayed.format
@@ -204,7 +204,7 @@ class Editor:
 
     def revision(self, number: int) -> int:
         """How often a frame was changed."""
-        state = self._states.get(number)
+        state = self._states.get(self.frames.number(number))
         return 0 if state is None else state.edits.revision
 
     def __getitem__(self, number: int) -> FrameEditor:
@@ -279,7 +279,7 @@ class Editor:
 
     def is_to_search(self, number: int) -> bool:
         """Whether the court is still to be searched for in a frame that was looked at, see `search`."""
-        state = self._states.get(number)
+        state = self._states.get(self.frames.number(number))
         return state is not None and state.base is not None and is_to_search(state.base)
 
     def search(self, number: int) -> bool:
@@ -365,9 +365,10 @@ class Editor:
         OSError
             If the journal cannot be written; then nothing is changed.
         """
+        expect(changed, FrameEditor, "editor[0].mark(...)")
         with self.lock:
-            state = self._states[number]
-            if revision is not None and revision != state.edits.revision:
+            state = self._state(number, self.frames.image(number))
+            if revision is not None and whole_number(revision, "revision") != state.edits.revision:
                 raise StaleEdit(
                     f"frame {self.ids[number]} was changed meanwhile: it has revision {state.edits.revision}, the "
                     f"change is of revision {revision}; load it again"

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from fieldcalib._checks import expect, file_path, listed
 from fieldcalib.editor.stored import Stored, source_of
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
@@ -21,7 +22,7 @@ def places_of(
     source: str | os.PathLike[str] | Sequence[Image], out: str | os.PathLike[str] | None
 ) -> tuple[list[Path] | None, Path | None]:
     """The paths of the pictures or of the video, None for arrays; and the folder of results, if there is one."""
-    folder = None if out is None else Path(out)
+    folder = None if out is None else file_path(out, "a folder of results")
     if not isinstance(source, str | os.PathLike):
         return None, folder
     path = Path(source)
@@ -35,8 +36,7 @@ def places_of(
 def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -> NumberedFrames:
     """The frames of arrays, of files, or of a video, of which a run may have a part."""
     if paths is None:
-        assert isinstance(source, Sequence)
-        return NumberedArrays([checked_image(image) for image in source])
+        return NumberedArrays([checked_image(image) for image in listed(source, "a path or pictures")])
     if VIDEOS.recognises(paths[0]):
         of_run = stored is not None and not stored.is_begun_here  # a run may be of a part of the video
         numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None and of_run else []
@@ -52,6 +52,8 @@ def field_of(field: Field | str | None, stored: Stored | None) -> tuple[Field, s
     """The field, and what it is called."""
     if isinstance(field, Field):
         return field, "field"
+    if field is not None:
+        expect(field, str, '"soccer"')
     record = None if stored is None or field is not None else stored.record
     name = field or (record is not None and record.options.get("field")) or "soccer"
     if name in FIELDS or not is_field_file(name):

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._checks import expect, is_number, listed, number
+from fieldcalib._checks import CAMERA, expect, is_number, listed, number, one_of, truth
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -118,7 +118,7 @@ class Field(Mapping[str, Segment]):
 
     def __post_init__(self) -> None:
         self._check_types()
-        scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
+        scale = SCALE * float(np.hypot(self.length, self.width)) if math.isnan(self.scale) else self.scale
         given = {
             "segments": ReadOnlyDict(self.segments),
             "stands": tuple(self.stands),
@@ -139,8 +139,7 @@ class Field(Mapping[str, Segment]):
         names = [stand.name for stand in (*self.stands, *self.more_stands)]
         if len(set(names)) < len(names):
             raise ValueError(f"the stands of a Field need different names, got {names}")
-        if self.surface not in SURFACES:
-            raise ValueError(f"expected a surface among {', '.join(SURFACES)}, got {self.surface!r}")
+        one_of(self.surface, SURFACES, "surface")
         unknown = [label for circle, parts in self.halves.items() for label in (circle, *parts) if label not in self]
         if unknown:
             raise ValueError(f"halves name {unknown[0]!r}, which is no segment of the field")
@@ -149,10 +148,14 @@ class Field(Mapping[str, Segment]):
         """Raise a ValueError that names an argument of a wrong type."""
         for name in ("length", "width", "scale", "farthest_camera", "repeats"):
             value = getattr(self, name)
-            if not is_number(value) and (name, value) != ("repeats", None):
+            if not is_number(value) and not (name == "repeats" and value is None):
                 raise ValueError(f"a Field needs {name} as a number of metres, got {value!r}")
         for name in ("segments", "paint", "halves"):
             expect(getattr(self, name), Mapping, "{label: value}")
+        for parts in self.halves.values():
+            if not (isinstance(parts, tuple | list) and len(parts) == len(Halves._fields)):
+                raise ValueError(f"halves must be tuples of labels, {Halves._fields}, got {parts!r}")
+        truth(self.size_known, "size_known")
         for name in ("stands", "more_stands"):
             for stand in listed(getattr(self, name), name):
                 expect(stand, CameraDistribution, "fieldcalib.DISTRIBUTIONS['main center']")
@@ -191,6 +194,8 @@ class Field(Mapping[str, Segment]):
         >>> soccer().as_svg()[:61]
         '<svg xmlns="http://www.w3.org/2000/svg" width="480" height="3'
         """
+        for camera in listed(cameras, "cameras"):
+            expect(camera, Camera, CAMERA)
         return plan(self.length, self.width, self.markings.values(), cameras)
 
     def paint_of(self, label: str) -> Paint:
@@ -202,7 +207,10 @@ class Field(Mapping[str, Segment]):
         >>> soccer().paint_of("Middle line").width, soccer().paint_of("CENTER_MARK").width
         (0.12, 0.22)
         """
-        segment, paint = self[label], self.paint.get(label.strip())
+        segment = self.segments.get(expect(label, str, '"Middle line"').strip())
+        if segment is None:
+            raise ValueError(f"expected a segment of the field, as 'Middle line', got {label!r}")
+        paint = self.paint.get(label.strip())
         if paint is None:
             paint = UNPAINTED if segment.is_point else Paint()
         return replace(paint, width=self.lines.width) if paint.width is None else paint
@@ -374,7 +382,7 @@ class Field(Mapping[str, Segment]):
         (105.0, Point(X=(-52.5, -34.0, -1.5)))
         """
         given = expect(extra, Mapping, '{"corner flag": Point((-52.5, -34.0, -1.5))}')
-        names = {name.strip(): segment for name, segment in given.items()}
+        names = {expect(name, str, '"corner flag"').strip(): segment for name, segment in given.items()}
         taken = sorted(names.keys() & self.segments.keys())
         if taken:
             raise ValueError(f"the field has a segment {taken[0]!r} already: give yours another name")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -63,9 +64,10 @@ class CameraDistribution:
             raise ValueError(f"{self.name!r}: principal_point must be a positive share, got {self.principal_point}")
 
 
-def _is_range(limits: object) -> bool:
+def _is_range(limits: Any) -> bool:
     """Whether these are two finite numbers, the lower one first."""
-    if not isinstance(limits, tuple | list | np.ndarray) or len(limits) != 2 or not all(map(is_number, limits)):
+    is_pair = isinstance(limits, tuple | list) or (isinstance(limits, np.ndarray) and limits.ndim == 1)
+    if not is_pair or len(limits) != 2 or not all(map(is_number, limits)):
         return False
     return bool(-np.inf < limits[0] < limits[1] < np.inf)
 

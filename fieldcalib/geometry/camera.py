@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import real_array
+from fieldcalib._checks import number, real_array
 from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
@@ -92,7 +92,9 @@ class Camera:
         if skew != 0.0 or below != 0.0 or last != [0.0, 0.0, 1.0]:
             raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")
         x, y, z = self.R
-        if np.any(np.abs(self.R @ self.R.T - np.eye(3)) > NOT_ORTHONORMAL) or x @ np.cross(y, z) < 0.0:
+        with np.errstate(over="ignore", invalid="ignore"):
+            is_rotation = np.all(np.abs(self.R @ self.R.T - np.eye(3)) <= NOT_ORTHONORMAL) and x @ np.cross(y, z) > 0.0
+        if not is_rotation:
             raise ValueError(f"R must be a rotation matrix (R R^T = I, det R = 1), got {self.R.tolist()}")
 
     @classmethod
@@ -303,7 +305,7 @@ class Camera:
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # pixels may be infinite
             ray = homogenize(self.normalized(xy)) @ self.R
-            scale = (z - self.C[2]) / ray[..., 2]
+            scale = (number(z, "z") - self.C[2]) / ray[..., 2]
             X = self.C + scale[..., None] * ray
         X[..., 2] = z
         return np.where((np.isfinite(scale) & (scale > 0.0))[..., None], X, np.nan)

@@ -135,11 +135,19 @@ class Alignment:
 
     def to_fieldcalib(self, H: ArrayLike) -> Array:
         """Homographies of the data set in the convention of fieldcalib: ``(field H image^-1)^-1``."""
-        return np.asarray(self.image @ np.linalg.inv(finite_homography(H, batch=True)) @ np.linalg.inv(self.field))
+        return np.asarray(self.image @ _inverse(H) @ np.linalg.inv(self.field))
 
     def from_fieldcalib(self, H: ArrayLike) -> Array:
         """The inverse of `to_fieldcalib`, up to scale."""
-        return np.asarray(np.linalg.inv(self.field) @ np.linalg.inv(finite_homography(H, batch=True)) @ self.image)
+        return np.asarray(np.linalg.inv(self.field) @ _inverse(H) @ self.image)
+
+
+def _inverse(H: ArrayLike) -> Array:
+    """Inverses of homographies (..., 3, 3), or a ValueError."""
+    array = finite_homography(H, batch=True)
+    if not np.all(np.linalg.det(array)):
+        raise ValueError("expected homographies, got a singular matrix: it maps the plane to a line or a point")
+    return np.asarray(np.linalg.inv(array))
 
 
 def _centred(length: float, width: float, x: float, y: float) -> Array:

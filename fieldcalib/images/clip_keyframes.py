@@ -18,9 +18,9 @@ from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip_models import window_prior
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.detected_lines import line_loss
+from fieldcalib.images.enlarged import window_prior
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
 from fieldcalib.images.searched_keyframes import SearchedKeyframes

@@ -12,7 +12,7 @@ out of one, and windows that are cut out often follow the play: there the window
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import is_whole_shape, principal_point_sigma
+from fieldcalib.problem.prior import principal_point_sigma
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
 from fieldcalib.solve.ties import Ties
 
@@ -42,7 +42,6 @@ WRONG = (
     20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
 )
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
-WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 # Standard deviations of a principal point from the middle: from the first on it is let free, from the second on the
 # picture is no whole one. Measured broadcast cameras are up to 1.75 off.
 MAY_BE_OFF = 2.0
@@ -186,24 +185,6 @@ class HeldOut:
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
         numbers = zip(frames[index[pairs.first]].tolist(), frames[index[pairs.second]].tolist(), strict=True)
         return found | dict(zip(numbers, np.minimum(np.nanmedian(off, axis=1), LOST).tolist(), strict=True))
-
-
-def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
-    """The prior for pictures that are a moving window of a larger one.
-
-    A window with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
-    narrower pictures the prior allows for that already (`fieldcalib.problem.prior`).
-
-    Examples
-    --------
-    >>> from fieldcalib import soccer
-    >>> window_prior("main center", soccer(), (960, 540))[0].principal_point
-    0.15
-    """
-    if prior is None or not is_whole_shape(image_size):
-        return prior
-    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
-    return tuple(replace(one, principal_point=max(one.principal_point, WINDOW_SHARE)) for one in stands)
 
 
 def off_middle(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from fieldcalib._checks import truth
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
@@ -94,7 +95,8 @@ def on_side(options: ClipOptions, side: Side | None) -> tuple[ClipOptions, Camer
 
 def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:
     """Names of shared parameters, without the size of the field unless it is to be estimated."""
-    return tuple(name for name in names if estimate_size or name != SIZE)
+    is_estimated = truth(estimate_size, "estimate_size")
+    return tuple(name for name in names if is_estimated or name != SIZE)
 
 
 def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:

@@ -28,6 +28,7 @@ from itertools import islice
 
 import numpy as np
 
+from fieldcalib._checks import truth
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
@@ -76,7 +77,7 @@ class ShapeEstimator:
     @property
     def finds_borders(self) -> bool:
         """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
-        return self.take_off_borders and self.options.given.camera_matrix is None
+        return truth(self.take_off_borders, "take_off_borders") and self.options.given.camera_matrix is None
 
     @property
     def finds_squash(self) -> bool:

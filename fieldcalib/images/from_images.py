@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import truth
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
 from fieldcalib.assess.words import Status
@@ -17,6 +18,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import SEARCH_RANGES
+from fieldcalib.images.enlarged import with_enlarged_parts
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
@@ -63,6 +65,7 @@ def calibrate_from_images(
     take_off_borders: bool = True,
     estimate_aspect: bool = True,
     estimate_size: bool = True,
+    may_be_enlarged: bool = True,
     place: Place | None = None,
     side: Side | None = None,
     executor: Executor | None = None,
@@ -97,6 +100,10 @@ def calibrate_from_images(
         Whether an image that shows a field of another size than the given one is calibrated on a field of that size
         (`Calibration.field`). Only where the size is not said to be known (`size_known`), cameras are refined, and
         nothing of the camera is given.
+    may_be_enlarged : bool
+        Whether pictures of the shape of a frame may be enlarged parts of larger ones (digital zoom), whose principal
+        point is not in the middle (`fieldcalib.images.enlarged`). Only with a network and a prior, where cameras are
+        refined and nothing of the camera is given.
     place : Place, optional
         Where the one camera stands that took all images (`fieldcalib.images.pooled_place.pooled_place`): courts are
         searched for from there. Not with a network.
@@ -137,6 +144,13 @@ def calibrate_from_images(
     task = Task(object_segments, given, flags, prior=prior)
     on = CameraSide.of(task.field, given, flags, prior, side)
     task = replace(task, prior=on.prior(prior, task.field), side=on.side)
+    for name, value in (
+        ("refine", refine),
+        ("estimate_size", estimate_size),
+        ("estimate_aspect", estimate_aspect),
+        ("take_off_borders", take_off_borders),
+    ):
+        truth(value, name)
     of_part: Method = partial(_searched, task, place, estimate_size)
     if network is not None:
         if place is not None:
@@ -147,6 +161,8 @@ def calibrate_from_images(
             of_part = partial(with_aspect_estimated, of_part, task)
         if refine and prior is not None and may_be_searched(task):
             of_part = partial(with_second_opinion, of_part, task, estimate_size)
+        if may_be_enlarged and refine and prior is not None and task.given.is_empty:
+            of_part = partial(with_enlarged_parts, of_part, task)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     of_part = partial(said_plainly, of_part, object_segments, by_network=network is not None)

@@ -25,6 +25,7 @@ from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import named
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
@@ -157,8 +158,10 @@ def calibrate_video(
     >>> [str(frame.status) for frame in calibrate_video(soccer(), black)]
     ['too few segments', 'too few segments']
     """
-    if camera not in SHARED_BY:
+    if not isinstance(camera, str) or camera not in SHARED_BY:
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
+    if parts is not None and not hasattr(parts, "get"):
+        raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     shared = shared_parameters(SHARED_BY[camera], estimate_size)
     options, on = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import truth, whole_number
 from fieldcalib._types import Array
+from fieldcalib.geometry.projective import finite_homography
 from fieldcalib.images.background_motion import (
     LEAST_POINTS,
     RANSAC_TOLERANCE,
@@ -135,7 +137,8 @@ def match_background(
     True
     """
     one, two = pair(first, second)
-    H = None if start is None else _reduced(np.asarray(start, dtype=float), one)
+    corners, moving = whole_number(corners, "corners", 1), truth(moving, "moving")
+    H = None if start is None else _reduced(finite_homography(start), one)
     if H is not None and not is_plausible(H, (one.grey.shape[1], one.grey.shape[0])):
         return None
     return _matched(one, two, H, corners, moving)

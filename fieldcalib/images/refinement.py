@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect
+from fieldcalib._checks import expect, truth
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
@@ -103,7 +103,8 @@ def refine_on_image(
     if calibration.camera is None:
         return calibration
     size = calibration.camera.image_size
-    pixels, pixel_weights = checked_labels(object_segments, image_segments or {}, weights, size)
+    quick, given = truth(quick, "quick"), {} if image_segments is None else image_segments
+    pixels, pixel_weights = checked_labels(object_segments, given, weights, size)
     labels = PixelTable.of(object_segments, [pixels], [pixel_weights])
     one = ToRefine(checked_image(image, size), calibration, labels)
     task = Task(object_segments, flags=flags, prior=prior)

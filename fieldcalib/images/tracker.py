@@ -17,6 +17,7 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import truth, whole_number
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
@@ -118,6 +119,7 @@ class Tracker:
         side: Side | None = None,
         wait: bool = False,
     ) -> None:
+        wait, every = truth(wait, "wait"), whole_number(every, "every", 1)
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
         shared = shared_parameters(SHARED, estimate_size)
         self._options, self._side = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)

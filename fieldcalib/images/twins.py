@@ -96,7 +96,7 @@ class CameraSide:
         ValueError
             If `side` is none, contradicts the camera or the prior, or the object has no sides.
         """
-        if side is not None and side not in SIDES:
+        if side is not None and not (isinstance(side, str) and side in SIDES):
             raise ValueError(f"side must be {' or '.join(map(repr, SIDES))}, got {side!r}")
         if field is None or not looks_the_same_turned(field):
             if side is not None:

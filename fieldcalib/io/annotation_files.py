@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from fieldcalib._checks import expect, file_path
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.annotations import Annotation, Labels, LeftOut, renamed
 from fieldcalib.io.files import (
@@ -242,8 +243,9 @@ def read_annotations(
            [470., 530.]])})
     """
     names = read_labels(labels) if isinstance(labels, str | Path) else labels
+    expect(names, Mapping, '{"half": "Middle line"}')
     annotations = {}
-    for frame in frames_in(ANNOTATIONS.find([Path(path)]), names).frames:
+    for frame in frames_in(ANNOTATIONS.find([file_path(path, "annotations")]), names).frames:
         with named_in_errors(frame.path):
             annotations[frame.id] = parse_frame(frame, image_size, names)
     return annotations

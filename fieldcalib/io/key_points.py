@@ -172,7 +172,7 @@ def point_field(model: str | Sequence[str | None], field: Field | None = None) -
         unknown = [
             name
             for name in listed(model, "the name of a model, or the names of its points")
-            if name is not None and name not in field
+            if name is not None and not (isinstance(name, str) and name in field)
         ]
         if unknown:
             raise ValueError(f"the field has no point {unknown[0]!r}: names are those of `field.points`")

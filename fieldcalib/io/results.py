@@ -16,6 +16,7 @@ from typing import Any, TypeAlias, TypeGuard
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.parquet import read_parquet, write_parquet
@@ -229,6 +230,14 @@ class ResultFile:
         line = self.line(number)
         with self._named(number):
             return Calibration.from_dict(line)
+
+    def camera(self, number: int) -> Camera | None:
+        """The camera of a frame; None where there is none."""
+        line = self.main(number)
+        if line.get("K") is None:
+            return None
+        with self._named(number):
+            return Camera(line["K"], line["R"], line["C"], tuple(line["image_size"]), line["dist"])
 
     def texts(self, number: int) -> Texts:
         """The lines of a frame as they stand in both files."""

@@ -1,4 +1,5 @@
 from . import description as description
+from . import ellipses as ellipses
 from . import flow as flow
 from . import grid as grid
 from . import long_lines as long_lines

@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from functools import partial
 from typing import Protocol, TypeAlias
 
+from fieldcalib._checks import named
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -83,6 +84,8 @@ def localize(
     """
     check_object(object_segments)
     check_network(network)
+    if not callable(select):
+        raise ValueError(f"select must be a function, as fieldcalib.localize.ridge_points, got {named(select)}")
     of_part = partial(_localized, object_segments, network=network, select=select)
     parts = in_parts(each_checked(images), IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [found for part in in_order(executor, of_part, parts) for found in part]

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._checks import expect, listed, several
 from fieldcalib._types import Array, Float32
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels, check_object
 
 BACKGROUND = "background"  # class of pixels that show no marking; several classes may have this name
 
@@ -38,7 +39,10 @@ class Localization:
 
     def only(self, labels: Iterable[str]) -> Localization:
         """The localization restricted to some of its labels."""
-        kept = tuple(labels)
+        kept = several(labels, "labels")
+        unknown = [label for label in kept if not isinstance(label, str) or label not in self.pixels]
+        if unknown:
+            raise ValueError(f"expected labels among {', '.join(self.pixels)}, got {unknown[0]!r}")
         return Localization({k: self.pixels[k] for k in kept}, {k: self.weights[k] for k in kept})
 
 
@@ -58,6 +62,9 @@ def image_from_grid(xy: Array, grid_size: tuple[int, int], image_size: tuple[int
 
 def check_classes(probability: Float32, classes: Sequence[str], object_segments: ObjectSegments) -> None:
     """Raise a ValueError unless there is one map per class and each class is a segment or the background."""
+    check_object(object_segments)
+    expect(probability, np.ndarray, "what a network returns")
+    listed(classes, "names of classes")
     if probability.ndim != 3 or len(probability) != len(classes):
         raise ValueError(
             f"expected probabilities of shape ({len(classes)}, height, width), one per class, got {probability.shape}"

@@ -23,6 +23,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from fieldcalib._checks import file_path, whole_number
 from fieldcalib._types import Float32
 from fieldcalib.io.files import BrokenFileError, named_in_errors
 from fieldcalib.io.image import Image, checked_image
@@ -94,7 +95,7 @@ class SegmentationNetwork:
         """
         if model is None and not SHIPPED.is_file():
             raise FileNotFoundError(f"this installation has no network ({SHIPPED} is missing): give the path of one")
-        with as_file(SHIPPED) if model is None else nullcontext(Path(model)) as path:
+        with as_file(SHIPPED) if model is None else nullcontext(file_path(model, "a network")) as path:
             if not path.is_file():
                 raise FileNotFoundError(f"{path} does not exist: expected a network in ONNX")
             beside = path.with_suffix(".json")
@@ -233,10 +234,9 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 
-    if threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
+    threads = whole_number(threads, "threads", 1)
     available = onnxruntime.get_available_providers()
-    if provider not in available:
+    if not isinstance(provider, str) or provider not in available:
         raise ValueError(
             f"onnxruntime has no {provider!r} here, only {', '.join(available)}; CUDA needs onnxruntime-gpu"
         )

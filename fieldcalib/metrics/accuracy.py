@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, listed
+from fieldcalib._checks import FIELD, expect, is_number, listed, truth
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
@@ -157,7 +157,7 @@ class SegmentEvaluation:
         return {label: np.concatenate(by_label[label]) for label in self.labels if label in by_label}
 
     def _index(self, threshold: float) -> int:
-        if threshold not in self.thresholds:
+        if not is_number(threshold) or threshold not in self.thresholds:
             raise ValueError(f"threshold must be one of {self.thresholds}, got {threshold}")
         return self.thresholds.index(threshold)
 
@@ -236,7 +236,7 @@ def evaluate_segments(
         raise ValueError(f"thresholds must be a sequence of positive pixels, at least one, got {thresholds!r}")
     limits = limits.astype(float)
     given = {f: checked_prediction(p, size) for f, p in enumerate(predictions) if p is not None}
-    if not planar and any(is_homography(prediction) for prediction in given.values()):
+    if not truth(planar, "planar") and any(is_homography(prediction) for prediction in given.values()):
         raise ValueError("homographies map the ground alone: evaluate them with planar=True")
     classes = _Classes.of(field, planar)
     annotated = [_annotated_points(frame, classes) for frame in _checked(annotations, field)]

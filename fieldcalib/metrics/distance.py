@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._checks import FIELD, expect
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
@@ -60,7 +61,7 @@ def projection_error(
     >>> round(projection_error(moved, camera, (960, 540)).mean, 6)
     0.5
     """
-    field = soccer() if field is None else field
+    field = soccer() if field is None else expect(field, Field, FIELD)
     width, height = checked_image_size(image_size)
     step = width / PIXELS_ACROSS
     xy = np.stack(np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step)), axis=-1) - 0.5

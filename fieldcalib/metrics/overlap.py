@@ -132,7 +132,7 @@ def iou_whole(
     """
     if not isinstance(kind, str) or kind not in get_args(IouWhole):
         raise ValueError(f"kind must be one of {', '.join(get_args(IouWhole))}, got {kind!r}")
-    field = soccer() if field is None else field
+    field = soccer() if field is None else expect(field, Field, FIELD)
     width, height = checked_image_size(image_size)
     H_true, H_pred = (homography_of(checked_prediction(view, (width, height))) for view in (truth, prediction))
     with np.errstate(all="ignore"):  # implausible cameras overflow

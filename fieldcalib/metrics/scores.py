@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import number, real_array
+from fieldcalib._checks import number, one_of, real_array
 
 CompoundScore: TypeAlias = Literal["printed", "tables"]
 WEIGHTS = (0.5, 0.35, 0.15)  # of AC@5, AC@10, AC@20
@@ -52,14 +52,13 @@ def compound_score(
     >>> round(100 * compound_score([0.653, 0.842, 0.926], 1.0, "tables", share=1454 / 2719), 1)
     75.5
     """
-    if kind not in get_args(CompoundScore):
-        raise ValueError(f"kind must be one of {', '.join(get_args(CompoundScore))}, got {kind!r}")
+    one_of(kind, get_args(CompoundScore), "kind")
     values = real_array(accuracies)
     if values.shape != (3,):
         raise ValueError(f"expected AC@5, AC@10 and AC@20, got an array of shape {values.shape}")
-    if completeness == 0.0:
+    if number(completeness, "completeness") == 0.0:
         return 0.0  # without predictions the accuracies are NaN
-    given = np.array([*values, number(completeness, "completeness"), number(share, "share")])
+    given = np.array([*values, completeness, number(share, "share")])
     if not np.all((given >= 0.0) & (given <= 1.0)):
         raise ValueError(f"expected ratios in 0..1, got {given.tolist()}; divide percentages by 100")
     if kind == "tables":

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import is_number, real_array
 from fieldcalib._types import Array
 
 LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
@@ -37,6 +37,7 @@ class RobustLoss:
     def evaluate(self, squared: Array) -> tuple[Array, Array]:
         """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2, the weight of a residual."""
         C2 = self.scale**2
+        squared = real_array(squared)
         z = squared / C2
         match self.name:
             case "linear":

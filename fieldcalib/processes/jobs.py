@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from threading import Lock, local
 from typing import ParamSpec, TypeVar
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import whole_number
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 
 P = ParamSpec("P")
@@ -38,10 +38,8 @@ class Processes(Executor):
     """
 
     def __init__(self, jobs: int) -> None:
-        if not (is_number(jobs) and jobs >= 1 and jobs == int(jobs)):
-            raise ValueError(f"jobs must be a whole number from 1, got {jobs!r}")
-        self.jobs = jobs
-        self._threads = ThreadPoolExecutor(jobs, "process")
+        self.jobs = whole_number(jobs, "jobs", 1)
+        self._threads = ThreadPoolExecutor(self.jobs, "process")
         self._own = local()  # of each thread: its process
         self._all: set[OtherProcess] = set()
         self._lock = Lock()

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
 from pathlib import Path
+from reprlib import repr as short
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldcalib._checks import file_path, truth
 from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
@@ -84,7 +86,7 @@ class Results(Mapping[str, Calibration]):
         return self.frames.calibration(self._number(id))
 
     def _number(self, id: str) -> int:
-        if id not in self._numbers:
+        if not isinstance(id, str) or id not in self._numbers:
             raise NoFrameError(id, self._numbers, self.broken)
         return self._numbers[id]
 
@@ -152,7 +154,7 @@ class Results(Mapping[str, Calibration]):
     @property
     def cameras(self) -> Mapping[str, Camera | None]:
         """The best camera of each frame by id, whatever the verdict; None where there is none."""
-        return Lazy(self._numbers, lambda number: _camera_of(self.frames.main(number)))
+        return Lazy(self._numbers, lambda number: self.frames.camera(number))
 
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
@@ -226,6 +228,8 @@ class Results(Mapping[str, Calibration]):
         ids = list(self) if not isinstance(frame, str) else []
         if frame is None and len(ids) != 1:
             raise ValueError(f"say which frame: there are {len(ids)}, as {', '.join(map(repr, ids[:3]))}")
+        if not isinstance(frame, str | int | None) or (isinstance(frame, int) and not 0 <= frame < len(ids)):
+            raise ValueError(f"expected an id, or the number of a frame from 0 to {len(ids) - 1}, got {short(frame)}")
         found = frame if isinstance(frame, str) else ids[frame or 0]
         self._number(found)
         return found
@@ -288,7 +292,7 @@ class Results(Mapping[str, Calibration]):
         ImportError
             If pandas is not installed.
         """
-        if everything:
+        if truth(everything, "everything"):
             return whole_table(self.lines)
         return short_table(self.frames.mains())
 
@@ -313,7 +317,8 @@ class Results(Mapping[str, Calibration]):
         """
         from fieldcalib.results.saving import save
 
-        save(self, Path(folder), overwrite=overwrite, overlays=overlays)
+        out = file_path(folder, "a folder")
+        save(self, out, overwrite=truth(overwrite, "overwrite"), overlays=truth(overlays, "overlays"))
 
     def line(self, id: str) -> Mapping[str, Any]:
         """Everything that is kept of a frame, see `lines`."""
@@ -352,13 +357,6 @@ class Results(Mapping[str, Calibration]):
             picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
         data = b64encode(encode_image(picture, ".jpg")).decode()
         return f'<img alt="cameras" src="data:image/jpeg;base64,{data}">'
-
-
-def _camera_of(line: Mapping[str, Any]) -> Camera | None:
-    """The camera in a line of ``cameras.jsonl``."""
-    if line.get("K") is None:
-        return None
-    return Camera(line["K"], line["R"], line["C"], tuple(line["image_size"]), line["dist"])
 
 
 def _plain(calibration: Calibration) -> Image:

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import is_number, number
 from fieldcalib.console.field_options import AUTO
 from fieldcalib.console.progress import Progress
 from fieldcalib.fields.catalogue import field as field_named
@@ -117,7 +117,7 @@ def calibrate(
     """
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     taken = input_of(source, _cut(start, end, step), clip)
-    if field == AUTO:
+    if isinstance(field, str) and field == AUTO:
         field = auto_field(pictures_of(taken))
     method = Method(_field(field), given, flags, prior, camera, network, image_size, progress, side)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
@@ -141,7 +141,7 @@ def _field(field: object) -> Field:
 
 
 def _position(time: str | float) -> Position:
-    return Position.parse(time if isinstance(time, str) else f"{time:.6f}")
+    return Position.parse(time if isinstance(time, str) else f"{number(time, 'a time in seconds'):.6f}")
 
 
 def _cut(start: Time, end: Time, step: int) -> Cut:

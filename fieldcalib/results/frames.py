@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN, ResultFile, split_line
 from fieldcalib.run_folder.outcome import calibration_line
 
@@ -46,6 +47,9 @@ class FrameStore(Protocol):
 
     def calibration(self, number: int) -> Calibration:
         """The calibration of a frame that is not broken."""
+
+    def camera(self, number: int) -> Camera | None:
+        """The best camera of such a frame; None where there is none."""
 
 
 class KeptFrames:
@@ -91,6 +95,10 @@ class KeptFrames:
     def calibration(self, number: int) -> Calibration:
         """The calibration of a frame that is not broken."""
         return self._calibration(number)
+
+    def camera(self, number: int) -> Camera | None:
+        """The best camera of such a frame; None where there is none."""
+        return self.calibration(number).camera
 
     def _made_calibration(self, number: int) -> Calibration:
         kept = self._calibrations[self._by_number[number]]
@@ -172,6 +180,10 @@ class StoredFrames:
     def calibration(self, number: int) -> Calibration:
         """The calibration of a frame that is not broken."""
         return self._calibration(number)
+
+    def camera(self, number: int) -> Camera | None:
+        """The best camera of such a frame; None where there is none."""
+        return self.file.camera(number)
 
 
 class NoFrameError(KeyError):

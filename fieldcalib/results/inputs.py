@@ -18,6 +18,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount, calibrate_video
 from fieldcalib.images.tracker import Tracker
@@ -88,7 +89,7 @@ class Method:
             raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
         if self.image_size is not None and not labelled:
             raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
-        if self.camera != "tripod" and not clip:
+        if not (isinstance(self.camera, str) and self.camera == "tripod") and not clip:
             raise ValueError("camera is of clips: give a video, or clip=True with pictures")
 
 
@@ -213,7 +214,7 @@ class Labelled:
     def _frame(id: str, labels: Labels, method: Method) -> tuple[Pixels, tuple[int, int]]:
         """The checked pixels of a frame, and the size of its picture."""
         pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
-        size = method.image_size or size
+        size = size if method.image_size is None else checked_image_size(method.image_size)
         if size is None:
             raise ValueError("labelled pixels do not say the size of their pictures: give image_size=(width, height)")
         try:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fieldcalib._checks import file_path
 from fieldcalib._deprecated import deprecated
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
@@ -54,7 +55,7 @@ def read(folder: str | os.PathLike[str]) -> Results:
     ...     len(results), results.broken
     (0, {'00001': 'is no JSON'})
     """
-    path = Path(folder)
+    path = file_path(folder, "a folder of results")
     if path.is_dir():
         path = lines_file(path)
     frames = StoredFrames(ResultFile(path))

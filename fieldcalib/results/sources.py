@@ -60,7 +60,7 @@ class Pictures:
     def has(self, id: str) -> bool:
         """Whether the picture of a frame can be read again."""
         if len(self.images):
-            return True
+            return id.isdecimal() and int(id) < len(self.images)
         if self.is_video:
             return self.paths[0].is_file()
         try:
@@ -78,7 +78,7 @@ class Pictures:
         BrokenFileError
             If it cannot be read.
         """
-        if not self.has(id):
+        if not isinstance(id, str) or not self.has(id):
             raise ValueError(f"it is not known where the picture of frame {id} is, or it is gone: give it as image=")
         if len(self.images):
             return checked_image(self.images[int(id)])

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from threading import Lock
 
+from fieldcalib._checks import is_number
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image, checked_image, size_of
@@ -34,6 +35,18 @@ class NumberedFrames(ABC):
     def __len__(self) -> int:
         return len(self.ids)
 
+    def number(self, number: int) -> int:
+        """The number of a frame, checked.
+
+        Raises
+        ------
+        IndexError
+            If there is no such frame.
+        """
+        if not is_number(number) or not 0 <= number < len(self) or number != int(number):
+            raise IndexError(f"expected a frame from 0 to {len(self) - 1}, got {number!r}")
+        return int(number)
+
     def image(self, number: int) -> Image:
         """The image of a frame; do not write to it.
 
@@ -44,8 +57,7 @@ class NumberedFrames(ABC):
         IndexError
             If there is no such frame.
         """
-        if not 0 <= number < len(self):
-            raise IndexError(f"expected a frame from 0 to {len(self) - 1}, got {number}")
+        number = self.number(number)
         with self._lock:
             if number in self._kept:
                 self._kept.move_to_end(number)

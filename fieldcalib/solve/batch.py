@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import several, truth
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
@@ -107,12 +108,12 @@ def calibrate_batch(
     if initial:
         _check_nothing_given(given)
     task = Task(object_segments, given, flags, criteria, prior, loss, tau, paint, trust_labels)
-    each_weights = None if weights is None else list(weights)
+    each_weights = None if weights is None else several(weights, "the weights of each frame")
 
     def calibrated(some: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
         return calibrate_labels(task, some, size, each_weights, cameras=initial, executor=executor)
 
-    is_estimated = estimate_aspect and camera_matrix is None
+    is_estimated = truth(estimate_aspect, "estimate_aspect") and camera_matrix is None
     return with_likely_aspect(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
@@ -174,7 +175,7 @@ def checked_batch(
     image_size: tuple[int, int],
 ) -> tuple[list[Pixels], list[PixelWeights | None]]:
     """The checked pixels and weights of frames; a ValueError begins with the index of the frame."""
-    frames, weights = _several(frames), None if weights is None else list(weights)
+    frames, weights = _several(frames), None if weights is None else several(weights, "the weights of each frame")
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
     checked: list[Pixels] = []
@@ -193,9 +194,7 @@ def checked_batch(
 def _several(frames: Iterable[ImageSegments]) -> list[ImageSegments]:
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
-    if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
-        raise ValueError(f"expected a sequence of mappings of labels to (N, 2) pixels, got {frames!r}")
-    return list(frames)
+    return several(frames, "mappings of labels to (N, 2) pixels")
 
 
 def calibrate_frames(
@@ -232,9 +231,7 @@ def _calibrate_and_pack(of_part: Callable[[_Part], list[Calibration]], part: _Pa
 
 
 def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    if isinstance(cameras, Camera) or not isinstance(cameras, Iterable):
-        raise ValueError(f"expected cameras, one for each frame, got {cameras!r}")
-    found = list(cameras)
+    found = several(cameras, "cameras, one for each frame")
     for index, camera in enumerate(found):
         if not isinstance(camera, Camera):
             raise ValueError(

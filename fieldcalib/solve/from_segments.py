@@ -16,6 +16,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import truth
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
@@ -165,7 +166,7 @@ def calibrate_from_segments(
     def calibrated(frames: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
         return [calibrate_frame(task, frames[0], size, weights)]
 
-    is_estimated = estimate_aspect and camera_matrix is None
+    is_estimated = truth(estimate_aspect, "estimate_aspect") and camera_matrix is None
     return with_likely_aspect(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 

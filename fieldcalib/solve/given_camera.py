@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.solve.options import WHOLE_LENS, CalibrationFlags
+from fieldcalib.solve.options import WHOLE_LENS, CalibrationFlags, checked_flags
 
 _F = CalibrationFlags
 
@@ -42,7 +42,7 @@ NOTHING_GIVEN = GivenCamera()
 
 def check_of_clip(flags: int) -> None:
     """Raise a ValueError if the flags fix the rotation of a clip's camera, which differs from frame to frame."""
-    if flags & (_F.CALIB_FIX_ROTATION | _F.CALIB_USE_EXTRINSIC_GUESS):
+    if checked_flags(flags) & (_F.CALIB_FIX_ROTATION | _F.CALIB_USE_EXTRINSIC_GUESS):
         raise ValueError(
             "a rotation is of one frame, and the camera of a clip turns: CALIB_FIX_ROTATION and "
             "CALIB_USE_EXTRINSIC_GUESS are of single images (calibrate_from_images, fieldcalib run --independent)"

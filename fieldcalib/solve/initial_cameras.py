@@ -32,6 +32,7 @@ from fieldcalib.problem.prior import GaussianPrior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short segments, depth of the nearest one
 ON_GROUND = 1e-9  # metres
+MOST_MEMBERS = 1_000_000  # pixels, of all frames, times labels whose lines are fitted at a time: some 60 MB
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
 
@@ -207,14 +208,13 @@ def ground_homographies(
     if len(labels) < 4:
         return np.full((T, 3, 3), np.nan), np.zeros(T, dtype=bool)
 
-    member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
-    image_lines = fit_lines(rows.xy[:, None], member.astype(float))
     rho = np.hypot(*observations.image_size) / 2.0
-    inside, x = member[..., None], rows.xy[:, None] / rho
-    extent = np.max(np.where(inside, x, -np.inf), axis=2) - np.min(np.where(inside, x, np.inf), axis=2)
-    length = np.where(member.any(axis=-1), np.linalg.norm(extent, axis=-1), 0.0)
+    at_once = max(MOST_MEMBERS // rows.label.size, 1)
+    parts = [_image_lines(rows, on_ground, labels[k : k + at_once], rho) for k in range(0, len(labels), at_once)]
+    image_lines, length = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
 
-    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # every row of a label has its segment
+    known, first = np.unique(rows.label, return_index=True)
+    first = first[np.searchsorted(known, labels)]  # every row of a label has its segment
     start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
     field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
     to_unit_field = np.diag([1.0 / scale, 1.0 / scale, 1.0])
@@ -225,6 +225,15 @@ def ground_homographies(
     )
     found = np.sum(length > 0.0, axis=1) >= 4
     return np.where(found[:, None, None], H, np.nan), found
+
+
+def _image_lines(rows: Rows, on_ground: BoolArray, labels: IntArray, rho: float) -> tuple[Array, Array]:
+    """Lines (T, L, 3) through the pixels of L labels, and their lengths (T, L) in the image, in `rho` pixels."""
+    member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
+    inside, x = member[..., None], rows.xy[:, None] / rho
+    extent = np.max(np.where(inside, x, -np.inf), axis=2) - np.min(np.where(inside, x, np.inf), axis=2)
+    length = np.where(member.any(axis=-1), np.linalg.norm(extent, axis=-1), 0.0)
+    return fit_lines(rows.xy[:, None], member.astype(float)), length
 
 
 def _ground_rows(rows: Rows) -> BoolArray:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -234,6 +234,23 @@ def pixel_unit(image_size: tuple[int, int]) -> float:
     return float(np.hypot(*image_size) / np.hypot(*REFERENCE_SIZE))
 
 
+def checked_flags(flags: int) -> CalibrationFlags:
+    """Flags that are supported, or a ValueError that says which are."""
+    if not isinstance(flags, int | np.integer) or isinstance(flags, bool):
+        raise ValueError(
+            f"flags must be a combination of CalibrationFlags, as CALIB_FIX_K1 | CALIB_FIX_K2, got {flags!r}"
+        )
+    flags, supported = int(flags), sum(CalibrationFlags)
+    if flags & ~supported:
+        raise ValueError(
+            f"flags {flags & ~supported:#x} are not supported: expected a combination of "
+            f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
+        )
+    if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FIX_K1:
+        raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
+    return CalibrationFlags(flags)
+
+
 def default_flags(prior: Prior) -> CalibrationFlags:
     """The default flags: the principal point is estimated only under a prior."""
     return DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
@@ -247,7 +264,8 @@ def checked_prior(
     "all" means all stands of the field; for an object without stands it raises the error.
     """
     named = DISTRIBUTIONS if field is None else field.named_stands
-    members = tuple(prior) if isinstance(prior, Iterable) and not isinstance(prior, str) else (prior,)
+    is_one = isinstance(prior, str) or not isinstance(prior, Iterable) or getattr(prior, "ndim", 1) == 0
+    members: tuple[Any, ...] = (prior,) if is_one else tuple(prior)  # type: ignore[arg-type]
     found: list[CameraDistribution] = []
     for member in members:
         if isinstance(member, CameraDistribution):

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldcalib._checks import listed
+from fieldcalib._checks import several
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
@@ -45,11 +45,13 @@ class SequenceProblem:
             raise ValueError(
                 f"shared must be a sequence of names, got the name {shared!r}: did you mean ({shared!r},)?"
             )
-        unknown = set(listed(shared, f"names to share among {', '.join(SHARED)}")) - set(SHARED)
+        names = several(shared, f"names to share among {', '.join(SHARED)}")
+        unknown = [name for name in names if not isinstance(name, str) or name not in SHARED]
         if unknown:
-            raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
-        ties = Ties.of(options.object_segments, matches or {}, pixels.count, options.image_size)
-        return cls(pixels, ties, options, tuple(shared))
+            raise ValueError(f"frames cannot share {unknown}: expected some of {', '.join(SHARED)}")
+        matches = {} if matches is None else matches
+        ties = Ties.of(options.object_segments, matches, pixels.count, options.image_size)
+        return cls(pixels, ties, options, tuple(names))
 
     @property
     def object_segments(self) -> ObjectSegments:

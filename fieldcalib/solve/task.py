@@ -8,7 +8,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import is_number, truth
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -43,13 +43,13 @@ from fieldcalib.solve.options import (
     Criteria,
     Options,
     Prior,
+    checked_flags,
     checked_prior,
     default_flags,
     pixel_unit,
 )
 
 F = CalibrationFlags
-SUPPORTED = sum(F)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +70,9 @@ class Task:
 
     def __post_init__(self) -> None:
         check_object(self.object_segments)
+        truth(self.trust_labels, "trust_labels")
         if self.flags is not None:
-            _checked_flags(self.flags)
+            checked_flags(self.flags)
 
     @property
     def field(self) -> Field | None:
@@ -89,7 +90,7 @@ class Task:
         initial camera `start` takes the place of given values.
         """
         image_size = checked_image_size(image_size)
-        flags = _checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
+        flags = checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
         dist_coeffs = self.given.dist_coeffs if start is None else start.dist
         layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):
@@ -140,22 +141,6 @@ class Task:
             return None
         given = np.array([field.length, field.width])
         return SizeBlock(given, model.sigma, model.limits, model.possibilities, model.crown)
-
-
-def _checked_flags(flags: int) -> CalibrationFlags:
-    if not isinstance(flags, int | np.integer) or isinstance(flags, bool):
-        raise ValueError(
-            f"flags must be a combination of CalibrationFlags, as CALIB_FIX_K1 | CALIB_FIX_K2, got {flags!r}"
-        )
-    flags = int(flags)
-    if flags & ~SUPPORTED:
-        raise ValueError(
-            f"flags {flags & ~SUPPORTED:#x} are not supported: expected a combination of "
-            f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
-        )
-    if flags & F.CALIB_AUTO_LENS and flags & F.CALIB_FIX_K1:
-        raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
-    return CalibrationFlags(flags)
 
 
 def _checked_criteria(criteria: Criteria) -> tuple[int, float]:

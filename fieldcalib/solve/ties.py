@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import is_number, listed, real_array
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -136,12 +137,16 @@ class Ties:
 def _checked_match(
     pair: tuple[int, int], both: tuple[ArrayLike, ArrayLike] | None, count: int
 ) -> tuple[Array, Array] | None:
+    if not (isinstance(pair, tuple) and len(pair) == 2 and all(map(is_number, pair))):
+        raise ValueError(f"matches are between two frames, as {{(0, 1): (p, q)}}; got those of {pair!r}")
     i, j = pair
     if not (0 <= i < count and 0 <= j < count) or i == j:
         raise ValueError(f"matches are between two of {count} frames, from 0 on; got those of {i} and {j}")
     if both is None:
         return None
-    p, q = (np.asarray(xy, dtype=float) for xy in both)
+    if len(listed(both, "the pixels in both frames")) != 2:
+        raise ValueError(f"matches of frames {i} and {j}: expected the pixels in both, got {len(both)} arrays")
+    p, q = map(real_array, both)
     if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or not np.isfinite([p, q]).all():
         raise ValueError(
             f"matches of frames {i} and {j}: expected two arrays of finite pixels, of the same shape (N, 2), "

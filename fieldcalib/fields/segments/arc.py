@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldcalib._checks import number, positive, real_array, whole_number
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored_point, steps, vector
+from fieldcalib.fields.segments.segment import (
+    MOST_SAMPLES,
+    Parts,
+    Ring,
+    Segment,
+    Vector,
+    middles,
+    mirrored_point,
+    some_pixels,
+    steps,
+    vector,
+)
 from fieldcalib.geometry.lens.model import dot
 
 
@@ -87,8 +100,10 @@ class Arc(Segment):
         axes = np.array([self.u, self.v])
         if not np.allclose(axes @ axes.T, np.eye(2), atol=1e-9):
             raise ValueError(f"an Arc needs orthogonal unit vectors u and v, got u = {self.u}, v = {self.v}")
-        if not self.radius > 0.0:
-            raise ValueError(f"an Arc needs a positive radius, got {self.radius}")
+        positive(self.radius, "the radius of an Arc")
+        for name in ("start", "stop"):
+            if not math.isfinite(number(getattr(self, name), f"the angle {name} of an Arc")):
+                raise ValueError(f"the angle {name} of an Arc must be finite, got {getattr(self, name)}")
 
     def sample(self, spacing: float = 1.0) -> Array:
         """Points from start to stop, at most `spacing` metres of arc apart, (N, 3)."""
@@ -97,12 +112,17 @@ class Arc(Segment):
 
     def at(self, phi: Array) -> Array:
         """Points at angles (N,), (N, 3)."""
-        c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
+        angles = real_array(phi)
+        if angles.ndim != 1:
+            raise ValueError(f"expected angles (N,) in radians, got an array of shape {angles.shape}")
+        c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
         return np.asarray(self.center + self.radius * (c * self.u + s * self.v))
 
     def samples(self, count: int) -> Array:
         """Points at equal steps from start to stop, both included, (count, 3)."""
-        return self.at(np.linspace(self.start, self.stop, count))
+        if whole_number(count, "count") > MOST_SAMPLES:
+            raise ValueError(f"count must be at most {MOST_SAMPLES}, got {count}")
+        return self.at(np.linspace(self.start, self.stop, int(count)))
 
     @property
     def vectors(self) -> Array:
@@ -141,7 +161,7 @@ class Arc(Segment):
 
     def equations(self, pixels: int) -> int:
         """One equation for each pixel, at most the five of a conic."""
-        return min(pixels, 5)
+        return min(whole_number(pixels, "pixels"), 5)
 
     def mirrored(self, signs: Vector) -> Arc:
         """The arc with its coordinates multiplied by signs."""
@@ -150,7 +170,9 @@ class Arc(Segment):
 
     def evaluated(self, straight: float, bent: float) -> Array:
         """Points (N, 3) every `bent` metres from the start on, and the stop; a whole circle is not closed."""
-        count = int(self.radius * abs(self.stop - self.start) / bent)
+        length = self.radius * abs(self.stop - self.start)
+        steps(length, bent)  # raises
+        count = int(length / bent)
         phi = self.start + np.arange(count + 1) * np.copysign(bent / self.radius, self.stop - self.start)
         closed = np.isclose(abs(self.stop - self.start), 2.0 * np.pi)
         return self.at(phi[:-1] if closed else np.append(phi, self.stop))
@@ -165,6 +187,7 @@ class Arc(Segment):
 
     def order(self, xy: Array) -> IntArray:
         """Order of its pixels (N, 2) by angle around their mean, beginning after the widest gap."""
+        xy = some_pixels(xy)
         offset = xy - xy.mean(axis=0)
         angle = np.arctan2(offset[:, 1], offset[:, 0])
         order = np.argsort(angle, kind="stable")

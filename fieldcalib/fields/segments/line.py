@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldcalib._checks import whole_number
 from fieldcalib._types import Array
 from fieldcalib.fields.segments.closest import (
     LEAST_LENGTH,
@@ -104,7 +105,7 @@ class Line(Segment):
 
     def equations(self, pixels: int) -> int:
         """Two equations; one for a single pixel."""
-        return min(pixels, 2)
+        return min(whole_number(pixels, "pixels"), 2)
 
     def mirrored(self, signs: Vector) -> Line:
         """The line with its coordinates multiplied by signs."""
@@ -123,8 +124,10 @@ class Line(Segment):
         """Points (N, 3) every `straight` metres from the start on; the last piece is longer."""
         start, direction = self.vectors
         length = float(np.linalg.norm(direction))
-        steps = np.arange(int(length / straight - 1.0) + 1)[:, None] * straight
-        return np.concatenate([start + steps * direction / length, [self.end]])
+        if steps(length, straight) < 2:
+            return self.anchors
+        places = np.arange(int(length / straight - 1.0) + 1)[:, None] * straight
+        return np.concatenate([start + places * direction / length, [self.end]])
 
     def parts(self, longest: float) -> Parts:
         """Equal parts no longer than `longest` metres."""

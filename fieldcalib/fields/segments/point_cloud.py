@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._checks import real_array
+from fieldcalib._checks import real_array, truth, whole_number
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero
 from fieldcalib.fields.segments.rows import Rows
@@ -78,10 +78,10 @@ class PointCloud(Segment):
     ordered: bool = False
 
     def __post_init__(self) -> None:
-        X = real_array(self.points)
-        if X.ndim != 2 or X.shape[1] != 3 or len(X) < (3 if self.ordered else 1):
-            least = "three points for an ordered cloud" if self.ordered else "one point"
-            raise ValueError(f"a PointCloud needs an (N, 3) array with at least {least}, got shape {X.shape}")
+        X, least = real_array(self.points), 3 if truth(self.ordered, "ordered") else 1
+        if X.ndim != 2 or X.shape[1] != 3 or len(X) < least:
+            which = "three points for an ordered cloud" if self.ordered else "one point"
+            raise ValueError(f"a PointCloud needs an (N, 3) array with at least {which}, got shape {X.shape}")
         object.__setattr__(self, "points", tuple(map(tuple, X.tolist())))
 
     @property
@@ -110,7 +110,7 @@ class PointCloud(Segment):
 
     def equations(self, pixels: int) -> int:
         """One for each pixel of a curve, two for each of a shape."""
-        return pixels if self.ordered else 2 * pixels
+        return whole_number(pixels, "pixels") * (1 if self.ordered else 2)
 
     def mirrored(self, signs: Vector) -> PointCloud:
         """The cloud with its coordinates multiplied by signs."""

@@ -132,6 +132,7 @@ class Segment(ABC):
 
     def order(self, xy: Array) -> IntArray:
         """Order of its pixels (N, 2) along it."""
+        xy = some_pixels(xy)
         offset = xy - xy.mean(axis=0)
         return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
 
@@ -148,8 +149,16 @@ def steps(length: float, spacing: float) -> int:
 
 def middles(length: float, longest: float) -> Array:
     """Middles of equal parts no longer than `longest`, as shares of a length."""
-    count = int(np.ceil(length / longest))
+    count = steps(length, longest)
     return (np.arange(count) + 0.5) / count
+
+
+def some_pixels(xy: Array) -> Array:
+    """Pixels (N, 2), N > 0, or a ValueError."""
+    array = real_array(xy)
+    if array.ndim != 2 or array.shape[1] != 2 or not array.size:
+        raise ValueError(f"expected pixels (N, 2), at least one, got an array of shape {array.shape}")
+    return array
 
 
 def vector(values: Iterable[float], what: str) -> Vector:
@@ -166,5 +175,5 @@ def vector(values: Iterable[float], what: str) -> Vector:
 
 def mirrored_point(X: Vector, signs: Vector) -> Vector:
     """A point with its coordinates multiplied by signs."""
-    x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
+    x, y, z = (sign * one + 0.0 for sign, one in zip(vector(signs, "signs"), X, strict=True))  # no negative zeros
     return x, y, z

@@ -170,11 +170,9 @@ def ice_hockey(rules: str = "nhl") -> Field:
     >>> round(ice_hockey("iihf")["Blue line left"].start[0], 2)
     -7.14
     """
-    if rules == "iihf":
-        return ice_hockey_iihf()
-    if not isinstance(rules, str) or rules not in FIXED:
+    if not isinstance(rules, str) or rules not in (*FIXED, "iihf"):
         raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
-    return _rink(FIXED[rules], size_known=True)
+    return ice_hockey_iihf() if rules == "iihf" else _rink(FIXED[rules], size_known=True)
 
 
 def ice_hockey_iihf(

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import is_number, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point, Segment
 from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
@@ -80,7 +80,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
             f"a soccer field is longer than wide, got length = {length} and width = {width}: give the touchline first, "
             f"soccer({width}, {length})"
         )
-    return _pitch(float(length), float(width), bool(size_known))
+    return _pitch(float(length), float(width), truth(size_known, "size_known"))
 
 
 @lru_cache(maxsize=64)
