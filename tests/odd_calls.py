@@ -153,6 +153,7 @@ def right_arguments():
         "parts": [video()],
         "id": "000000",
         "folder": "none",
+        "Results.save folder": "saved",
         "path": "none.json",
         "name": "soccer",
         "RobustLoss name": "cauchy",
