@@ -300,7 +300,7 @@ ODD = [
         np.zeros((5, 5, 3)),
         np.zeros((5, 5, 4), np.uint8),
     ),
-    *(object(), object, int, lambda *_, **__: None, iter([]), np.random.default_rng(0), RobustLoss),
+    *(object(), lambda *_, **__: None, iter([]), np.random.default_rng(0)),
     *({"a": 1}, {1: [[1, 2]]}, {"x": XY}, [PIXELS], [None, PIXELS], [CAMERA, None], [IMAGE, None], [np.eye(3)] * 2),
     *({"Side line left": value} for value in (None, 5, [], [[1, 2]], [[1, 2], [3, 4]], "a")),
     *({**PIXELS, "Circle left": PIXELS["Circle left"] * scale} for scale in (np.nan, np.inf, 1e300, 1j)),

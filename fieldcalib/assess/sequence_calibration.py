@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from fieldcalib._checks import expect, whole_number
+from fieldcalib._checks import expect, listed, real_array, whole_number
 from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
@@ -151,13 +151,15 @@ class SequenceCalibration(FrameSequence):
         run : (T,) int array
             Number of the run of each frame; frames of a run are consecutive in time.
         """
-        runs = np.asarray(run)
-        if runs.shape != (len(self),) or runs.dtype.kind not in "iu":
+        runs = real_array(run)
+        if runs.shape != (len(self),) or not np.all(np.isfinite(runs)):
             raise ValueError(f"run must have a whole number for each of {len(self)} frames, got {short(run)}")
         longest = whole_number(longest, "longest")
         if self.layout is None:
             return self
-        frames = interpolated(self.frames, runs, longest, Considered(self.layout, self.considered), self.field)
+        frames = interpolated(
+            self.frames, runs.astype(np.intp), longest, Considered(self.layout, self.considered), self.field
+        )
         return self if frames is self.frames else replace(self, frames=frames)
 
     def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
@@ -178,6 +180,8 @@ class SequenceCalibration(FrameSequence):
         for t, seen in expect(markings, Mapping, "{0: calibration.markings}").items():
             if whole_number(t, "the number of a frame") >= len(self):
                 raise ValueError(f"expected the number of a frame from 0 to {len(self) - 1}, got {t}")
+            for one in listed(seen, "markings in view"):
+                expect(one, MarkingInView, "a member of calibration.markings")
             if self.accepted[t] and paint_contradicts(seen):
                 status[t] = IMPROBABLE
                 words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])

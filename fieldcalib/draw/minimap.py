@@ -22,6 +22,7 @@ from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
 
 DARK: Colour = (24, 24, 24)
+LARGEST_MAP = 4096  # px
 POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
 UNSEEN = 0.62  # brightness of the ground that a camera does not see
@@ -85,7 +86,10 @@ def draw_minimap(
     expect(field, Field, FIELD)
     if camera is not None:
         expect(camera, (Camera, RationalCamera), CAMERA)
-    overhead, X, empty, dark = _map_of(field, checked_image_size(size))
+    size = checked_image_size(size)
+    if not 2 <= min(size) <= max(size) <= LARGEST_MAP:
+        raise ValueError(f"expected a map of 2 to {LARGEST_MAP} pixels each way, got {size[0]} x {size[1]}")
+    overhead, X, empty, dark = _map_of(field, size)
     if camera is None:
         result = to_uint8(empty)
     else:
@@ -246,6 +250,8 @@ def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
 def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
     """A colour for each of `count` points."""
     values = real_array(colours)
+    if not np.all(np.isfinite(values)):
+        raise ValueError("expected colours (blue, green, red), got numbers that are not finite")
     if values.shape != (3,) and (values.ndim != 2 or values.shape[1] != 3 or len(values) < count):
         raise ValueError(f"expected a colour (blue, green, red) or {count} of them, got shape {values.shape}")
     shades = np.broadcast_to(values, (count, 3)) if values.ndim == 1 else values

@@ -12,7 +12,7 @@ from zlib import crc32
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, expect, listed, positive, real_array, truth
+from fieldcalib._checks import CAMERA, expect, is_number, listed, positive, real_array, truth
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
@@ -106,10 +106,11 @@ def draw_field(
     check_object(object_segments)
     expect(colours, Mapping, '{"Middle line": (0, 0, 255)}')
     truth(dashed, "dashed")
-    if not isinstance(thickness, int | np.integer) or not 1 <= thickness <= THICKEST:
+    if not isinstance(thickness, int | np.integer) or isinstance(thickness, bool) or not 1 <= thickness <= THICKEST:
         raise ValueError(f"thickness must be a whole number of pixels, 1 to {THICKEST}, got {thickness!r}")
-    if len(listed(colour, "a colour (blue, green, red)")) != 3:
-        raise ValueError(f"expected a colour (blue, green, red), got {short(colour)}")
+    for one in (colour, *colours.values()):
+        if len(listed(one, "a colour (blue, green, red)")) != 3 or not all(map(is_number, one)):
+            raise ValueError(f"expected a colour (blue, green, red), got {short(one)}")
     dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
     rows = [
         label
@@ -173,7 +174,7 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
         xy = real_array(values)
         if xy.size and (xy.ndim != 2 or xy.shape[1] != 2):
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}")
-        pixels[label.strip()] = xy.reshape(-1, 2)
+        pixels[expect(label, str, '"Middle line"').strip()] = xy.reshape(-1, 2)
     for label, xy in pixels.items():
         for pixel in xy:
             draw_dot(picture, pixel, radius + max(1.0, 0.3 * radius), DARK)

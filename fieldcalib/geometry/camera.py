@@ -9,12 +9,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import number, real_array
+from fieldcalib._checks import is_number, number, real_array
 from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
@@ -425,10 +426,11 @@ def _vectors_last(s: Array) -> Array:
 
 def checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height) as two positive integers, or a ValueError."""
-    size = np.asarray(image_size)
-    is_pair = size.shape == (2,) and size.dtype.kind in "iuf" and bool(np.all(np.isfinite(size)))
-    if not is_pair or np.any(size != size.round()) or np.any(size <= 0):
-        came = image_size if size.size <= 4 else f"an array of shape {size.shape}"
-        hint = "; of an image array it is image.shape[1::-1]" if size.size >= 3 else ""
-        raise ValueError(f"image_size must be (width, height) in whole pixels, got {came!r}{hint}")
-    return int(size[0]), int(size[1])
+    is_array = isinstance(image_size, np.ndarray)
+    count = image_size.size if is_array else len(image_size) if isinstance(image_size, tuple | list) else 0
+    sides = list(image_size) if count == 2 and np.ndim(image_size[0]) == 0 else []
+    if len(sides) != 2 or not all(is_number(side) and 0 < side < np.inf and side == int(side) for side in sides):
+        came = f"an array of shape {image_size.shape}" if is_array and count > 4 else short(image_size)
+        hint = "; of an image array it is image.shape[1::-1]" if count >= 3 else ""
+        raise ValueError(f"image_size must be (width, height) in whole pixels, got {came}{hint}")
+    return int(sides[0]), int(sides[1])

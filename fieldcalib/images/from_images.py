@@ -149,6 +149,7 @@ def calibrate_from_images(
         ("estimate_size", estimate_size),
         ("estimate_aspect", estimate_aspect),
         ("take_off_borders", take_off_borders),
+        ("may_be_enlarged", may_be_enlarged),
     ):
         truth(value, name)
     of_part: Method = partial(_searched, task, place, estimate_size)

@@ -160,7 +160,7 @@ def calibrate_video(
     """
     if not isinstance(camera, str) or camera not in SHARED_BY:
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
-    if parts is not None and not hasattr(parts, "get"):
+    if parts is not None and not (hasattr(parts, "get") and hasattr(parts, "__setitem__")):
         raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     shared = shared_parameters(SHARED_BY[camera], estimate_size)

@@ -242,7 +242,7 @@ def read_annotations(
     ((960, 540), {'Middle line': array([[480.,   0.],
            [470., 530.]])})
     """
-    names = read_labels(labels) if isinstance(labels, str | Path) else labels
+    names = read_labels(file_path(labels, "labels")) if isinstance(labels, str | Path) else labels
     expect(names, Mapping, '{"half": "Middle line"}')
     annotations = {}
     for frame in frames_in(ANNOTATIONS.find([file_path(path, "annotations")]), names).frames:

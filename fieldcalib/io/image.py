@@ -42,6 +42,8 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
         raise ValueError(f"image must be an array (height, width, 3), got the path {path!r}; cv2.imread reads it")
     if hasattr(image, "getbands"):  # a picture of PIL, whose arrays are red, green, blue
         image = np.asarray(image.convert("RGB"))[..., ::-1]
+    if isinstance(image, list | tuple):
+        raise ValueError(f"image must be an array (height, width, 3) of uint8, got a {type(image).__name__}")
     array = np.asarray(image)
     if array.dtype == object:
         raise ValueError(f"image must be an array (height, width, 3) of uint8, got {type(image).__name__}")

@@ -231,10 +231,10 @@ def evaluate_segments(
             f"give None for a frame without a camera"
         )
     size = checked_image_size(image_size)
-    limits = np.asarray(thresholds)
-    if limits.ndim != 1 or not limits.size or limits.dtype.kind not in "iuf" or not np.all(limits > 0.0):
+    given = listed(thresholds, "thresholds in pixels")
+    if not len(given) or not all(is_number(one) and one > 0.0 for one in given):
         raise ValueError(f"thresholds must be a sequence of positive pixels, at least one, got {thresholds!r}")
-    limits = limits.astype(float)
+    limits = np.array(given, dtype=float)
     given = {f: checked_prediction(p, size) for f, p in enumerate(predictions) if p is not None}
     if not truth(planar, "planar") and any(is_homography(prediction) for prediction in given.values()):
         raise ValueError("homographies map the ground alone: evaluate them with planar=True")

@@ -50,6 +50,7 @@ from fieldcalib.solve.options import (
 )
 
 F = CalibrationFlags
+MOST_PAINT = 1000.0  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +106,8 @@ class Task:
         distributions = self._distributions
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):
             raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {self.tau}")
-        if not (isinstance(self.paint, Real) and 0.0 <= self.paint < np.inf):
-            raise ValueError(f"paint must be a standard deviation in metres, not negative, got {self.paint}")
+        if not (isinstance(self.paint, Real) and 0.0 <= self.paint <= MOST_PAINT):
+            raise ValueError(f"paint must be a standard deviation in metres, 0 to {MOST_PAINT:g}, got {self.paint}")
         loss = self.loss
         return Options(
             self.object_segments,
