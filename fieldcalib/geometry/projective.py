@@ -16,8 +16,10 @@ TINY = 1e-300  # smallest divisor, where weights or lengths may all be 0
 SINGULAR = 1e12
 
 
-def finite_homography(H: ArrayLike, *, batch: bool = False) -> Array:
+def finite_homography(H: ArrayLike, *, batch: bool = False, name: str = "") -> Array:
     """A homography as a float array (3, 3), with `batch` any number of them, (..., 3, 3).
+
+    Errors begin with the `name` of the argument, if it is given.
 
     Raises
     ------
@@ -29,15 +31,16 @@ def finite_homography(H: ArrayLike, *, batch: bool = False) -> Array:
     >>> finite_homography([[1, 0, 5], [0, 1, 0], [0, 0, 1]])[0]
     array([1., 0., 5.])
     """
+    whose = f"{name}: " if name else ""
     try:
         array = real_array(H)
     except ValueError as error:
-        raise ValueError(f"expected a homography, three rows of three numbers: {error}") from None
+        raise ValueError(f"{whose}expected a homography, three rows of three numbers: {error}") from None
     if array.shape[-2:] != (3, 3) or not (batch or array.ndim == 2):
         shape = "(..., 3, 3)" if batch else "(3, 3)"
-        raise ValueError(f"expected a homography, three rows of three numbers: shape {shape}, got {array.shape}")
+        raise ValueError(f"{whose}expected a homography, three rows of three numbers: {shape}, got {array.shape}")
     if not np.all(np.isfinite(array)):
-        raise ValueError("a number of the homography is not finite")
+        raise ValueError(f"{whose}a number of the homography is not finite")
     return array
 
 

@@ -138,7 +138,7 @@ def match_background(
     """
     one, two = pair(first, second)
     corners, moving = whole_number(corners, "corners", 1), truth(moving, "moving")
-    H = None if start is None else _reduced(finite_homography(start), one)
+    H = None if start is None else _reduced(finite_homography(start, name="start"), one)
     if H is not None and not is_plausible(H, (one.grey.shape[1], one.grey.shape[0])):
         return None
     return _matched(one, two, H, corners, moving)
@@ -186,8 +186,6 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
 
 def _reduced(H: Array, frame: Frame) -> Array:
     """A homography of pictures in full size, for reduced pictures."""
-    if H.shape != (3, 3) or not np.all(np.isfinite(H)):
-        raise ValueError(f"start must be a finite homography, (3, 3), got shape {H.shape}")
     T = to_full(frame.scale)
     return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
