@@ -38,7 +38,7 @@ def finite_homography(H: ArrayLike, *, batch: bool = False, name: str = "") -> A
         raise ValueError(f"{whose}expected a homography, three rows of three numbers: {error}") from None
     if array.shape[-2:] != (3, 3) or not (batch or array.ndim == 2):
         shape = "(..., 3, 3)" if batch else "(3, 3)"
-        raise ValueError(f"{whose}expected a homography, three rows of three numbers: {shape}, got {array.shape}")
+        raise ValueError(f"{whose}expected a homography, three rows of three numbers: shape {shape}, got {array.shape}")
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{whose}a number of the homography is not finite")
     return array
