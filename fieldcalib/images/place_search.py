@@ -32,7 +32,8 @@ from fieldcalib.solve.task import Task
 # the deviation of stripes, px; and the points of the field. The finer grids have five steps each way.
 STEP, COARSE, POINTS = 18.0, 8.0, (48, 300)
 FINER = ((6.0, 6.0), (2.5, 4.0))  # steps and deviations
-KEPT, CLOSER = 2000, 24  # views that are compared at more points, and looked at more closely
+# Views that are compared at more points, as few of the first may be in view; that go on; that are looked at closely.
+MANY, KEPT, CLOSER = 20_000, 2000, 24
 APART = 40.0  # px: views that are further from each other than this are different
 OTHER = 100.0  # px: views that are further from the best one than this are others
 LEAST_SCORE = 100.0  # of an accepted view
@@ -139,7 +140,7 @@ class Ranked:
 def rank_views(stripes: Stripes, field: Field, views: Views) -> Ranked:
     """Views that explain the stripes of a picture best, by the coarse likelihood."""
     maps = StripeMaps.of(stripes, COARSE)
-    for points, kept in zip(POINTS, (KEPT, KEPT), strict=True):
+    for points, kept in zip(POINTS, (MANY, KEPT), strict=True):
         score = maps.scores(views.cameras, MarkingPoints.of(field, points))
         best = np.argsort(-score, kind="stable")[:kept]
         views, score = views.take(best), score[best]
