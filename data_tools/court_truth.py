@@ -25,6 +25,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import TURN
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
@@ -41,7 +42,7 @@ def distances(camera: Camera, X: Array, xy: Array, columns: int) -> Array:
     infinite for what is behind the camera.
     """
     both = []
-    for turn in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)):
+    for turn in (1.0, TURN):
         off = np.linalg.norm(camera.project(X * turn) - xy, axis=1) * UNIT / columns
         both.append(np.where(np.isfinite(off), off, np.inf))
     return min(both, key=lambda off: float(np.median(off)))

@@ -15,6 +15,7 @@ import yaml
 
 from data_tools.court_truth import UNIT, distances
 from fieldcalib._types import Array
+from fieldcalib.fields.sides import TURN
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
@@ -43,7 +44,7 @@ class HallPicture:
 
     def metres(self, camera: Camera) -> float:
         """Distance of a camera, or of its twin on the other side of the court, from where it stands."""
-        return min(float(np.linalg.norm(camera.C * turn - self.C)) for turn in ((1.0, 1.0, 1.0), (-1.0, -1.0, 1.0)))
+        return min(float(np.linalg.norm(camera.C * turn - self.C)) for turn in (1.0, TURN))
 
 
 def hall_pictures(folder: Path) -> Iterator[HallPicture]:

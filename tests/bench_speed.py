@@ -62,15 +62,6 @@ def images(shared_data):
 
 
 @pytest.fixture
-def one_thread():
-    """Of OpenCV."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(threads)
-
-
-@pytest.fixture
 def say(request, capsys):
     """Print a result although pytest captures what tests print."""
 

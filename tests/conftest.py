@@ -39,6 +39,17 @@ def pytest_collection_modifyitems(items):
             item.add_marker("property")
 
 
+@pytest.fixture
+def one_thread():
+    """OpenCV on one thread: its ECC adds in float32, and on several the results differ from run to run."""
+    import cv2  # slow, and most tests draw nothing
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(before)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     path = Path(__file__).parents[2] / "shared" / "data"

@@ -184,15 +184,6 @@ def test_refinement_brings_the_homography_home(database):
     assert np.mean(by_recipe["wider"]) > np.mean(by_recipe["published"])
 
 
-@pytest.fixture
-def one_thread():
-    """OpenCV on one thread: its ECC adds in float32, and on several the results differ from run to run."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    yield
-    cv2.setNumThreads(before)
-
-
 def test_the_homography_is_for_images_of_the_given_size(database, one_thread):
     view = edge_images(central(1, 4).homographies, PIECES)[0]
     large, small = (homography(database, view, size) for size in (IMAGE_SIZE, (640, 360)))

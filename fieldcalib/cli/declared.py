@@ -84,14 +84,17 @@ class DeclaredPictures:
     @property
     def is_aspect_estimated(self) -> bool:
         """Whether nothing is declared that says how pixels are shown."""
-        nothing = self.display_size is None and self.crop_of is None and self.intrinsics is None
-        return self.aspect == ESTIMATED and nothing
+        return self.aspect == ESTIMATED and not self._are_placed
 
     @property
     def may_be_enlarged(self) -> bool:
         """Whether pictures may be enlarged parts of frames: not if they are placed in one, or resized."""
-        placed = self.display_size is not None or self.crop_of is not None or self.intrinsics is not None
-        return not placed and isinstance(self.aspect, str)
+        return isinstance(self.aspect, str) and not self._are_placed
+
+    @property
+    def _are_placed(self) -> bool:
+        """Whether it is declared where they lie in frames, how large they are shown, or what their camera is."""
+        return self.display_size is not None or self.crop_of is not None or self.intrinsics is not None
 
     @property
     def declared(self) -> Declared:

@@ -367,7 +367,9 @@ class Editor:
         """
         expect(changed, FrameEditor, "editor[0].mark(...)")
         with self.lock:
-            state = self._state(number, self.frames.image(number))
+            state = self._states.get(self.frames.number(number))
+            if state is None:
+                state = self._state(number, self.frames.image(number))
             if revision is not None and whole_number(revision, "revision") != state.edits.revision:
                 raise StaleEdit(
                     f"frame {self.ids[number]} was changed meanwhile: it has revision {state.edits.revision}, the "

@@ -10,7 +10,7 @@ So rinks are found, of which hardly two lines of each direction show.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import looks_the_same_turned
 from fieldcalib.images.court_hypotheses import Cameras, on_canonical_side, stands
-from fieldcalib.images.few_lines import LEVEL, focal_lengths
+from fieldcalib.images.few_lines import LEVEL, focal_lengths, planes_of, rays_of, unit
 from fieldcalib.localize.ellipses import Ellipse
 from fieldcalib.localize.long_lines import LongLines
 
@@ -93,8 +93,7 @@ class _Views:
         centre = np.linalg.solve(Q, down[:, :, None])[:, :, 0]  # the pole of the horizon
         with np.errstate(divide="ignore", invalid="ignore"):
             centre /= np.sum(centre * down, axis=1)[:, None]
-            across = np.cross(down, FORWARD)
-            across /= np.linalg.norm(across, axis=1)[:, None]
+            across = unit(np.cross(down, FORWARD))
             radius = np.sqrt(-_squared(Q, centre) / _squared(Q, across))
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0) & (centre[:, 2] > 0.0) & (radius > 0.0)
         unknown = np.full_like(down, np.nan)
@@ -102,19 +101,12 @@ class _Views:
 
     def with_directions(self, lines: LongLines) -> _Views:
         """Each with each line that lies below its horizon."""
-        width, middle = self.size[0], 0.5 * np.array(self.size)
-        line, ends = lines.homogeneous, (lines.ends - middle) / width
-        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ middle) / width])
+        line, ends = lines.seen_from(0.5 * np.array(self.size), float(self.size[0]))
         view, chosen = (one.ravel() for one in np.indices((len(self.f), len(line))))
-        f = self.f[view]
-        rays = np.concatenate([ends[chosen] / f[:, None, None], np.ones((len(f), 2, 1))], axis=2)
-        below = np.all(np.einsum("nek,nk->ne", rays, self.down[view]) > 0.0, axis=1)
-        plane = np.column_stack([line[chosen, :2] * f[:, None], line[chosen, 2]])
-        along = np.cross(plane, self.down[view])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along /= np.linalg.norm(along, axis=1)[:, None]
-        repeated = self._take(view)
-        return _Views(f, repeated.down, repeated.centre, repeated.radius, along, self.size)._take(below)
+        every = self._take(view)
+        below = np.all(np.einsum("nek,nk->ne", rays_of(ends[chosen], every.f), every.down) > 0.0, axis=1)
+        along = unit(np.cross(planes_of(line[chosen], every.f), every.down))
+        return replace(every, along=along)._take(below)
 
     def cameras(self, circle: Array, *, turn: float, are_across: bool) -> Cameras:
         """The cameras for which the circle is one of the field; lines run across it (x is constant) or along it.

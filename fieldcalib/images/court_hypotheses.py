@@ -227,10 +227,7 @@ class _Quads:
     @classmethod
     def of(cls, lines: LongLines, size: tuple[int, int], c: Array) -> _Quads:
         """All pairs of lines across the field with all pairs along it that have no line in common."""
-        width = float(size[0])
-        line = lines.homogeneous
-        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ c) / width])
-        ends = (lines.ends - c) / width
+        line, ends = lines.seen_from(c, float(size[0]))
         pairs = parallel_pairs(line, ends)
         first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
         a, b = pairs[first], pairs[second]

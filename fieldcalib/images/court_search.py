@@ -271,7 +271,7 @@ def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
 
 
 def _grids_of(candidate: _Candidate) -> list[Array]:
-    """`_grids` of a camera, in the picture of its stripes."""
+    """`seen_grids` of a camera, in the picture of its stripes."""
     camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
     return seen_grids(camera.scaled(candidate.stripes.maps.size), field)
 

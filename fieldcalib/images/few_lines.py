@@ -91,19 +91,17 @@ class _Triples:
     ) -> _Triples:
         """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
         width = float(size[0])
-        line = lines.homogeneous
-        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ c) / width])
-        ends = (lines.ends - c) / width
+        line, ends = lines.seen_from(c, width)
         pair, third, index = _combined(parallel_pairs(line, ends), len(line), len(focal_lengths))
         f = focal_lengths[index]
-        first, second, other = (_planes(line[one], f) for one in (pair[:, 0], pair[:, 1], third))
-        along = _unit(np.cross(first, second)) * turn
-        across = _unit(np.cross(other, along))
+        first, second, other = (planes_of(line[one], f) for one in (pair[:, 0], pair[:, 1], third))
+        along = unit(np.cross(first, second)) * turn
+        across = unit(np.cross(other, along))
         down = np.cross(across, along) if are_across else np.cross(along, across)
         sign = np.sign(down[:, 1:2])
         across, down = across * sign, down * sign
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0)
-        rays = np.stack([_rays(ends[one], f) for one in (pair[:, 0], pair[:, 1], third)], axis=1)
+        rays = np.stack([rays_of(ends[one], f) for one in (pair[:, 0], pair[:, 1], third)], axis=1)
         depth = np.einsum("nlek,nk->nle", rays, down)
         good &= np.all(depth > 0.0, axis=(1, 2))
         first, second, other, along, across, down = (one[good] for one in (first, second, other, along, across, down))
@@ -151,17 +149,18 @@ def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray
     return pairs[pair[apart]], third[apart], f[apart]
 
 
-def _planes(line: Array, f: Array) -> Array:
+def planes_of(line: Array, f: Array) -> Array:
     """Normals (N, 3) of the planes through the centre of a camera and its lines."""
     return np.column_stack([line[:, :2] * f[:, None], line[:, 2]])
 
 
-def _rays(ends: Array, f: Array) -> Array:
+def rays_of(ends: Array, f: Array) -> Array:
     """Rays (N, 2, 3) of pixels (N, 2, 2)."""
     return np.concatenate([ends / f[:, None, None], np.ones((*ends.shape[:2], 1))], axis=2)
 
 
-def _unit(v: Array) -> Array:
+def unit(v: Array) -> Array:
+    """Vectors (N, 3) scaled to length 1; NaN for those without a length."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 

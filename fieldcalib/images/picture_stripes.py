@@ -17,7 +17,6 @@ from fieldcalib.localize.stripe_colours import StripeColours
 from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
 
 LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
-
 ELLIPSES = 6  # from which circles are taken: on ice there are letters too
 
 

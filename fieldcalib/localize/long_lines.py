@@ -41,6 +41,12 @@ class LongLines:
         """Vectors (K, 3) with ``l . (x, y, 1) = 0`` on the line."""
         return np.column_stack([self.normal, -self.offset])
 
+    def seen_from(self, origin: Array, unit: float) -> tuple[Array, Array]:
+        """`homogeneous` and `ends` for pixels from an origin (2,), in a unit of so many pixels."""
+        line = self.homogeneous
+        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ origin) / unit])
+        return line, (self.ends - origin) / unit
+
 
 def long_lines(stripes: Stripes, most: int) -> LongLines:
     """Find the lines with the longest stripes on them, at most so many.
