@@ -9,8 +9,8 @@
 cameras are good, and these cameras as true; `clips` takes short synthetic clips. Each is shown in every way of `WAYS`,
 next to or around another one of them. `enlarged` shows of each picture that `real` takes a random part off the middle,
 of 0.5 to 0.8 of its size, enlarged to that. A line of JSON for each way has the number of pictures (of frames, for
-clips), how many of them get a camera that is accepted and how many a good one, how many of the good ones are wrong, and
-how many complain of their layout.
+clips), how many of them get a camera that is accepted and how many a good one, how many of the good ones are wrong,
+and how many of these in metres, and how many complain of their layout.
 
 A camera is wrong if it is off by more than 1 m on the ground somewhere in view (`data_tools.probability`), or if the
 points of the field in view are, in the median, more than 5 px of 1280 away. In view is what the window shows; where
@@ -207,28 +207,36 @@ def _background(image: Image, kind: str, rng: np.random.Generator) -> Image:
 
 
 def is_wrong(found: Camera, shown: Shown) -> bool:
-    """Whether a camera is wrong in all windows of a picture."""
-    return all(_is_wrong_in(found, *window) for window in shown.windows)
+    """Whether a camera is wrong in all windows of a picture, in pixels or in metres."""
+    errors = [_errors_in(found, *window) for window in shown.windows]
+    return all(pixels > RIGHT or metres > LARGEST_ERROR for pixels, metres in errors)
 
 
-def _is_wrong_in(found: Camera, place: tuple[int, int, int, int], truth: Camera, field: Field) -> bool:
+def is_off_in_metres(found: Camera, shown: Shown) -> bool:
+    """Whether a camera is wrong in metres in all windows of a picture."""
+    return all(_errors_in(found, *window)[1] > LARGEST_ERROR for window in shown.windows)
+
+
+def _errors_in(found: Camera, place: tuple[int, int, int, int], truth: Camera, field: Field) -> tuple[float, float]:
+    """Median error of points in view, px of `UNIT`, and the largest one on the ground, metres; infinite if unknown."""
     x, y, w, h = place
     one, true = (camera.cropped((x, y), (w, h)) for camera in (found, truth))
     xy, X = points_in_view(true, field)
     off = np.linalg.norm(one.project(X) - xy, axis=1) * UNIT / found.image_size[0]
-    in_pixels = len(xy) > 0 and np.median(np.nan_to_num(off, nan=np.inf)) <= RIGHT
-    return not (in_pixels and largest_true_error(one, true, soccer(), field) <= LARGEST_ERROR)
+    pixels = float(np.median(np.nan_to_num(off, nan=np.inf))) if len(xy) else np.inf
+    return pixels, float(np.nan_to_num(largest_true_error(one, true, soccer(), field), nan=np.inf))
 
 
 def counts(found: Iterable[Calibration], shown: Iterable[Shown]) -> dict[str, int]:
     """Numbers of pictures, of accepted and good cameras, of good ones that are wrong, and of complaints."""
-    total = {"count": 0, "accepted": 0, "good": 0, "good and wrong": 0, "complain": 0}
+    total = {"count": 0, "accepted": 0, "good": 0, "good and wrong": 0, "good and 1 m off": 0, "complain": 0}
     for one, picture in zip(found, shown, strict=True):
         good = one.verdict is Verdict.GOOD
         total["count"] += 1
         total["accepted"] += one.accepted
         total["good"] += good
         total["good and wrong"] += good and is_wrong(one.required_camera, picture)
+        total["good and 1 m off"] += good and is_off_in_metres(one.required_camera, picture)
         total["complain"] += any(word in one.reason for word in (CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW))
     return total
 
