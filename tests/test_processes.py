@@ -217,11 +217,16 @@ def calibrated_here(images):
     return calibrate_from_images(FIELD, images, Seeing())
 
 
+@pytest.fixture(scope="module")
+def localized_here(images):
+    return localize(FIELD, images, Seeing())
+
+
 @pytest.mark.parametrize("make", [partial(ThreadPoolExecutor, 2), partial(Processes, 2)], ids=["threads", "processes"])
-def test_images_are_calibrated_the_same_by_any_executor(images, calibrated_here, make):
+def test_images_are_calibrated_the_same_by_any_executor(images, calibrated_here, localized_here, make):
     assert calibrated_here[0].accepted
     with make() as executor:
         assert calibrate_from_images(FIELD, images, Seeing(), executor=executor) == calibrated_here
         localized = localize(FIELD, images, Seeing(), executor=executor)
     assert len(localized) == len(images)
-    assert [one.pixels.keys() for one in localized] == [one.pixels.keys() for one in localize(FIELD, images, Seeing())]
+    assert [one.pixels.keys() for one in localized] == [one.pixels.keys() for one in localized_here]
