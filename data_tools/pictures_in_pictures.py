@@ -1,14 +1,16 @@
 """Cameras of pictures that show frames within them: split screens, shrunken frames, insets, digital zoom.
 
     python -m data_tools.pictures_in_pictures rendered [--frames N] [--seed S]
-    python -m data_tools.pictures_in_pictures real FOLDER
+    python -m data_tools.pictures_in_pictures real FOLDER ...
+    python -m data_tools.pictures_in_pictures enlarged FOLDER ... [--seed S]
     python -m data_tools.pictures_in_pictures clips [--clips N] [--frames N] [--seed S]
 
-`rendered` takes single frames of synthetic clips with their true cameras; `real` takes the pictures of a folder whose
+`rendered` takes single frames of synthetic clips with their true cameras; `real` takes the pictures of folders whose
 cameras are good, and these cameras as true; `clips` takes short synthetic clips. Each is shown in every way of `WAYS`,
-next to or around another one of them. A line of JSON for each way has the number of pictures (of frames, for clips),
-how many of them get a camera that is accepted and how many a good one, how many of the good ones are wrong, and how
-many complain of their layout.
+next to or around another one of them. `enlarged` shows of each picture that `real` takes a random part off the middle,
+of 0.5 to 0.8 of its size, enlarged to that. A line of JSON for each way has the number of pictures (of frames, for
+clips), how many of them get a camera that is accepted and how many a good one, how many of the good ones are wrong,
+and how many of these in metres, and how many complain of their layout.
 
 A camera is wrong if it is off by more than 1 m on the ground somewhere in view (`data_tools.probability`), or if the
 points of the field in view are, in the median, more than 5 px of 1280 away. In view is what the window shows; where
@@ -18,6 +20,7 @@ there are two, the one that the camera fits better counts.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -49,6 +52,7 @@ from fieldcalib.synthetic.paths import with_displaced_lines
 LARGEST_ERROR, RIGHT = 1.0, 5.0  # metres; px of `UNIT`
 SUFFIXES = (".jpg", ".png")
 LINE = (235, 235, 235)
+PARTS, OFF_MIDDLE = (0.5, 0.8), 0.25  # of the size; least distance from the middle, where 0.5 is at the border
 BLUR = 25.0  # px: of a picture that is the background of itself
 
 
@@ -84,6 +88,21 @@ def _shrunk(share: float, x: float, y: float, background: str, line: float) -> A
 
 def _zoomed(share: float, x: float, y: float) -> Arrangement:
     return (Window((x * (1.0 - share), y * (1.0 - share), share, share), WHOLE),), "even", 0.0
+
+
+def part_off_the_middle(rng: np.random.Generator) -> Arrangement:
+    """A random part of a frame, enlarged to its size.
+
+    Examples
+    --------
+    >>> (window,), _, _ = part_off_the_middle(np.random.default_rng(0))
+    >>> [round(float(share), 2) for share in window.part], window.place
+    ([0.01, 0.0, 0.74, 0.74], (0.0, 0.0, 1.0, 1.0))
+    """
+    x, y = rng.uniform(0.0, 1.0, 2)
+    while max(abs(x - 0.5), abs(y - 0.5)) < OFF_MIDDLE:
+        x, y = rng.uniform(0.0, 1.0, 2)
+    return _zoomed(rng.uniform(*PARTS), x, y)
 
 
 def _inset(share: float, x: float, y: float) -> Arrangement:
@@ -188,28 +207,36 @@ def _background(image: Image, kind: str, rng: np.random.Generator) -> Image:
 
 
 def is_wrong(found: Camera, shown: Shown) -> bool:
-    """Whether a camera is wrong in all windows of a picture."""
-    return all(_is_wrong_in(found, *window) for window in shown.windows)
+    """Whether a camera is wrong in all windows of a picture, in pixels or in metres."""
+    errors = [_errors_in(found, *window) for window in shown.windows]
+    return all(pixels > RIGHT or metres > LARGEST_ERROR for pixels, metres in errors)
 
 
-def _is_wrong_in(found: Camera, place: tuple[int, int, int, int], truth: Camera, field: Field) -> bool:
+def is_off_in_metres(found: Camera, shown: Shown) -> bool:
+    """Whether a camera is wrong in metres in all windows of a picture."""
+    return all(_errors_in(found, *window)[1] > LARGEST_ERROR for window in shown.windows)
+
+
+def _errors_in(found: Camera, place: tuple[int, int, int, int], truth: Camera, field: Field) -> tuple[float, float]:
+    """Median error of points in view, px of `UNIT`, and the largest one on the ground, metres; infinite if unknown."""
     x, y, w, h = place
     one, true = (camera.cropped((x, y), (w, h)) for camera in (found, truth))
     xy, X = points_in_view(true, field)
     off = np.linalg.norm(one.project(X) - xy, axis=1) * UNIT / found.image_size[0]
-    in_pixels = len(xy) > 0 and np.median(np.nan_to_num(off, nan=np.inf)) <= RIGHT
-    return not (in_pixels and largest_true_error(one, true, soccer(), field) <= LARGEST_ERROR)
+    pixels = float(np.median(np.nan_to_num(off, nan=np.inf))) if len(xy) else np.inf
+    return pixels, float(np.nan_to_num(largest_true_error(one, true, soccer(), field), nan=np.inf))
 
 
 def counts(found: Iterable[Calibration], shown: Iterable[Shown]) -> dict[str, int]:
     """Numbers of pictures, of accepted and good cameras, of good ones that are wrong, and of complaints."""
-    total = {"count": 0, "accepted": 0, "good": 0, "good and wrong": 0, "complain": 0}
+    total = {"count": 0, "accepted": 0, "good": 0, "good and wrong": 0, "good and 1 m off": 0, "complain": 0}
     for one, picture in zip(found, shown, strict=True):
         good = one.verdict is Verdict.GOOD
         total["count"] += 1
         total["accepted"] += one.accepted
         total["good"] += good
         total["good and wrong"] += good and is_wrong(one.required_camera, picture)
+        total["good and 1 m off"] += good and is_off_in_metres(one.required_camera, picture)
         total["complain"] += any(word in one.reason for word in (CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW))
     return total
 
@@ -233,14 +260,28 @@ def rendered(options: argparse.Namespace) -> int:
 
 
 def real(options: argparse.Namespace) -> int:
-    """Measure the pictures of a folder."""
-    paths = sorted(path for path in options.folder.iterdir() if path.suffix in SUFFIXES)
+    """Measure the pictures of folders."""
+    return _of_pictures(good_views(options.folders))
+
+
+def enlarged(options: argparse.Namespace) -> int:
+    """Measure random parts of the pictures of folders."""
+    rngs = map(np.random.default_rng, itertools.count(options.seed))
+    shown = [
+        arranged([view], part_off_the_middle(rng), rng)
+        for view, rng in zip(good_views(options.folders), rngs, strict=False)
+    ]
+    _print_counts("enlarged part", shown, SegmentationNetwork.load())
+    return 0
+
+
+def good_views(folders: Iterable[Path]) -> list[View]:
+    """The pictures of folders whose cameras are good, with these."""
+    paths = sorted(path for folder in folders for path in folder.iterdir() if path.suffix in SUFFIXES)
     images = [parse_image(path.read_bytes()) for path in paths]
     found = calibrate_from_images(soccer(), images, SegmentationNetwork.load(), estimate_size=False)
     both = zip(images, found, strict=True)
-    return _of_pictures(
-        [View(image, one.required_camera, soccer()) for image, one in both if one.verdict is Verdict.GOOD]
-    )
+    return [View(image, one.required_camera, soccer()) for image, one in both if one.verdict is Verdict.GOOD]
 
 
 def _of_pictures(views: Sequence[View]) -> int:
@@ -249,9 +290,13 @@ def _of_pictures(views: Sequence[View]) -> int:
         shown = [
             arranged([view, views[index - 1]], how, np.random.default_rng(index)) for index, view in enumerate(views)
         ]
-        found = calibrate_from_images(soccer(), [one.image for one in shown], network, estimate_size=False)
-        print(json.dumps({"way": name, **counts(found, shown)}), flush=True)
+        _print_counts(name, shown, network)
     return 0
+
+
+def _print_counts(name: str, shown: Sequence[Shown], network: SegmentationNetwork) -> None:
+    found = calibrate_from_images(soccer(), [one.image for one in shown], network, estimate_size=False)
+    print(json.dumps({"way": name, **counts(found, shown)}), flush=True)
 
 
 def clips(options: argparse.Namespace) -> int:
@@ -271,14 +316,16 @@ def clips(options: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON for each way."""
-    functions: dict[str, Callable[[argparse.Namespace], int]] = {"rendered": rendered, "real": real, "clips": clips}
+    measures = (rendered, real, enlarged, clips)
+    functions: dict[str, Callable[[argparse.Namespace], int]] = {one.__name__: one for one in measures}
     parser, commands = parser_of(__doc__, functions)
     for name, command in commands.items():
         command.set_defaults(run=functions[name])
-        if name == "real":
-            command.add_argument("folder", type=Path, help="pictures of soccer")
+        if name in ("real", "enlarged"):
+            command.add_argument("folders", type=Path, nargs="+", help="pictures of soccer")
         else:
             add_made_frames(command, 40 if name == "rendered" else 90)
+    commands["enlarged"].add_argument("--seed", type=int, default=0)
     commands["clips"].add_argument("--clips", type=count, default=4, help="(4)")
     return run_command(parser.parse_args(arguments))
 

@@ -1,7 +1,7 @@
 """What many tests share: settings of Hypothesis, data beside the checkout, known networks, a calibrated folder.
 
 Hypothesis draws the same examples on every run of CI. Property tests have the marker `property`; with
-HYPOTHESIS_PROFILE=thorough they draw three times as many examples, and with HYPOTHESIS_PROFILE=few a quarter.
+HYPOTHESIS_PROFILE=thorough they draw twice as many examples, and with HYPOTHESIS_PROFILE=few a quarter.
 """
 
 import os
@@ -27,7 +27,7 @@ settings.register_profile(
 )
 # elsewhere examples are random, and those that failed are kept in .hypothesis and tried first
 settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
-settings.register_profile("thorough", parent=settings.get_profile("ci"), max_examples=60)
+settings.register_profile("thorough", parent=settings.get_profile("ci"), max_examples=40)
 settings.register_profile("few", parent=settings.get_profile("ci"), max_examples=5)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "local"))
 

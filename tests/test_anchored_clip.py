@@ -53,6 +53,7 @@ def test_labels_of_frames_that_nothing_ties_are_contradicted_by_those_around():
     assert set(found.labels) == set(range(COUNT)) - {4}
 
 
+@pytest.mark.slow
 def test_anchors_correct_what_most_labels_say():
     """Two thirds of the labels are wrong in the same way; frames that are known tell the cameras of all by matches."""
     clip = clip_of(CAMERAS)

@@ -30,6 +30,12 @@ NAMES = (
 )
 COURTS = {name: field_named(name) for name in NAMES}
 every_court = pytest.mark.parametrize("field", COURTS.values(), ids=COURTS)
+# of what solves many frames; on the other courts it is slow
+AT_ONCE = ("handball", "padel", "tennis")
+solved_court = pytest.mark.parametrize(
+    "field",
+    [pytest.param(field, id=name, marks=() if name in AT_ONCE else pytest.mark.slow) for name, field in COURTS.items()],
+)
 needs_sportypy = pytest.mark.skipif(
     importlib.util.find_spec("sportypy") is None,
     reason="sportypy, whose numbers are compared, is not installed: GPL, of no extra",
@@ -441,7 +447,7 @@ def test_the_net_of_women_is_lower():
 # --- cameras ---
 
 
-@every_court
+@solved_court
 def test_frames_without_noise_give_back_their_cameras(field):
     frames, cameras = random_frames(12, seed=21, stands=tuple(field.named_stands), field=field)
     found = calibrate_batch(field, frames, SIZE, prior=None)
@@ -449,7 +455,7 @@ def test_frames_without_noise_give_back_their_cameras(field):
     assert max(errors) < 1e-6
 
 
-@every_court
+@solved_court
 def test_the_stands_of_a_court_are_its_prior(field):
     frames, cameras = random_frames(6, seed=5, least_segments=7, stands=tuple(field.named_stands), field=field)
     found = calibrate_batch(field, frames, SIZE, flags=PINHOLE_FLAGS)
@@ -458,7 +464,7 @@ def test_the_stands_of_a_court_are_its_prior(field):
     assert all(one.verdict == "good" for one in found)
 
 
-@every_court
+@solved_court
 def test_a_single_line_makes_no_good_camera(field):
     rng, seen = np.random.default_rng(3), 0
     for _ in range(40):
@@ -487,7 +493,7 @@ def frames_of_lines(field, lines, count):
 
 
 @pytest.mark.parametrize("axis", [0, 1], ids=["across", "along"])
-@every_court
+@solved_court
 def test_parallel_lines_without_ends_make_no_good_camera(field, axis):
     lines, reach = parallel_lines(field, axis), 1e4 * np.eye(3)[1 - axis]
     endless = {label: Line(np.minimum(s.start, s.end) - reach, s.end + reach) for label, s in lines.items()}
@@ -495,8 +501,8 @@ def test_parallel_lines_without_ends_make_no_good_camera(field, axis):
     assert all(one.verdict != "good" for one in found)
 
 
-def test_parallel_lines_make_no_good_camera():
-    for field in COURTS.values():
-        for axis in (0, 1):
-            frames = frames_of_lines(field, parallel_lines(field, axis), 8)
-            assert all(one.verdict != "good" for one in calibrate_batch(field, frames, SIZE))
+@pytest.mark.parametrize("axis", [0, 1], ids=["across", "along"])
+@solved_court
+def test_parallel_lines_make_no_good_camera(field, axis):
+    frames = frames_of_lines(field, parallel_lines(field, axis), 8)
+    assert all(one.verdict != "good" for one in calibrate_batch(field, frames, SIZE))

@@ -26,6 +26,7 @@ from fieldcalib.editor.clip import BESIDE, CUTS, Proposal, Window, largest_move,
 from fieldcalib.editor.journal import JOURNAL
 from fieldcalib.editor.stored import MOVED
 from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import FramesByNumber
 
 
@@ -182,6 +183,27 @@ def test_a_change_after_a_clip_was_solved_is_not_kept_with_it(clip, tmp_path):
     marked(marked(editor, 1, number=5), 1, number=6)
     editor.keep(proposal(nothing(8), Window(0, 8), anchors, anchors))
     assert editor.unsaved == 2
+
+
+@pytest.mark.parametrize("shots", [3, [[]], [{"first_frame": None}], [{"first_frame": True}], [{"first_frame": -1}]])
+def test_damaged_shots_are_named(clip, tmp_path, shots):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8, (0, 3)), Window(0, 8)))
+    editor.close()
+    (out / "edits.jsonl").unlink()
+    (out / "tripods.json").write_text(json.dumps({"shots": shots}))
+    with pytest.raises(BrokenFileError, match=r"tripods\.json: 'shots': expected"):
+        opened(clip, out)
+
+
+def test_a_damaged_summary_is_named(clip, tmp_path):
+    out = tmp_path / "out"
+    editor = opened(clip, out)
+    editor.keep(proposal(nothing(8), Window(0, 8)))
+    (out / "summary.json").write_text("[]")
+    with pytest.raises(BrokenFileError, match=r"summary\.json: expected a JSON object"):
+        assert editor.stored.moved
 
 
 def test_a_clip_whose_frames_were_mended_says_so(clip, tmp_path):

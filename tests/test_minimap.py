@@ -183,6 +183,11 @@ def test_what_cannot_be_written_is_said_first(folder, capsys):
     assert "is one picture, and there are 4 frames" in capsys.readouterr().err
     assert command("minimap", folder, folder / "none.csv", "--out", folder / "maps") == 2
     assert "none.csv does not exist" in capsys.readouterr().err
+    (folder / "maps").mkdir()
+    (folder / "maps" / "minimap_000002.png").touch()
+    assert command("minimap", folder, path, "--out", folder / "maps") == 2
+    said = "minimap_000002.png is there already: remove the folder, if a run of this command was interrupted there"
+    assert said in capsys.readouterr().err
 
 
 def test_players_on_a_top_view(folder, capsys):

@@ -283,7 +283,7 @@ def test_standard_deviations_are_those_of_drawn_cameras_and_pixels(rng, pixel_sd
     calibration = Calibration(TRUTH, Status.ACCEPTED, "", 0.0, 0.0, {}, errors=KnownErrors(layout, theta, covariance))
     xy = TRUTH.project(PLAYERS)
     found = locate_on_ground(calibration, xy, pixel_sd=pixel_sd)
-    drawn = rng.multivariate_normal(theta, covariance, size=4000)
+    drawn = rng.multivariate_normal(theta, covariance, size=2000)
     seen = xy + pixel_sd * rng.standard_normal((len(drawn), *xy.shape))
     X = np.array([layout.camera(one).image_to_field(pixels) for one, pixels in zip(drawn, seen, strict=True)])[..., :2]
     np.testing.assert_allclose(found.X, PLAYERS, atol=1e-6)

@@ -8,7 +8,7 @@ from networks import Blind
 
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
-from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
+from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Tool, how
 from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.assess.whole_picture import CUT, SHAPE
 from fieldcalib.assess.words import REMEDIES
@@ -17,7 +17,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import calibrate_video
 
 SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
-ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, *SIZES]
+ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, *SIZES]
 REASONS = [CUT, SHAPE, LABEL_MORE]
 
 

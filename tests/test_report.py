@@ -12,7 +12,7 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.remedies import BY_HAND, LOOK, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, Tool, how
+from fieldcalib.assess.remedies import BY_HAND, LOOK, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Tool, how
 from fieldcalib.assess.words import REMEDIES
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
@@ -165,7 +165,9 @@ def test_frames_with_one_reason_are_counted_together():
     assert table.worst[:4] == [30, 0, 10, 20]
 
 
-@pytest.mark.parametrize("remedy", [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, LOOK_AND_LABEL, UNREADABLE])
+@pytest.mark.parametrize(
+    "remedy", [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, LOOK_AND_LABEL, UNREADABLE]
+)
 def test_each_advice_says_what_to_type(remedy):
     said = Commands("my folder", "match.mp4").how(remedy)
     assert ("fieldcalib open my folder" in said) == (remedy != UNREADABLE)

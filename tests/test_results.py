@@ -396,6 +396,18 @@ def test_without_pandas_the_message_says_how_to_get_it(written, monkeypatch):
         read(written).to_pandas()
 
 
+@pytest.mark.parametrize(
+    ("name", "value"), [("K", 1.5), ("K", [[1.0] * 3] * 2), ("R", 2), ("R", [[1.0] * 3] * 4), ("C", 1e9), ("K", "abc")]
+)
+def test_cameras_that_are_none(tmp_path, name, value):
+    rows = [[1.0] * 3] * 3
+    line = {"id": "b", "status": "accepted", "message": "", "version": 2, "image_size": [9, 9], "dist": []}
+    line |= {"K": rows, "R": rows, "C": [0.0] * 3, name: value}
+    (tmp_path / "cameras.jsonl").write_text(f"{json.dumps(line)}\n")
+    with pytest.raises(BrokenFileError, match="line 1: a camera needs 'K' and 'R', each three rows"):
+        read(tmp_path).cameras["b"]
+
+
 def test_results_that_are_none(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"cameras\.jsonl does not exist"):
         read(tmp_path)

@@ -33,6 +33,11 @@ NAMES = (
     "rugby-union",
 )
 every_field = pytest.mark.parametrize("name", NAMES)
+# of what solves many frames; on the other fields it is slow
+AT_ONCE = ("american-football-nfl", "ice-hockey-nhl")
+solved_field = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in AT_ONCE else pytest.mark.slow) for name in NAMES]
+)
 FT, IN = 0.3048, 0.0254
 
 
@@ -213,7 +218,7 @@ def test_half_centimetres_do_not_hide_a_counterpart():
 # Cameras
 
 
-@every_field
+@solved_field
 def test_cameras_of_the_stands_are_recovered(name):
     """Without noise and without a prior in the final solve; a wide camera may end in a false minimum."""
     field = field_named(name)
@@ -223,7 +228,7 @@ def test_cameras_of_the_stands_are_recovered(name):
     assert np.sum(np.array(errors) < 1e-6) >= 19, sorted(errors)[-3:]
 
 
-@every_field
+@solved_field
 def test_the_prior_of_the_stands_is_weak(name):
     field = field_named(name)
     frames, cameras = random_frames(20, seed=22, noise=0.3, field=field, stands=tuple(field.named_stands))

@@ -455,8 +455,8 @@ def test_a_folder_that_cannot_be_written_to(know, tmp_path, capsys):
 
 
 def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
-    write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (3 * IMAGES_AT_ONCE + 1))
-    network = know([None] * (3 * IMAGES_AT_ONCE + 1))
+    write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (2 * IMAGES_AT_ONCE + 1))
+    network = know([None] * (2 * IMAGES_AT_ONCE + 1))
     read, seen, ahead = [], [], []
 
     class Watched(VideoReader):
@@ -476,8 +476,8 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
     monkeypatch.setattr(frames_of_commands, "VIDEOS", replace(VIDEOS, read=Watched))
     monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
     assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out", "--independent") == 0
-    assert ahead == [IMAGES_AT_ONCE] * 3 + [1]
-    assert len(lines_of(tmp_path / "out")) == 3 * IMAGES_AT_ONCE + 1
+    assert ahead == [IMAGES_AT_ONCE] * 2 + [1]
+    assert len(lines_of(tmp_path / "out")) == 2 * IMAGES_AT_ONCE + 1
 
 
 @pytest.mark.parametrize("how", [(), ("--independent",)], ids=["together", "independent"])

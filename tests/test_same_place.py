@@ -65,6 +65,7 @@ def test_another_field_is_not_found_from_a_known_place():
     assert not search_from(Task(RINK), RINK, picture, PLACE).accepted
 
 
+@pytest.mark.slow
 def test_the_place_comes_from_pictures_that_are_found_by_themselves():
     views = [on_court(pan, 1300.0) for pan in (86.0, 90.0, 95.0)]
     place = pooled_place(COURT, [render_field(one, COURT) for one in views])

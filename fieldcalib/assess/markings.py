@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+from math import inf
+
+from fieldcalib._checks import expect, number, truth, whole_number
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
 LONG = 15  # number of places from which on a marking is long
@@ -11,6 +15,11 @@ CONFIRMED = (
     0.85  # least share of places with paint on confirmed markings: right frames of a hard clip have 0.83 to 0.97
 )
 LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera; places that each needs
+
+LEAST_WIDTHS = 6  # places where the width of paint must be measured
+# Times the projected width: from here on the paint is too wide. In 60 right pictures it is 0.8 to 1.26 times.
+TOO_WIDE = 1.4
+TOO_WIDE_PAINT = "the lines are {:.1f} times as wide as the field's: it may be a smaller one with the same markings"
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,27 @@ class MarkingInView:
     """Whether its paint should be visible: equally narrow paint of other markings is."""
     is_bent: bool = False
     """Whether its paint bends away from it: one part lies on the marking, the rest beside it."""
+    width: float = 0.0
+    """Median width of its paint, in units of the width that the camera projects; 0 where it cannot be measured."""
+    widths: int = 0
+    """Number of places where its width was measured."""
+
+    def __post_init__(self) -> None:
+        """Check what may come from a file.
+
+        Raises
+        ------
+        ValueError
+            If something is of a wrong type, or a number is negative or not finite.
+        """
+        expect(self.label, str, "Middle line")
+        for name in ("length", "share", "offset", "width"):
+            if not 0.0 <= number(getattr(self, name), name) < inf:
+                raise ValueError(f"{name}: expected a number of at least 0, got {getattr(self, name)}")
+        for name in ("places", "widths"):
+            whole_number(getattr(self, name), name)
+        for name in ("is_expected", "is_bent"):
+            truth(getattr(self, name), name)
 
     @property
     def is_beside(self) -> bool:
@@ -65,7 +95,7 @@ class MarkingInView:
 
 
 def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
-    """Describe markings whose paint lies beside them or is missing, farthest first.
+    """Describe markings whose paint lies beside them or is missing, farthest first, and paint that is too wide.
 
     Examples
     --------
@@ -75,7 +105,28 @@ def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
     """
     beside = sorted((one for one in markings if one.is_beside), key=lambda one: -one.offset)
     found = [f"{one.label!r} lies {one.offset:.0f} px beside its paint" for one in beside]
-    return (*found, *(f"the image shows no paint at {one.label!r}" for one in markings if one.is_unseen))
+    found += [f"the image shows no paint at {one.label!r}" for one in markings if one.is_unseen]
+    return (*found, TOO_WIDE_PAINT.format(paint_width(markings))) if paint_is_too_wide(markings) else tuple(found)
+
+
+def paint_width(markings: Sequence[MarkingInView]) -> float:
+    """Median width of the paint in view, in units of the projected width; 0 if it was measured at too few places.
+
+    Examples
+    --------
+    >>> paint_width([MarkingInView("Middle line", 300.0, 25, share=1.0, offset=0.0, width=1.1, widths=9)])
+    1.1
+    """
+    measured = sorted((one.width, one.widths) for one in markings if one.widths)
+    up_to = list(accumulate(widths for _, widths in measured))
+    if not measured or up_to[-1] < LEAST_WIDTHS:
+        return 0.0
+    return next(width for (width, _), places in zip(measured, up_to, strict=True) if 2 * places >= up_to[-1])
+
+
+def paint_is_too_wide(markings: Sequence[MarkingInView]) -> bool:
+    """Whether the paint in view is so much wider than it should be that the field may be a smaller one."""
+    return paint_width(markings) > TOO_WIDE
 
 
 def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:

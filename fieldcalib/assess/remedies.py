@@ -19,6 +19,7 @@ OTHER_FIELD = "name the field"
 
 OFF_PAINT = f"{LOOK}; give the known length and width of the field"
 NOT_WHOLE = f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one"
+SMALLER = f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}"
 ASK_SPORT = "is this soccer?"  # in the message of a camera of a network that knows soccer
 NOT_SOCCER = f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}"
 

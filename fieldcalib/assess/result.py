@@ -19,10 +19,16 @@ from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.estimate import Estimate, GroundError
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
+from fieldcalib.assess.markings import (
+    MarkingInView,
+    paint_complaints,
+    paint_contradicts,
+    paint_is_too_wide,
+    paint_share,
+)
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT
+from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
@@ -206,6 +212,8 @@ class Calibration:
             return "; ".join([REMEDIES[self.status], *([NOT_SOCCER] if ASK_SPORT in self.message else [])])
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
+        if paint_is_too_wide(self.markings):
+            return SMALLER
         if not NOT_WHOLE_FRAMES.isdisjoint(self._concerns):
             return NOT_WHOLE
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""

@@ -15,7 +15,7 @@ from fieldcalib.draw import draw_minimap
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
-from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.overwriting import INTERRUPTED, check_targets
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
 
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"frame {unnamed!r} cannot name a file: give a video ({VIDEO})")
     pictures = {id: options.out if is_file else options.out / f"minimap_{id}{PICTURE}" for id in ids}
     own = [options.players] if options.players is not None else []
-    check_targets(dict.fromkeys(pictures.values()), [*cameras.files, *own], replaces=is_file)
+    check_targets(dict.fromkeys(pictures.values()), [*cameras.files, *own], replaces=is_file, remedy=INTERRUPTED)
 
     def maps() -> Iterator[tuple[str, Image]]:
         for id in ids:

@@ -19,13 +19,12 @@ from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import write_image
-from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.overwriting import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.run_folder.images import say_note
 from fieldcalib.run_folder.inputs import files_read
 
 PICTURE, VIDEO = ".png", ".mp4"
-REMEDY = "remove the folder, if a run of this command was interrupted there, or give another --out"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +84,7 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
     if not chosen:
         raise ValueError(f"no image that is given has an accepted camera in {cameras.path}")
     targets = {out / f"{file.id}{PICTURE}": file for file in chosen}
-    check_targets(targets, files_read(inputs), remedy=REMEDY)
+    check_targets(targets, files_read(inputs), remedy=INTERRUPTED)
     out.mkdir(parents=True, exist_ok=True)
     for path, file in targets.items():
         with named_in_errors(file.path):

@@ -21,7 +21,14 @@ from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
 from fieldcalib.editor.table import Row
 from fieldcalib.editor.versions import Kept, State, Versions
-from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, whole_file, write_text
+from fieldcalib.io.files import (
+    BrokenFileError,
+    named_in_errors,
+    parse_json_object,
+    read_regular_file,
+    whole_file,
+    write_text,
+)
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.images import encode_image
 from fieldcalib.io.line_log import LineLog
@@ -155,12 +162,21 @@ class Stored:
 
     @property
     def cuts(self) -> list[int]:
-        """First frames of the shots of a clip, counted from the first frame; empty where nothing says them."""
+        """First frames of the shots of a clip, counted from the first frame; empty where nothing says them.
+
+        Raises
+        ------
+        BrokenFileError
+            If ``tripods.json`` is there and does not say them.
+        """
         path = self.folder / TRIPODS
         if not path.is_file():
             return []
-        shots = parse_json_object(read_regular_file(path), "a clip's tripods").get("shots", [])
-        return [int(shot.get("first_frame", shot.get("start"))) for shot in shots]
+        with named_in_errors(path):
+            shots = parse_json_object(read_regular_file(path), "a clip's tripods").get("shots", [])
+            if not isinstance(shots, list):
+                raise BrokenFileError(f"'shots': expected a list, got {shots!s:.100}")
+            return [_first_frame(shot) for shot in shots]
 
     def clip(self) -> VideoCalibration | None:
         """The calibration of the frames of a clip together; None if there is none that can be read."""
@@ -288,8 +304,7 @@ class Stored:
     @property
     def moved(self) -> list[str]:
         """Files that show cameras and were moved to the history, as these have changed since."""
-        path = self.folder / SUMMARY
-        notes = json.loads(path.read_text()).get("notes", []) if path.is_file() else []
+        notes = read_summary(self.folder).get("notes", []) if (self.folder / SUMMARY).is_file() else []
         return [name for name in DRAWN if MOVED[name] in notes and not (self.folder / name).is_file()]
 
     def drew(self, options: Mapping[str, Any]) -> None:
@@ -313,6 +328,13 @@ class Stored:
 def is_by_hand(basis: str) -> bool:
     """Whether the basis of a frame says that a person has mended it."""
     return basis in (BY_HAND, BY_HAND_TOO)
+
+
+def _first_frame(shot: object) -> int:
+    first = shot.get("first_frame", shot.get("start")) if isinstance(shot, dict) else None
+    if isinstance(first, bool) or not isinstance(first, int) or first < 0:
+        raise BrokenFileError(f"'shots': expected the number of a 'first_frame' in each, got {shot!s:.100}")
+    return first
 
 
 def _outcome(one: Saved) -> Outcome:

@@ -186,7 +186,7 @@ class Strips:
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
         half = _half(profiles, spacing, unit, search_range, past_others)
-        colour = _colours(image, profiles, spacing, half + FLANK + 2)
+        colour = colours_across(image, profiles, spacing, half + FLANK + 2)
         look = profiles.look
         luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
         contrast = luma[:, FLANK:-FLANK] - np.maximum(luma[:, : -2 * FLANK], luma[:, 2 * FLANK :])
@@ -291,8 +291,11 @@ def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, 
     return int(np.max(reach / spacing, initial=0.0))
 
 
-def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
-    """Channels (3, n, m) along the profiles: the mean of `ROWS` rows, and of three samples along them."""
+def colours_across(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
+    """Blue, green, red (3, n, 2 `half` - 1) across markings: the mean of `ROWS` rows, and of three samples along them.
+
+    The samples of a profile have a `spacing` (n,), pixels, and the middle one lies on the marking.
+    """
     import cv2
 
     n, m = len(profiles), 2 * half + 1

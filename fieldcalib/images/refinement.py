@@ -24,6 +24,7 @@ from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, 
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import Strips, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips, with_lines
+from fieldcalib.images.paint_width import with_widths
 from fieldcalib.images.traced_lines import with_traced
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -295,12 +296,16 @@ def _in_passes(
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             evidence = evidence_of(Ridges.across(one), markings)
             best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, offset, labelled[t]))
-    return [
-        replace(one, paint=paint_evidence(images[t], one.calibration.camera, markings))
-        if one.paint is None and one.calibration.camera is not None
-        else one
-        for t, one in best.items()
-    ]
+    return [_looked_at(one, images[t], markings) for t, one in best.items()]
+
+
+def _looked_at(refined: Refined, image: Image, markings: Markings) -> Refined:
+    """The result with the paint of its markings, where that was not looked for yet, and with the paint's width."""
+    camera, paint = refined.calibration.camera, refined.paint
+    if camera is None:
+        return refined
+    paint = paint_evidence(image, camera, markings) if paint is None else paint
+    return replace(refined, paint=with_widths(paint, image, camera, markings))
 
 
 def _strips(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ELSEWHERE = "give another --out"
+INTERRUPTED = "remove the folder, if a run of this command was interrupted there, or give another --out"
 
 
 def check_targets(

@@ -131,12 +131,16 @@ def parse_main(text: bytes) -> dict[str, Any]:
 
 def _check_camera(line: Mapping[str, Any]) -> None:
     """Raise a BrokenFileError if the camera of a line is not whole."""
-    rows = [row for name in ("K", "R") for row in line.get(name) or () if isinstance(line.get(name), list)]
-    in_threes = [*rows, line.get("C")]
-    if len(in_threes) != 7 or not all(_are_numbers(one) and len(one) == 3 for one in in_threes):
+    matrices = [line.get(name) for name in ("K", "R")]
+    whole = all(isinstance(rows, list) and len(rows) == 3 and all(map(_is_triple, rows)) for rows in matrices)
+    if not (whole and _is_triple(line.get("C"))):
         raise BrokenFileError("a camera needs 'K' and 'R', each three rows of three numbers, and 'C', three numbers")
     if not _are_numbers(line.get("dist")) or line.get("image_size") is None:
         raise BrokenFileError("a camera needs 'dist', a list of numbers, and 'image_size'")
+
+
+def _is_triple(values: object) -> bool:
+    return _are_numbers(values) and len(values) == 3
 
 
 def _are_numbers(values: object) -> TypeGuard[list[float]]:

@@ -14,9 +14,10 @@ from fieldcalib.draw.ground import Ground, mix, painted
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
+from fieldcalib.fields.sports.soccer import LINE_WIDTH as WIDEST
 from fieldcalib.synthetic.colours import noise_at, random_colour
 
-LINE_WIDTH = (0.08, 0.12)  # m; the law allows up to 12 cm
+LINE_WIDTH = (0.08, 0.12)  # m, where the field's lines are as wide as the law allows
 RUN_OFF = (1.5, 9.0)  # m of grass around the field
 STRIPE_WIDTHS = (GOAL_AREA_DEPTH, GOAL_AREA_DEPTH / 2.0, 16.5 / 4.0, 8.0)
 CORNER_RADIUS = 1.0  # m, law 1
@@ -33,7 +34,7 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     if rng.random() < 0.5:  # worn or wet paint
         opacity *= np.clip(0.9 + 0.15 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
     paint = random_colour(rng, hue=(20.0, 140.0), saturation=(0.0, 0.08), value=(0.82, 1.0))
-    line_width = rng.uniform(*LINE_WIDTH)
+    line_width = rng.uniform(*LINE_WIDTH) * (field.lines.width / WIDEST)
     segments = {**field.segments, **_unlabelled(field, rng)}
     low, high = np.nanmin(ground.xy, axis=(1, 2)) - 1.0, np.nanmax(ground.xy, axis=(1, 2)) + 1.0
     in_view = {name: segment for name, segment in segments.items() if reaches(segment, low, high)}

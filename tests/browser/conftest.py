@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from browser.driving import ROOT, Server, Window, render
+from browser.driving import ROOT, closing_windows, ending_servers, render
 
 LARGEST = 200_000  # bytes of a picture in the docs
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -65,37 +65,16 @@ def compiled():
 
 @pytest.fixture
 def serve(tmp_path, compiled):
-    """Start servers, `serve(source, *arguments)`; they end with the test."""
-    servers = []
-
-    def start(source, *arguments, out=None):
-        servers.append(Server(source, out or tmp_path / "results", *arguments))
-        return servers[-1]
-
-    yield start
-    for server in servers:
-        server.kill()
+    """Start servers, `serve(source, *arguments)`."""
+    with ending_servers(tmp_path) as start:
+        yield start
 
 
 @pytest.fixture
 def window(chromium):
-    """Open windows of the page, `window(server)`; no script may fail, and nothing be fetched from elsewhere."""
-    contexts, windows = [], []
-
-    def open_window(server, size=(1280, 800), context=None, wait=True):
-        if context is None:
-            context = chromium.new_context(viewport=dict(zip(("width", "height"), size, strict=True)))
-            contexts.append(context)
-        windows.append(Window(context.new_page(), server))
-        if wait:
-            windows[-1].wait_for_frame()
-        return windows[-1]
-
-    yield open_window
-    for context in contexts:
-        context.close()
-    assert [error for one in windows for error in one.errors] == []
-    assert [address for one in windows for address in one.requests if "//127.0.0.1:" not in address] == []
+    """Open windows of the page, `window(server)`."""
+    with closing_windows(chromium) as open_window:
+        yield open_window
 
 
 @pytest.fixture(scope="session")

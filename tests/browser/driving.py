@@ -4,6 +4,7 @@ import functools
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +181,40 @@ class Window:
             xy = along(label, camera, max(count, 2 + 2 * FIELD[label].is_arc))
             self.mark(label, xy if rng is None else xy + rng.normal(scale=noise, size=xy.shape))
         self.press("Escape")
+
+
+@contextmanager
+def ending_servers(folder):
+    """Start servers, `start(source, *arguments)`, with their results in a folder; they end with the block."""
+    servers = []
+
+    def start(source, *arguments, out=None):
+        servers.append(Server(source, out or folder / "results", *arguments))
+        return servers[-1]
+
+    try:
+        yield start
+    finally:
+        for server in servers:
+            server.kill()
+
+
+@contextmanager
+def closing_windows(chromium):
+    """Open windows of the page, `open_window(server)`; no script may fail, and nothing be fetched from elsewhere."""
+    contexts, windows = [], []
+
+    def open_window(server, size=(1280, 800), context=None, wait=True):
+        if context is None:
+            context = chromium.new_context(viewport=dict(zip(("width", "height"), size, strict=True)))
+            contexts.append(context)
+        windows.append(Window(context.new_page(), server))
+        if wait:
+            windows[-1].wait_for_frame()
+        return windows[-1]
+
+    yield open_window
+    for context in contexts:
+        context.close()
+    assert [error for one in windows for error in one.errors] == []
+    assert [address for one in windows for address in one.requests if "//127.0.0.1:" not in address] == []

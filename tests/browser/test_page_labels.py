@@ -1,10 +1,12 @@
 """A person labels a picture: clicks, strokes, drags, other labels, undo, known numbers; the camera follows."""
 
+import shutil
+
 import cv2
 import numpy as np
 import pytest
 
-from browser.driving import LABELS, SIZE, TRUTH, along, render
+from browser.driving import LABELS, SIZE, TRUTH, along, closing_windows, ending_servers, render
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.geometry.camera import Camera
@@ -22,12 +24,19 @@ def largest_shift(camera, truth=TRUTH):
     return float(np.max(np.linalg.norm(found.project(X) - truth.project(X), axis=1)))
 
 
+@pytest.fixture(scope="module")
+def labelled_folder(chromium, compiled, picture, tmp_path_factory):
+    """The results of a picture that was labelled by hand."""
+    with ending_servers(tmp_path_factory.mktemp("labelled")) as start, closing_windows(chromium) as open_window:
+        one = open_window(start(picture))
+        one.label_by_clicks(rng=np.random.default_rng(0))
+        return one.server.out
+
+
 @pytest.fixture
-def labelled(serve, window, picture, rng):
-    """A picture that was labelled by hand."""
-    one = window(serve(picture))
-    one.label_by_clicks(rng=rng)
-    return one
+def labelled(serve, window, picture, labelled_folder, tmp_path):
+    """A picture that was labelled by hand, opened again."""
+    return window(serve(picture, out=shutil.copytree(labelled_folder, tmp_path / "results")))
 
 
 def test_labelling_from_nothing_reaches_the_true_camera_within_its_uncertainty(labelled):

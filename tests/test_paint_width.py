@@ -1,0 +1,82 @@
+"""The width of paint in a picture tells a smaller field with the same markings from the one that was declared."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from data_tools.smaller_pitches import SIZE, frame
+from fieldcalib import Camera, calibrate_from_segments, refine_on_image, soccer
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_is_too_wide, paint_width
+from fieldcalib.assess.remedies import SMALLER
+from fieldcalib.assess.words import Verdict
+from fieldcalib.draw.scene import render_field
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import profiles_along
+from fieldcalib.images.paint_evidence import paint_evidence
+from fieldcalib.images.paint_width import paint_widths, with_widths
+from fieldcalib.synthetic.film import clip_frames
+
+CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
+MARKINGS = Markings.of(soccer())
+
+
+def picture(share=1.0):
+    """What a camera sees of a pitch of a share of the usual size: the same, but for lines that look wider."""
+    field = soccer()
+    return render_field(CAMERA, replace(field, lines=replace(field.lines, width=field.lines.width / share)))
+
+
+def seen(image, camera=CAMERA):
+    return with_widths(paint_evidence(image, camera, MARKINGS), image, camera, MARKINGS).markings
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8, 0.6, 0.5])
+def test_the_width_is_that_of_the_paint(share):
+    assert paint_width(seen(picture(share))) == pytest.approx(1.0 / share, rel=0.1)
+    assert paint_is_too_wide(seen(picture(share))) == (share < 0.7)
+
+
+@pytest.mark.parametrize("times", [1.6, 2.4])
+def test_a_moving_camera_widens_no_paint(times):
+    """Lines that are blurred across to a multiple of their width have edges as long as they are wide."""
+    width = np.median([one.width for one in seen(picture()) if one.widths])
+    profiles = profiles_along(CAMERA, MARKINGS)
+    upright = np.abs(profiles.normal[:, 0]) > 0.7
+    length = round(times * width * float(np.median(profiles.width[upright])))
+    moved = cv2.blur(picture(), (length, 1))
+    assert not paint_is_too_wide(seen(moved))
+    across = profiles.take(np.flatnonzero(upright & (profiles.width > 3.0) & (profiles.width < length / 1.4)))
+    assert len(across) > 5
+    assert np.all(np.isnan(paint_widths(moved, across)))
+
+
+def test_soft_pictures_tell_nothing():
+    soft = cv2.GaussianBlur(picture(), (0, 0), 4.0)
+    assert not any(one.widths for one in seen(soft))
+
+
+def test_lines_that_are_too_wide_are_a_doubt():
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Circle right")
+    pixels = {label: CAMERA.project(soccer()[label].sample(9.0)) for label in labels}
+    start = calibrate_from_segments(soccer(), pixels, CAMERA.image_size)
+    right, small = (refine_on_image(soccer(), picture(share), start) for share in (1.0, 0.6))
+    assert right.verdict is Verdict.GOOD
+    assert small.verdict is Verdict.CHECK
+    assert small.reason.startswith("the lines are 1.7 times as wide as the field's")
+    assert small.remedy == SMALLER
+
+
+def test_a_few_places_are_no_evidence():
+    wide = MarkingInView("Middle line", 300.0, 25, 1.0, 0.0, width=1.7, widths=5)
+    assert paint_complaints([wide]) == ()
+    assert len(paint_complaints([wide, replace(wide, label="Side line top", widths=1)])) == 1
+    right = replace(wide, label="Side line top", width=1.0, widths=6)
+    assert paint_complaints([wide, right]) == ()
+
+
+def test_a_rendered_smaller_pitch_has_wider_lines():
+    camera = clip_frames(2, 1, image_size=SIZE)[0].camera
+    usual, small = (paint_width(seen(frame(2, share), camera)) for share in (1.0, 0.6))
+    assert small / usual == pytest.approx(1.0 / 0.6, rel=0.1)
