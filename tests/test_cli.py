@@ -90,6 +90,18 @@ def test_wrong_options(annotated_folder, tmp_path, capsys, options, message):
     assert printed.out == ""
 
 
+def test_pictures_have_no_labels_to_calibrate(tmp_path, capsys):
+    (tmp_path / "a.jpg").write_bytes(b"")
+    assert run("calibrate", tmp_path / "a.jpg", "--size", "960x540", "--out", tmp_path / "out") == 2
+    assert "a.jpg has no labels: fieldcalib run finds cameras in pictures" in capsys.readouterr().err
+
+
+def test_a_video_is_no_folder_of_cameras(tmp_path, capsys):
+    (tmp_path / "a.mp4").write_bytes(b"\x00\x00\x00\x20ftypisom\n")
+    assert run("export", tmp_path / "a.mp4", "--format", "csv", "--out", tmp_path / "out") == 2
+    assert "expected the folder that a run wrote, or its cameras.jsonl" in capsys.readouterr().err
+
+
 def test_wrong_inputs(tmp_path, capsys):
     (tmp_path / "none.zip").write_bytes(b"no zip")
     for path, message in (

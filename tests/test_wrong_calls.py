@@ -173,6 +173,11 @@ WRONG = {
     "a list as a kind": (lambda _: iou_whole(CAMERA, CAMERA, SIZE, kind=[]), "kind must be one of"),
     "a text as a new length": (lambda _: soccer().resized([105], 68.0), "length must be a number"),
     "no step": (lambda _: calibrate(IMAGE, step=None, progress=False), "step must be a whole number"),
+    "numbers for pictures": (lambda _: calibrate([1, 2], progress=False), "image must be an array .* got int"),
+    "pixels before the field": (
+        lambda _: calibrate_from_segments(PIXELS, soccer(), SIZE),
+        "expected a field.* then the pixels; got {",
+    ),
     "an endless step": (lambda _: calibrate(IMAGE, step=np.inf, progress=False), "step must be a whole number"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }

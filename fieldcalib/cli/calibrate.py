@@ -25,6 +25,7 @@ from fieldcalib.console.options import add_options, given, option
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
@@ -63,6 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    if all(IMAGES.recognises(path) or VIDEOS.recognises(path) for path in options.input):
+        raise ValueError(f"{options.input[0]} has no labels: fieldcalib run finds cameras in pictures and videos")
     free = _free_field_size(options)
     known, pictures = given(KnownCamera, options), given(DeclaredPictures, options)
     if options.size is not None:

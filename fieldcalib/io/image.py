@@ -45,7 +45,7 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
     if isinstance(image, list | tuple):
         raise ValueError(f"image must be an array (height, width, 3) of uint8, got a {type(image).__name__}")
     array = np.asarray(image)
-    if array.dtype == object:
+    if array.dtype == object or array.ndim < 2:
         raise ValueError(f"image must be an array (height, width, 3) of uint8, got {type(image).__name__}")
     if array.dtype != np.uint8:
         raise ValueError(

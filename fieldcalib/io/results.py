@@ -109,7 +109,7 @@ def parse_main(text: bytes) -> dict[str, Any]:
     try:
         line = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise BrokenFileError(f"is no JSON: {error}") from error
+        raise BrokenFileError(f"is no JSON: expected the folder that a run wrote, or its {LINES} ({error})") from error
     if not isinstance(line, dict):
         raise BrokenFileError(f"expected a JSON object of a frame's result, got {type(line).__name__}")
     for key, default in (("id", None), ("status", None), ("message", None), ("verdict", ""), ("reason", "")):

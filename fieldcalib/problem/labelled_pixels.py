@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from reprlib import repr as short
 from typing import TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, check_members
+from fieldcalib.fields.segments import ObjectSegments, Segment, check_members
 
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]
@@ -33,9 +34,14 @@ def check_object(object_segments: ObjectSegments) -> None:
     if isinstance(object_segments, Field):  # checked when it was made
         return
     if not isinstance(object_segments, Mapping):
-        came = getattr(object_segments, "__name__", repr(object_segments))
+        came = getattr(object_segments, "__name__", short(object_segments))
         hint = f"; did you mean {came}()?" if callable(object_segments) else ""
         raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
+    if object_segments and not any(isinstance(segment, Segment) for segment in object_segments.values()):
+        came = short(dict(object_segments))
+        raise ValueError(
+            f"expected a field, as soccer(), or a mapping of names to segments, then the pixels; got {came}"
+        )
     check_members(object_segments)
 
 

@@ -7,6 +7,7 @@ of the rows in which their labelled pixels are packed and measured. A new kind i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from reprlib import repr as short
 from typing import TypeAlias
 
 import numpy as np
@@ -58,4 +59,4 @@ def check_members(segments: ObjectSegments) -> None:
     """Raise a ValueError that names the first member that is not a segment."""
     for name, segment in segments.items():
         if not isinstance(segment, Segment):
-            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")
+            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {short(segment)}")
