@@ -20,7 +20,7 @@ from fieldcalib.fields.traits import LineLook
 from fieldcalib.images import few_lines
 from fieldcalib.images.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.court_search import find_courts
-from fieldcalib.images.pulled_cameras import pulled
+from fieldcalib.images.pulled_cameras import Freedom, pulled
 from fieldcalib.images.stripe_likelihood import HALF_SEEN, SEEN, MarkingPoints, StripeMaps, projected
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.long_lines import LongLines, long_lines
@@ -184,7 +184,7 @@ def test_cameras_are_pulled_onto_stripes():
     stripes = find_stripes(picture(VOLLEYBALL, volleyball()))
     turn = Camera.from_angles(np.radians(-8.4), np.radians(68.3), -0.01, 1560.0, (-2.3, 19.3, -8.2), SIZE)
     start = Cameras.of([turn], SIZE)
-    near = pulled(start, StripeMaps.of(stripes), MarkingPoints.of(volleyball(), 60), 0.02)
+    near = pulled(start, StripeMaps.of(stripes), MarkingPoints.of(volleyball(), 60), Freedom(0.02))
     X = np.array([(x, y, 0.0) for x in (-8.975, -2.975, 2.975) for y in (-4.475, 4.475)])
     off = [np.linalg.norm(one.project(X) - VOLLEYBALL.project(X), axis=1) for one in (turn, near.camera(0))]
     assert np.median(off[0]) > 15.0

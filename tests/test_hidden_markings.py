@@ -11,7 +11,8 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.fields import futsal, tennis
 from fieldcalib.images.court_search import find_courts
 from fieldcalib.images.hidden_markings import with_hidden_markings
-from fieldcalib.images.place_search import Place, search_from
+from fieldcalib.images.place_search import search_from
+from fieldcalib.images.views import Place
 from fieldcalib.solve.task import Task
 
 SIZE = (1280, 720)

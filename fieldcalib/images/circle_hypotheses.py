@@ -36,7 +36,7 @@ def circle_hypotheses(ellipses: Sequence[Ellipse], lines: LongLines, field: Fiel
     parts = [Cameras.none(size)]
     is_symmetric = looks_the_same_turned(field)
     if len(ellipses) and len(circles) and len(lines):
-        views = _Views.of(ellipses, focal_lengths(field), size).with_directions(lines)
+        views = SeenCircles.of(ellipses, focal_lengths(field), size).with_directions(lines)
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):
             for are_across in (True, False):
                 parts += [views.cameras(circle, turn=turn, are_across=are_across) for circle in circles]
@@ -61,7 +61,7 @@ def circles_of(field: Field) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Views:
+class SeenCircles:
     """Level ground on which an ellipse of a picture is a circle, for a focal length."""
 
     f: Array
@@ -77,7 +77,7 @@ class _Views:
     size: tuple[int, int]
 
     @classmethod
-    def of(cls, ellipses: Sequence[Ellipse], focal_lengths: Array, size: tuple[int, int]) -> _Views:
+    def of(cls, ellipses: Sequence[Ellipse], focal_lengths: Array, size: tuple[int, int]) -> SeenCircles:
         """All ellipses with all focal lengths."""
         conics = np.array([one.conic(0.5 * np.array(size), size[0]) for one in ellipses])
         K = np.stack([np.diag([f, f, 1.0]) for f in focal_lengths])
@@ -97,16 +97,16 @@ class _Views:
             radius = np.sqrt(-_squared(Q, centre) / _squared(Q, across))
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0) & (centre[:, 2] > 0.0) & (radius > 0.0)
         unknown = np.full_like(down, np.nan)
-        return cls(f, down, centre, radius, unknown, size)._take(good)
+        return cls(f, down, centre, radius, unknown, size).take(good)
 
-    def with_directions(self, lines: LongLines) -> _Views:
+    def with_directions(self, lines: LongLines) -> SeenCircles:
         """Each with each line that lies below its horizon."""
         line, ends = lines.seen_from(0.5 * np.array(self.size), float(self.size[0]))
         view, chosen = (one.ravel() for one in np.indices((len(self.f), len(line))))
-        every = self._take(view)
+        every = self.take(view)
         below = np.all(np.einsum("nek,nk->ne", rays_of(ends[chosen], every.f), every.down) > 0.0, axis=1)
         along = unit(np.cross(planes_of(line[chosen], every.f), every.down))
-        return replace(every, along=along)._take(below)
+        return replace(every, along=along).take(below)
 
     def cameras(self, circle: Array, *, turn: float, are_across: bool) -> Cameras:
         """The cameras for which the circle is one of the field; lines run across it (x is constant) or along it.
@@ -122,10 +122,10 @@ class _Views:
         width, middle = self.size[0], 0.5 * np.array(self.size)
         return Cameras(self.f * width, np.tile(middle, (len(C), 1)), R, C, self.size)
 
-    def _take(self, index: BoolArray | IntArray) -> _Views:
+    def take(self, index: BoolArray | IntArray) -> SeenCircles:
         """Some of them, by mask or by index."""
         f, down, centre = self.f[index], self.down[index], self.centre[index]
-        return _Views(f, down, centre, self.radius[index], self.along[index], self.size)
+        return SeenCircles(f, down, centre, self.radius[index], self.along[index], self.size)
 
 
 def _squared(Q: Array, v: Array) -> Array:

@@ -14,7 +14,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.circle_hypotheses import circle_hypotheses
 from fieldcalib.images.court_hypotheses import Cameras, hypotheses, stands
 from fieldcalib.images.few_lines import few_line_hypotheses
-from fieldcalib.images.pulled_cameras import pulled
+from fieldcalib.images.pulled_cameras import Freedom, pulled
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.localize.ellipses import Ellipse
 from fieldcalib.localize.long_lines import LongLines
@@ -87,20 +87,20 @@ def principal_point(field: Field) -> float:
 def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
     """The most likely cameras, the best one first."""
     for points, kept in ROUNDS:
-        cameras, _ = _in_order(maps, cameras, MarkingPoints.of(field, points), kept)
+        cameras, _ = in_order(maps, cameras, MarkingPoints.of(field, points), kept)
     return cameras
 
 
 def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
     """The cameras and the best of them pulled onto stripes, in the order of their scores; and these."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
-    near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), principal_point(field))
+    near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
     near = near.take(stands(near, field))
     points, kept = ROUNDS[-1]
-    return _in_order(maps, Cameras.joined([cameras, near]), MarkingPoints.of(field, points), kept)
+    return in_order(maps, Cameras.joined([cameras, near]), MarkingPoints.of(field, points), kept)
 
 
-def _in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:
+def in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:
     """The most likely cameras, so many, the best one first, and their scores."""
     score = maps.scores(cameras, points)
     best = np.argsort(-score, kind="stable")[:kept]

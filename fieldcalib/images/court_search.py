@@ -41,12 +41,11 @@ from fieldcalib.images.court_evidence import (
 )
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
+from fieldcalib.images.court_refinement import refine_courts, with_errors
 from fieldcalib.images.court_rivals import GRID, Rivals, are_apart, distances, grid_of, seen_grids
-from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
-from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
-from fieldcalib.images.refinement import Refined, ToRefine, refine_all
+from fieldcalib.images.refinement import Refined
 from fieldcalib.images.resized import on_field_as_seen
 from fieldcalib.images.stripe_likelihood import MarkingPoints
 from fieldcalib.images.twins import twin_of
@@ -210,12 +209,12 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     if task.side == OPPOSITE:
         ranked = ranked.turned
     started = _different(ranked, field)
-    to_refine = [ToRefine(image, _unjudged(ranked.camera(k).scaled(size_of(image)), field)) for k in started]
-    markings = Markings.of(field)
-    refined = [_if_possible(one, field) for one in refine_all(task, markings, to_refine)]
+    refined = [
+        _if_possible(one, field) for one in refine_courts(task, field, image, [ranked.camera(k) for k in started])
+    ]
     ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
-    found = _fitted(task, markings, image, _merged([one for one in refined if one is not None], field))
+    found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
     return [_Candidate(one, _evidence(picture, rivals, one), stripes) for one in found]
@@ -286,28 +285,6 @@ def _different(ranked: Ranked, field: Field) -> list[int]:
             if len(chosen) == REFINED:
                 break
     return chosen
-
-
-def _unjudged(camera: Camera, field: Field) -> Calibration:
-    """A calibration of a camera that is to be refined."""
-    return Calibration(camera, Status.ACCEPTED, "found by search", np.nan, np.nan, {}, field=field)
-
-
-def _fitted(task: Task, markings: Markings, image: Image, refined: Sequence[Refined]) -> list[Refined]:
-    """The cameras, those that refinement left as they were fitted to the lines at their markings.
-
-    A camera without a lens may support the lines so well that no refined one does better, but its errors are not known.
-    """
-    found = list(refined)
-    left = [index for index, one in enumerate(found) if one.calibration.solved is None]
-    if left:
-        cameras = [found[index].calibration.required_camera for index in left]
-        lines = [detected_lines(image, camera, markings)[0] for camera in cameras]
-        fitted = calibrate_on_lines(task, lines, size_of(image), cameras)
-        for index, calibration in zip(left, fitted, strict=True):
-            if calibration.accepted:
-                found[index] = replace(found[index], calibration=calibration)
-    return found
 
 
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:

@@ -22,12 +22,13 @@ from fieldcalib.images.enlarged import with_enlarged_parts
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
-from fieldcalib.images.place_search import Place, search_from
+from fieldcalib.images.place_search import search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.images.resized import on_field_as_seen
 from fieldcalib.images.second_opinion import may_be_searched, with_second_opinion
 from fieldcalib.images.twins import CameraSide
 from fieldcalib.images.unusable import FEW_LINES, said_plainly
+from fieldcalib.images.views import Place
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize

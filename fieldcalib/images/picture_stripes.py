@@ -8,7 +8,7 @@ from functools import cached_property
 from fieldcalib._types import IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.images.circle_hypotheses import circles_of
-from fieldcalib.images.court_ranking import Ranked, rank_cameras
+from fieldcalib.images.court_ranking import Curves, Ranked, rank_cameras
 from fieldcalib.images.stripe_likelihood import StripeMaps
 from fieldcalib.io.image import Image
 from fieldcalib.localize.ellipses import Ellipse, find_ellipses
@@ -48,10 +48,10 @@ class PictureStripes:
     _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, image: Image, *, lighter: bool) -> PictureStripes:
-        """Those of an image of the working size."""
+    def of(cls, image: Image, *, lighter: bool, bend: Bend | None = None) -> PictureStripes:
+        """Those of an image of the working size, whose bend is found from them if it is not known."""
         stripes = find_stripes(image, lighter=lighter)
-        bend = bend_of(stripes)
+        bend = bend or bend_of(stripes)
         return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
 
     def take(self, index: IntArray) -> PictureStripes:
@@ -61,7 +61,12 @@ class PictureStripes:
     @cached_property
     def unbent(self) -> PictureStripes:
         """The same for a lens without distortion."""
-        return PictureStripes(self.seen, self.seen, self.colours, replace(self.bend, a=0.0))
+        return self.with_bend(0.0)
+
+    def with_bend(self, a: float) -> PictureStripes:
+        """The same for another bend of the picture (`Bend`)."""
+        bend = replace(self.bend, a=a)
+        return PictureStripes(self.seen, bend.straight(self.seen), self.colours, bend)
 
     @cached_property
     def lines(self) -> LongLines:
@@ -78,11 +83,18 @@ class PictureStripes:
         """Likelihood ratios in the picture."""
         return StripeMaps.of(self.seen)
 
+    @cached_property
+    def straight_maps(self) -> StripeMaps:
+        """Those in the picture without distortion."""
+        return self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
+
+    def curves(self, court: Field) -> Curves:
+        """The long lines, and for a field with circles the ellipses: finding them takes 0.1 s."""
+        return self.lines, self.ellipses if len(circles_of(court)) else ()
+
     def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
         """The likeliest cameras of a field; `are_cut_out` as in `rank_cameras`."""
         if (court, are_cut_out) not in self._ranked:
-            straight = self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
-            curves = self.lines, self.ellipses if len(circles_of(court)) else ()  # finding them takes 0.1 s
-            ranked = rank_cameras(curves, straight, court, self.bend, are_cut_out=are_cut_out)
+            ranked = rank_cameras(self.curves(court), self.straight_maps, court, self.bend, are_cut_out=are_cut_out)
             self._ranked[court, are_cut_out] = ranked
         return self._ranked[court, are_cut_out]

@@ -18,10 +18,13 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.court_search import find_courts
-from fieldcalib.images.place_search import Place, rank_views, search_from, views_from
+from fieldcalib.images.picture_stripes import PictureStripes
+from fieldcalib.images.place_search import rank_from, search_from
 from fieldcalib.images.twins import CameraSide
-from fieldcalib.io.image import Image, size_of
-from fieldcalib.localize.stripes import Stripes, at_working_size, find_stripes
+from fieldcalib.images.views import Place
+from fieldcalib.io.image import Image
+from fieldcalib.localize.straightened import Bend
+from fieldcalib.localize.stripes import at_working_size
 from fieldcalib.solve.centres import voted_centres
 from fieldcalib.solve.given_camera import NOTHING_GIVEN
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
@@ -46,16 +49,14 @@ def place_of(found: Sequence[Calibration], share: float | None = None) -> Place 
     if not accepted:
         return None
     share = share or (LAST if len(accepted) >= AGREE else FIRST)
-    return _place(voted_centres(accepted, 1)[0], share, [_zoom(one.required_camera) for one in accepted])
+    return _place(voted_centres(accepted, 1)[0], share, [one.required_camera for one in accepted])
 
 
-def _place(C: Array, share: float, zoom: Sequence[float]) -> Place:
-    return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / ZOOM, max(zoom) * ZOOM))
-
-
-def _zoom(camera: Camera) -> float:
-    """Focal length in widths of the picture."""
-    return camera.focal_length / camera.image_size[0]
+def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
+    zoom = [camera.focal_length / camera.image_size[0] for camera in cameras]
+    bend = float(np.median([Bend.of(camera).a for camera in cameras]))
+    sigma = np.full(3, share * float(np.linalg.norm(C)))
+    return Place(C, sigma, (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)
 
 
 def pooled_place(
@@ -110,15 +111,14 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
         if not chosen or np.min(apart[index, chosen]) > 0.5 * NEAR:
             chosen.append(index)
     sample = [at_working_size(images[k]) for k in _spread(len(images), SAMPLE)]
-    stripes = [(find_stripes(image, lighter=field.lines.lighter), size_of(image)) for image in sample]
-    places = [_place(C[k], FIRST, [_zoom(cameras[k])]) for k in chosen[:PLACES]]
-    scores = [sum(max(_best_score(one, field, place, size), 0.0) for one, size in stripes) for place in places]
+    stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]
+    places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
+    scores = [sum(_best_score(one, field, place) for one in stripes) for place in places]
     return places[int(np.argmax(scores))]
 
 
-def _best_score(stripes: Stripes, field: Field, place: Place, size: tuple[int, int]) -> float:
-    ranked = rank_views(stripes, field, views_from(place, field, size))
-    return float(np.max(ranked.score, initial=0.0))
+def _best_score(stripes: PictureStripes, field: Field, place: Place) -> float:
+    return float(np.max(rank_from(place, stripes.with_bend(place.bend), field).score, initial=0.0))
 
 
 def _spread(count: int, most: int) -> list[int]:

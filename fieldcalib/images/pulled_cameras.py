@@ -8,7 +8,7 @@ a lens has bent, or of a wrong focal length come near enough to be compared, and
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,22 +21,29 @@ PLACES = 13  # across it
 FARTHER = 1.0  # log likelihood ratio by which a place at the border of the band is less likely than one in its middle
 LEAST = 0.3  # log likelihood ratio of a place that pulls
 OFF = 5.0  # px: standard deviation of places that pull
-TURN, ZOOM, MOVE = 30.0, 0.1, 0.1  # standard deviations: px; of log f; of the centre, in heights of the camera
+TURN, ZOOM = 30.0, 0.1  # standard deviations: px; of log f
 UNKNOWNS = 9  # turn, zoom, place of the camera, principal point
 DIFFERENCE = 1e-3  # of the parameters in these units, for derivatives
 
 
-def pulled(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, principal_point: float) -> Cameras:
-    """The cameras, moved onto the stripes near their markings.
+@dataclass(frozen=True)
+class Freedom:
+    """Standard deviations of what is known of cameras."""
 
-    `principal_point` is its standard deviation, in widths of the picture.
-    """
+    principal_point: float
+    """In widths of the picture."""
+    place: float = 0.1
+    """In heights of the camera."""
+
+
+def pulled(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, freedom: Freedom) -> Cameras:
+    """The cameras, moved onto the stripes near their markings."""
     for reach in REACHES if len(cameras) else ():
-        cameras = _moved(cameras, _step(cameras, maps, points, reach, principal_point), principal_point)
+        cameras = _moved(cameras, _step(cameras, maps, points, reach, freedom), freedom)
     return cameras
 
 
-def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: float, principal_point: float) -> Array:
+def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: float, freedom: Freedom) -> Array:
     """The step of Gauss and Newton (B, 9), in units of the standard deviations."""
     x, y, direction, _, seen = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
     nx, ny = -np.sin(direction), np.cos(direction)
@@ -50,7 +57,7 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
     for k in range(UNKNOWNS):
         delta = np.zeros((len(cameras), UNKNOWNS))
         delta[:, k] = DIFFERENCE
-        P = _moved(cameras, delta, principal_point).projections
+        P = _moved(cameras, delta, freedom).projections
         u, v, depth = np.moveaxis(P @ np.vstack([points.X.T, np.ones(len(points.X))]), 1, 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = (u / depth - x) * nx + (v / depth - y) * ny
@@ -60,12 +67,12 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
 
 
-def _moved(cameras: Cameras, delta: Array, principal_point: float) -> Cameras:
+def _moved(cameras: Cameras, delta: Array, freedom: Freedom) -> Cameras:
     """The cameras turned about their own axes, zoomed and moved by steps (B, 9)."""
     turn = _rotations(delta[:, :3] * (TURN / cameras.f)[:, None])
-    move = delta[:, 4:7] * (MOVE * np.abs(cameras.C[:, 2]))[:, None]
+    move = delta[:, 4:7] * (freedom.place * np.abs(cameras.C[:, 2]))[:, None]
     f = cameras.f * np.exp(np.clip(ZOOM * delta[:, 3], -0.5, 0.5))
-    c = cameras.c + principal_point * cameras.size[0] * delta[:, 7:]
+    c = cameras.c + freedom.principal_point * cameras.size[0] * delta[:, 7:]
     return replace(cameras, f=f, c=c, R=turn @ cameras.R, C=cameras.C + move)
 
 

@@ -9,8 +9,9 @@ from dataclasses import field as attribute
 from fieldcalib.assess.result import Calibration
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.court_search import search_courts
-from fieldcalib.images.place_search import Place, search_from
+from fieldcalib.images.place_search import search_from
 from fieldcalib.images.pooled_place import place_of
+from fieldcalib.images.views import Place
 from fieldcalib.io.image import Image
 
 MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again when more is known

@@ -137,8 +137,8 @@ def _seen(width: Pixels) -> Pixels:
 def _ratio(distance: Float32, density: Float32, sigma: float) -> Float32:
     """The ratio at the top of the module of a point that is seen."""
     rate = 2.0 * np.maximum(density, np.float32(SPARSEST))
-    near = np.sqrt(2.0 / np.pi) / sigma * np.exp(-0.5 * np.square(distance / np.float32(sigma)))
-    return np.asarray(near / (rate * np.exp(-rate * distance)), np.float32)
+    exponent = distance * (rate - np.float32(0.5 / sigma**2) * distance)  # of both distributions together
+    return np.asarray(np.float32(np.sqrt(2.0 / np.pi) / sigma) * np.exp(exponent) / rate, np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ along it, and kept where they cover enough of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -64,11 +64,16 @@ class Ellipse:
 
     def holds(self, stripes: Stripes) -> BoolArray:
         """Which stripes lie on it and run along it, (N,)."""
-        d = (stripes.xy - self.centre) @ self._to_unit_circle.T
-        gradient = 2.0 * d @ self._to_unit_circle
-        off = np.sum(d * d, axis=1) - 1.0
-        near = np.abs(off) < NEAR * np.hypot(*gradient.T)
-        return np.asarray(near & (_turn(np.arctan2(*gradient.T[::-1]) + 0.5 * np.pi - stripes.angle) < ALONG))
+        x, y = stripes.xy[:, 0] - self.centre[0], stripes.xy[:, 1] - self.centre[1]
+        reach = max(self.axes) + 2.0 * NEAR
+        around = np.flatnonzero((np.abs(x) < reach) & (np.abs(y) < reach))
+        u, v = self._to_unit_circle @ (x[around], y[around])
+        across_x, across_y = 2.0 * self._to_unit_circle.T @ (u, v)
+        near = np.abs(u * u + v * v - 1.0) < NEAR * np.hypot(across_x, across_y)
+        near &= _turn(np.arctan2(across_y, across_x) + 0.5 * np.pi - stripes.angle[around]) < ALONG
+        held = np.zeros(len(x), dtype=bool)
+        held[around[near]] = True
+        return held
 
     @property
     def _to_unit_circle(self) -> Array:
@@ -92,9 +97,12 @@ def find_ellipses(stripes: Stripes, most: int) -> tuple[Ellipse, ...]:
     """
     arcs = _arcs(stripes)
     found: list[tuple[Ellipse, BoolArray]] = []
-    for group in (*((arc,) for arc in arcs), *combinations(arcs, 2)):
-        if not any(all(np.mean(on[arc]) > OWN for arc in group) for _, on in found):
-            found += _grown(stripes, group)
+    explained: list[set[int]] = []  # the arcs on each
+    for group in (*combinations(range(len(arcs)), 1), *combinations(range(len(arcs)), 2)):
+        if not any(own.issuperset(group) for own in explained):
+            for ellipse, on in _grown(stripes, [arcs[k] for k in group]):
+                found.append((ellipse, on))
+                explained.append({k for k, arc in enumerate(arcs) if np.mean(on[arc]) > OWN})
     found.sort(key=lambda one: -one[0].length)
     return tuple(one for one, _ in _different(found))[:most]
 
@@ -113,7 +121,7 @@ def _arcs(stripes: Stripes) -> list[IntArray]:
 
 
 def _chains(stripes: Stripes) -> list[IntArray]:
-    """Stripes that follow each other smoothly."""
+    """Stripes that follow each other smoothly, as many and as far as those of an arc."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -128,13 +136,15 @@ def _chains(stripes: Stripes) -> list[IntArray]:
     count = len(stripes.xy)
     links = coo_matrix((np.ones(np.count_nonzero(smooth)), (first[smooth], second[smooth])), shape=(count, count))
     _, member = connected_components(links, directed=False)
-    size = np.bincount(member)
-    return [
-        chain for chain in np.split(np.argsort(member, kind="stable"), np.cumsum(size)[:-1]) if len(chain) >= FEWEST
-    ]
+    order, size = np.argsort(member, kind="stable"), np.bincount(member)
+    first = np.cumsum(size) - size
+    xy = stripes.xy[order]
+    extent = np.hypot(*(np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).T)
+    long = np.flatnonzero((size >= FEWEST) & (extent > SHORTEST))
+    return [order[first[k] : first[k] + size[k]] for k in long]
 
 
-def _grown(stripes: Stripes, arcs: tuple[IntArray, ...]) -> list[tuple[Ellipse, BoolArray]]:
+def _grown(stripes: Stripes, arcs: Sequence[IntArray]) -> list[tuple[Ellipse, BoolArray]]:
     """The ellipse of arcs with all stripes on it, and which these are; nothing if the arcs are not on one ellipse."""
     ellipse = _fitted(stripes.xy[np.concatenate(arcs)])
     if ellipse is None or any(np.mean(ellipse.holds(stripes.take(arc))) < OWN for arc in arcs):

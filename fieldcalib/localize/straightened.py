@@ -32,6 +32,22 @@ class Bend:
     a: float
     size: tuple[int, int]
 
+    @classmethod
+    def of(cls, camera: Camera) -> Bend:
+        """The bend with which the lens of a camera moves the corners of its picture, on average.
+
+        Examples
+        --------
+        >>> straight = Camera.from_angles(0.0, 1.2, 0.0, 1400.0, (0.0, 30.0, -10.0), (1280, 720))
+        >>> round(Bend.of(Bend(0.2, (1280, 720)).with_lens(straight)).a, 2)
+        0.2
+        """
+        width, height = camera.image_size
+        corners = np.array([(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)])
+        seen = (corners - camera.principal_point) / camera.focal_length
+        stretch = np.linalg.norm(camera.normalized(corners), axis=1) / np.linalg.norm(seen, axis=1)
+        return cls(float(np.mean(np.nan_to_num(stretch, nan=1.0))) - 1.0, camera.image_size)
+
     @property
     def middle(self) -> Array:
         """Of the picture, pixels."""
