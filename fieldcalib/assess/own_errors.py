@@ -21,8 +21,8 @@ from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
 from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
-from fieldcalib.problem.coupled_frames import spread_and_solved
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.levenberg_marquardt import coupled
 from fieldcalib.problem.projection import Projection
 
 GRID = (7, 5)  # pixels across and down the picture
@@ -69,9 +69,13 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
         inverse = np.linalg.inv(hessian)
         by_line = inverse @ painted
         return OwnErrors(inverse @ between @ inverse + by_line @ np.swapaxes(by_line, 1, 2), inverse @ border)
-    spread, (by_line, following) = spread_and_solved(hessian, evaluation.coupling, between, (painted, border))
+    B, o = hessian.shape[:2]
+    inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
+    spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
     # a misplaced line is misplaced in all frames: ties do not average its error out
-    return OwnErrors(spread + by_line @ np.swapaxes(by_line, 1, 2), following)
+    by_line = (inverse @ painted.reshape(B * o, -1)).reshape(painted.shape)
+    E = spread[np.arange(B), :, np.arange(B)] + by_line @ np.swapaxes(by_line, 1, 2)
+    return OwnErrors(E, (inverse @ border.reshape(B * o, -1)).reshape(border.shape))
 
 
 def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:

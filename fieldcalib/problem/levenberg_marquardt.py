@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.problem import coupled_frames
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
@@ -358,8 +357,22 @@ def eliminated(
     """
     H_tt, H_ts = hessian[:, own][:, :, own], hessian[:, own][:, :, ~own]
     right = np.concatenate([H_ts, downhill[:, own, None]], axis=-1)
-    solved = np.linalg.solve(H_tt, right) if coupling is None else coupled_frames.solved(H_tt, coupling, right)
+    if coupling is None:
+        solved = np.linalg.solve(H_tt, right)
+    else:
+        whole = coupled(H_tt, coupling)
+        solved = np.linalg.solve(whole, right.reshape(len(whole), -1)).reshape(right.shape)
     return solved[..., :-1], solved[..., -1]
+
+
+def coupled(blocks: Array, coupling: Coupling) -> Array:
+    """The matrix (B o, B o) with the blocks (B, o, o) on its diagonal and those of the coupling beside it."""
+    B, o = blocks.shape[:2]
+    whole = np.zeros((B, B, o, o))
+    whole[np.arange(B), np.arange(B)] = blocks
+    np.add.at(whole, (coupling.first, coupling.second), coupling.blocks)
+    np.add.at(whole, (coupling.second, coupling.first), np.swapaxes(coupling.blocks, 1, 2))
+    return np.swapaxes(whole, 1, 2).reshape(B * o, B * o)
 
 
 def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolArray) -> Array:
