@@ -93,3 +93,16 @@ def test_it_does_not_grow(tmp_path, program, counts):
     few, many = map(peak, counts)
     assert many < few + 20.0  # 1100 frames that are held take 40 MiB
     assert many < 500.0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs getrusage")
+def test_maps_that_are_drawn_are_not_kept(tmp_path):
+    """A map takes a megabyte."""
+    peaks = []
+    for count in (30, 150):
+        out = tmp_path / f"{count} out"
+        assert calibrate(out, written(tmp_path / str(count), count)) == 0
+        video = tmp_path / f"{count}.mp4"
+        peaks.append(peak_of("fieldcalib.cli.main", "minimap", "--cameras", out, "--out", video))
+    assert peaks[1] < peaks[0] + 40.0

@@ -17,6 +17,9 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import SOLVER, ResultFile, lines_file
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
+# Of frames that are drawn one after the other: each that is kept would lie between freed pictures, whose memory is then
+# not used again.
+IN_ORDER = 8
 
 
 class Cameras:
@@ -26,6 +29,8 @@ class Cameras:
     ----------
     path : Path
         The folder, or its ``cameras.jsonl`` or ``cameras.parquet``.
+    kept : int
+        Number of calibrations that are kept in memory.
 
     Raises
     ------
@@ -35,7 +40,7 @@ class Cameras:
         If a line is no result.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kept: int = CACHED) -> None:
         self.path = path
         """As it was given."""
         self._file = ResultFile(lines_file(path) if path.is_dir() else path)
@@ -43,7 +48,7 @@ class Cameras:
         numbers = [number for number in map(_number, self._numbers) if number is not None]
         once = {number for number, count in Counter(numbers).items() if count == 1}
         self._by_number = {n: id for id in self._numbers if (n := _number(id)) in once}
-        self._read = lru_cache(maxsize=CACHED)(self._calibration)
+        self._read = lru_cache(maxsize=kept)(self._calibration)
 
     @property
     def ids(self) -> list[str]:

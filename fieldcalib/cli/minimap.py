@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from fieldcalib.cli.frame_cameras import Cameras, field_of
+from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     suffix = options.out.suffix.lower()
     if suffix not in (PICTURE, VIDEO, "") and not options.out.is_dir():
         raise ValueError(f"{options.out}: expected a name that ends with {VIDEO} or {PICTURE}, or a folder")
-    cameras = Cameras(options.cameras)
+    cameras = Cameras(options.cameras, IN_ORDER)
     field = field_of(cameras)
     players = PlayersOnMaps(options.players, cameras, field, given(PlayerOptions, options))
     ids = players.ids

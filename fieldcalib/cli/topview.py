@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from fieldcalib.cli.frame_cameras import Cameras, field_of
+from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import add_most_bytes, positive
 from fieldcalib.console.inputs import add_inputs
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     """Draw; returns the exit code."""
     if options.out.suffix.lower() not in PICTURES:
         raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
-    cameras = Cameras(options.cameras)
+    cameras = Cameras(options.cameras, IN_ORDER)
     own = [options.players] if options.players is not None else []
     check_targets([options.out], [*files_read(options.input), *cameras.files, *own], replaces=True)
     field = field_of(cameras)

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.program import counted, show
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the pictures; returns the exit code."""
-    cameras = Cameras(options.cameras)
+    cameras = Cameras(options.cameras, IN_ORDER)
     if VIDEOS.recognises(options.input[0]):
         done, left = _video(options.input, cameras, options.out)
         rest = f", {counted(left, 'frame')} without an accepted camera left as they are" if left else ""
