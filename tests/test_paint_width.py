@@ -1,6 +1,6 @@
 """The width of paint in a picture tells a smaller field with the same markings from the one that was declared."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import cv2
 import numpy as np
@@ -80,3 +80,15 @@ def test_a_rendered_smaller_pitch_has_wider_lines():
     camera = clip_frames(2, 1, image_size=SIZE)[0].camera
     usual, small = (paint_width(seen(frame(2, share), camera)) for share in (1.0, 0.6))
     assert small / usual == pytest.approx(1.0 / 0.6, rel=0.1)
+
+
+@pytest.mark.parametrize("value", [None, "x", [], -1, np.nan, 10**400, {}])
+@pytest.mark.parametrize(
+    "name", ["label", "length", "places", "share", "offset", "is_expected", "is_bent", "width", "widths"]
+)
+def test_evidence_of_wrong_types_is_told(name, value):
+    """It may come from a file, in which a number of places may be anything."""
+    record = asdict(MarkingInView("Middle line", 300.0, 25, share=0.9, offset=0.0))
+    if (name, value) != ("label", "x"):
+        with pytest.raises(ValueError, match=f"{name}|expected"):
+            MarkingInView(**record | {name: value})
