@@ -176,7 +176,7 @@ WRONG = {
     "numbers for pictures": (lambda _: calibrate([1, 2], progress=False), "image must be an array .* got int"),
     "pixels before the field": (
         lambda _: calibrate_from_segments(PIXELS, soccer(), SIZE),
-        "expected a field.* then the pixels; got {",
+        "expected a Line.* the field comes first, as soccer.*then the pixels",
     ),
     "an endless step": (lambda _: calibrate(IMAGE, step=np.inf, progress=False), "step must be a whole number"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),

@@ -59,7 +59,7 @@ class MarkingInView:
         ValueError
             If something is of a wrong type, or a number is negative or not finite.
         """
-        expect(self.label, str, "Middle line")
+        expect(self.label, str, "Base line")
         for name in ("length", "share", "offset", "width", "places", "widths"):
             if not 0.0 <= number(getattr(self, name), name) < inf:
                 raise ValueError(f"{name}: expected a number of at least 0, got {getattr(self, name)}")

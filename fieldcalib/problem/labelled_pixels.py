@@ -37,12 +37,12 @@ def check_object(object_segments: ObjectSegments) -> None:
         came = getattr(object_segments, "__name__", short(object_segments))
         hint = f"; did you mean {came}()?" if callable(object_segments) else ""
         raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
-    if object_segments and not any(isinstance(segment, Segment) for segment in object_segments.values()):
-        came = short(dict(object_segments))
-        raise ValueError(
-            f"expected a field, as soccer(), or a mapping of names to segments, then the pixels; got {came}"
-        )
-    check_members(object_segments)
+    try:
+        check_members(object_segments)
+    except ValueError as error:
+        if any(isinstance(segment, Segment) for segment in object_segments.values()):
+            raise
+        raise ValueError(f"{error}; the field comes first, as soccer(), then the pixels") from None
 
 
 def check_segments(
