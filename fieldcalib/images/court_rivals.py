@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,15 @@ def distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = 
         some = np.sort(np.where(inside, off, np.inf), axis=1)
         return np.asarray(some[np.arange(len(some)), np.count_nonzero(inside, axis=1) // 2])
     return np.asarray(np.where(np.any(inside, axis=1), np.max(np.where(inside, off, 0.0), axis=1), np.inf))
+
+
+def first_apart(xy: Array, among: Sequence[int], size: tuple[int, int], apart: float, *, median: bool) -> Iterator[int]:
+    """Those among some cameras (B, N, 2) that are further than `apart` pixels from all before them (`distances`)."""
+    chosen: list[int] = []
+    for k in among:
+        if not chosen or np.min(distances(xy[chosen], xy[k], size, median=median)) > apart:
+            chosen.append(k)
+            yield k
 
 
 def are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:

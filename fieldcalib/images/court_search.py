@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -42,7 +43,7 @@ from fieldcalib.images.court_evidence import (
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
 from fieldcalib.images.court_refinement import refine_courts, with_errors
-from fieldcalib.images.court_rivals import GRID, Rivals, are_apart, distances, grid_of, seen_grids
+from fieldcalib.images.court_rivals import GRID, Rivals, are_apart, distances, first_apart, grid_of, seen_grids
 from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
 from fieldcalib.images.refinement import Refined
@@ -277,14 +278,8 @@ def _grids_of(candidate: _Candidate) -> list[Array]:
 
 def _different(ranked: Ranked, field: Field) -> list[int]:
     """The first cameras that project the field differently."""
-    xy = ranked.projected(grid_of(field))
-    chosen: list[int] = []
-    for index in np.flatnonzero(ranked.score > HOPELESS).tolist():
-        if not chosen or np.min(distances(xy[chosen], xy[index], ranked.bend.size)) > APART:
-            chosen.append(index)
-            if len(chosen) == REFINED:
-                break
-    return chosen
+    xy, likely = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > HOPELESS).tolist()
+    return list(islice(first_apart(xy, likely, ranked.bend.size, APART, median=False), REFINED))
 
 
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:

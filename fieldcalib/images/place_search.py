@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.court_hypotheses import Cameras
 from fieldcalib.images.court_ranking import Ranked, in_order, principal_point
 from fieldcalib.images.court_refinement import refine_courts, with_errors
-from fieldcalib.images.court_rivals import distances, grid_of
+from fieldcalib.images.court_rivals import distances, first_apart, grid_of
 from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes
 from fieldcalib.images.pulled_cameras import Freedom, pulled
@@ -85,12 +86,8 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
 
 def _to_refine(ranked: Ranked, field: Field) -> list[int]:
     """The first camera, and others that explain the picture nearly as well."""
-    xy = ranked.projected(grid_of(field))
-    chosen = [0]
-    for k in np.flatnonzero(ranked.score > RIVAL * ranked.score[0]).tolist():
-        if len(chosen) < REFINED and np.min(distances(xy[chosen], xy[k], ranked.bend.size, median=True)) > OTHER:
-            chosen.append(k)
-    return chosen
+    xy, near = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > RIVAL * ranked.score[0]).tolist()
+    return list(islice(first_apart(xy, [0, *near], ranked.bend.size, OTHER, median=True), REFINED))
 
 
 def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calibration:
