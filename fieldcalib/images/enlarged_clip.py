@@ -37,7 +37,9 @@ from fieldcalib.solve.options import Prior, checked_prior
 # picture is no whole one. Measured broadcast cameras are up to 1.75 off.
 MAY_BE_OFF = 2.0
 OFF_MIDDLE = 2.8
-LEAST_SCORE = 2.9  # of detail and principal point together, above which frames may be enlarged
+# Log likelihood ratio and softness together, above which frames may be enlarged: soft whole shots of broadcasts with
+# good cameras have up to 1.6, enlarged ones that would be good and more than 1 m off 3.2 and more.
+LEAST_SCORE = 2.9
 
 
 class Detail(NamedTuple):
@@ -116,6 +118,7 @@ class SharedPrincipalPoint:
 
 def _sigma(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Array:
     """Standard deviations (2,) of a principal point under a prior, the widest of its stands."""
+    assert prior is not None
     stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
     return principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
 

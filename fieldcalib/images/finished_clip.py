@@ -5,7 +5,7 @@ Lines are searched near the markings that the cameras of the first pass project.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -175,8 +175,6 @@ def _finished_tripod(
     start = tripod.calibration if members == tripod.pieces else None
     found = _calibrated(lines, pieces, members, start)
     frames, models = pieces.frames(members), pieces.models_of(members)
-    if models == {CameraModel.CUT_OUT}:
-        return with_doubts_of_part(found), []
     softness = lines.solved.keyframes.softness(frames)
     if models == {CameraModel.TRIPOD} and np.any(found.accepted) and may_be_enlarged(found, options, softness):
         for piece in members:
@@ -186,7 +184,7 @@ def _finished_tripod(
             if not is_better_free(found, freed, options):
                 return with_doubts_of_all(found), []
             return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
-    return _with_place_of_picture(found, options), []
+    return _with_place_of_picture(found, options, models), []
 
 
 def _calibrated(
@@ -201,10 +199,12 @@ def _calibrated(
     return found.seen_in_images(_markings_seen(lines, found, frames))
 
 
-def _with_place_of_picture(calibration: SequenceCalibration, options: ClipOptions) -> SequenceCalibration:
+def _with_place_of_picture(
+    calibration: SequenceCalibration, options: ClipOptions, models: Collection[CameraModel]
+) -> SequenceCalibration:
     """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
     off = off_middle(calibration, options)
-    if off < OFF_MIDDLE or options.given.camera_matrix is not None:
+    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
         return calibration
     doubts = {t: "; ".join(filter(None, (calibration.frames.doubts.get(t, ""), CUT))) for t in range(len(calibration))}
     return with_doubts(calibration, doubts)

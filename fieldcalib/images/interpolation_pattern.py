@@ -79,7 +79,7 @@ def are_interpolated(pictures: Sequence[SecondDifferences]) -> bool:
 
 
 def _frequencies() -> Array:
-    return np.fft.rfftfreq(SPECTRUM)
+    return np.asarray(np.fft.rfftfreq(SPECTRUM), dtype=np.float64)
 
 
 def _strength(means: Array) -> Array:
