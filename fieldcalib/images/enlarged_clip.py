@@ -105,7 +105,7 @@ class SharedPrincipalPoint:
         --------
         >>> middle, anywhere = (
         ...     SharedPrincipalPoint(np.zeros(2), sigma**2 * np.eye(2), np.full(2, 19.2), np.full(2, 19.2))
-        ...     for sigma in (3.0, 19.1)
+        ...     for sigma in (3.0, 19.19)
         ... )
         >>> middle.log_ratio_of_part < -3.0, abs(anywhere.log_ratio_of_part) < 0.5
         (True, True)
@@ -132,7 +132,7 @@ def off_middle(found: SequenceCalibration, options: ClipOptions) -> float:
 def may_be_enlarged(
     found: SequenceCalibration, options: ClipOptions, softness: float, *, is_free: bool = False
 ) -> bool:
-    """Whether the frames of a tripod may be enlarged parts of larger ones.
+    """Whether the frames of a tripod look enlarged, and may be parts of larger ones.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def may_be_enlarged(
     is_free : bool
         Whether they were solved with a principal point that may lie anywhere.
     """
-    if not options.may_be_enlarged or "centre" not in options.shared:
+    if not (options.may_be_enlarged and "centre" in options.shared and softness > 0.0):
         return False
     shared = SharedPrincipalPoint.of(found, options, is_free=is_free)
     if shared is None or found.layout is None or found.field is None or found.field.probability is None:
