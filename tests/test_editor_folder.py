@@ -54,6 +54,23 @@ def blank(tmp_path):
     return path
 
 
+# --- where it lies ---
+
+
+@pytest.mark.parametrize("source", [".", "", "../pictures", "inner/.."])
+def test_results_of_a_folder_lie_beside_it_under_its_name(tmp_path, monkeypatch, source):
+    (tmp_path / "pictures" / "inner").mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "pictures" / "blank.png"), BLANK)
+    monkeypatch.chdir(tmp_path / "pictures")
+    marked(edited(source, "tennis"), 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"pictures", "pictures-fieldcalib"}
+
+
+def test_the_root_has_no_folder_beside_it():
+    with pytest.raises(ValueError, match="expected out, a folder of results: / has no name"):
+        fieldcalib.Editor("/")
+
+
 # --- nothing is lost ---
 
 

@@ -18,7 +18,7 @@ def run(pytester, monkeypatch):
 
     def outcomes(**modules):
         pytester.makepyfile(**modules)
-        result = pytester.runpytest_inprocess("-n0", pytester.path)
+        result = pytester.runpytest_inprocess("-n0", "--assert=plain", pytester.path)  # as whichever this one does
         return result.parseoutcomes(), result.stdout.str()
 
     return outcomes

@@ -69,7 +69,7 @@ def test_localize(images, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("jobs", "seed"), [(2, 1), (2, 200), (2, 201), (1, 202)])
+@pytest.mark.parametrize(("jobs", "seed"), [(2, 1), (2, 200), (1, 202)])
 def test_kills_change_nothing(images, whole, tmp_path, jobs, seed):
     command = ["run", images, "--jobs", jobs]
     check_that_kills_change_nothing(command, whole, tmp_path / "out", np.random.default_rng(seed), code=1)

@@ -1,6 +1,7 @@
 """The width of paint in a picture tells a smaller field with the same markings from the one that was declared."""
 
 from dataclasses import asdict, replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -22,10 +23,13 @@ CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1
 MARKINGS = Markings.of(soccer())
 
 
-def picture(share=1.0):
+@cache
+def picture(share):
     """What a camera sees of a pitch of a share of the usual size: the same, but for lines that look wider."""
     field = soccer()
-    return render_field(CAMERA, replace(field, lines=replace(field.lines, width=field.lines.width / share)))
+    image = render_field(CAMERA, replace(field, lines=replace(field.lines, width=field.lines.width / share)))
+    image.flags.writeable = False
+    return image
 
 
 def seen(image, camera=CAMERA):
@@ -41,11 +45,11 @@ def test_the_width_is_that_of_the_paint(share):
 @pytest.mark.parametrize("times", [1.6, 2.4])
 def test_a_moving_camera_widens_no_paint(times):
     """Lines that are blurred across to a multiple of their width have edges as long as they are wide."""
-    width = np.median([one.width for one in seen(picture()) if one.widths])
+    width = np.median([one.width for one in seen(picture(1.0)) if one.widths])
     profiles = profiles_along(CAMERA, MARKINGS)
     upright = np.abs(profiles.normal[:, 0]) > 0.7
     length = round(times * width * float(np.median(profiles.width[upright])))
-    moved = cv2.blur(picture(), (length, 1))
+    moved = cv2.blur(picture(1.0), (length, 1))
     assert not paint_is_too_wide(seen(moved))
     across = profiles.take(np.flatnonzero(upright & (profiles.width > 3.0) & (profiles.width < length / 1.4)))
     assert len(across) > 5
@@ -53,7 +57,7 @@ def test_a_moving_camera_widens_no_paint(times):
 
 
 def test_soft_pictures_tell_nothing():
-    soft = cv2.GaussianBlur(picture(), (0, 0), 4.0)
+    soft = cv2.GaussianBlur(picture(1.0), (0, 0), 4.0)
     assert not any(one.widths for one in seen(soft))
 
 

@@ -8,8 +8,6 @@ picture, if labels reach the border at the other sides: sparse labels of a hasty
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from fieldcalib._types import Array
@@ -78,11 +76,10 @@ def _ends(field: Field, label: str, xy: Array, camera: Camera) -> list[tuple[int
     last = np.array(camera.image_size) - 1.0
     beyond = np.concatenate([-points, points - last], axis=1)[:, [0, 2, 1, 3]]  # px, beyond left, right, top, bottom
     outside = np.max(beyond, axis=1)
+    known, out = np.isfinite(outside), outside > 0.0
     found = []
-    for a, b in pairwise(range(len(points))):
-        if not (np.isfinite(outside[a]) and np.isfinite(outside[b])) or (outside[a] > 0.0) == (outside[b] > 0.0):
-            continue
-        a, b = (b, a) if outside[a] > 0.0 else (a, b)  # a is inside
+    for b in np.flatnonzero(known[:-1] & known[1:] & (out[:-1] != out[1:])) + 1:
+        a, b = (b, b - 1) if out[b - 1] else (b - 1, b)  # a is inside
         side = int(np.argmax(beyond[b]))
         share = -beyond[a, side] / (beyond[b, side] - beyond[a, side])
         place = points[a] + share * (points[b] - points[a])

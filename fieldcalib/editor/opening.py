@@ -30,7 +30,15 @@ def places_of(
         raise FileNotFoundError(f"{path} does not exist: expected a picture, a folder, a video or results of a run")
     if path.is_dir() and Stored.has_results(path):
         return source_of(path), path if folder is None else folder
-    return [path], path.with_name(f"{path.stem if path.is_file() else path.name}-fieldcalib") if out is None else folder
+    return [path], _beside(path) if folder is None else folder
+
+
+def _beside(path: Path) -> Path:
+    """The folder of results beside a file or folder, named after it."""
+    named = path if path.name not in ("", "..") else path.resolve()  # "." has no name
+    if not named.name:
+        raise ValueError(f"expected out, a folder of results: {path} has no name after which to call one beside it")
+    return named.with_name(f"{named.stem if named.is_file() else named.name}-fieldcalib")
 
 
 def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -> NumberedFrames:
