@@ -70,7 +70,15 @@ def run_clip(request: RunRequest) -> int:
             return results.exit_code
         parts = KeptParts(run.out)
         with solving(SOLVING):
-            found = calibrate_video(options.field, clip, network, camera=options.camera, parts=parts, **keywords)
+            found = calibrate_video(
+                options.field,
+                clip,
+                network,
+                camera=options.camera,
+                may_be_enlarged=options.pictures.may_be_enlarged,
+                parts=parts,
+                **keywords,
+            )
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)

@@ -8,11 +8,11 @@ contradicts nothing. The labels of the network were found without that camera an
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
 from fieldcalib.assess.result import Calibration
@@ -21,6 +21,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.enlarged import window_prior
+from fieldcalib.images.enlarged_clip import Detail, softness_of_shot
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
 from fieldcalib.images.searched_keyframes import SearchedKeyframes
@@ -62,6 +63,8 @@ class Keyframes:
     options: ClipOptions
     shots: Shots
     labels: Mapping[int, KeyframeLabels]
+    details: Mapping[int, Detail] = field(default_factory=dict)
+    """Evidence that frames were enlarged, by keyframe; of some only."""
 
     @property
     def accepted(self) -> dict[int, PixelTable]:
@@ -72,6 +75,10 @@ class Keyframes:
     def doubtful(self) -> dict[int, PixelTable]:
         """Labels of keyframes whose camera was not accepted."""
         return {t: one.labels for t, one in self.labels.items() if not one.accepted}
+
+    def softness(self, frames: IntArray) -> float:
+        """How much the keyframes among some frames look enlarged, `softness_of_shot`."""
+        return softness_of_shot([self.details[t] for t in frames.tolist() if t in self.details])
 
     def calibrate(
         self,
@@ -118,6 +125,7 @@ def read_keyframes(
     linked: list[bool] = []
     matches: dict[tuple[int, int], Cells] = {}
     labels: dict[int, KeyframeLabels] = {}
+    details: dict[int, Detail] = {}
     waiting: dict[int, Image] = {}  # frames that the network is to see
     searched = SearchedKeyframes(options)
     extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
@@ -130,6 +138,8 @@ def read_keyframes(
             seen = [t for t in waiting if t in searched.found]
         else:
             seen, found = list(waiting), labels_of(options.calibrate_alone(list(waiting.values()), network))
+        if options.may_be_enlarged:
+            details.update({t: Detail.of(image) for t, image in waiting.items()})
         labels.update({t: one for t, one in zip(seen, found, strict=True) if one is not None})
         waiting.clear()
 
@@ -157,7 +167,7 @@ def read_keyframes(
     labels = dict(sorted(labels.items()))
     loose = loose_at_end(piece, linked)
     pieces = Pieces(np.array(numbered(piece, loose), dtype=np.intp))
-    return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels)
+    return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels, details)
 
 
 @dataclass(frozen=True, eq=False)

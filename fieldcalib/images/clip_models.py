@@ -21,15 +21,13 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, between
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import principal_point_sigma
-from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
+from fieldcalib.solve.options import pixel_unit
 from fieldcalib.solve.ties import Ties
 
 LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
@@ -42,10 +40,6 @@ WRONG = (
     20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
 )
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
-# Standard deviations of a principal point from the middle: from the first on it is let free, from the second on the
-# picture is no whole one. Measured broadcast cameras are up to 1.75 off.
-MAY_BE_OFF = 2.0
-OFF_MIDDLE = 2.8
 LEAST_RUN = 2  # keyframes in a row that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
@@ -185,31 +179,6 @@ class HeldOut:
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
         numbers = zip(frames[index[pairs.first]].tolist(), frames[index[pairs.second]].tolist(), strict=True)
         return found | dict(zip(numbers, np.minimum(np.nanmedian(off, axis=1), LOST).tolist(), strict=True))
-
-
-def off_middle(
-    found: SequenceCalibration, prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]
-) -> float:
-    """Distance of the principal point that frames share from the middle of the picture, in standard deviations.
-
-    These are of both the principal points of whole pictures and the estimate. 0 if the frames share none.
-    """
-    if prior is None or not {"cx", "cy"} <= set(found.names):
-        return 0.0
-    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
-    whole = principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
-    index = [found.names.index(name) for name in ("cx", "cy")]
-    off = found.values[index] - np.divide(image_size, 2.0)
-    return float(np.max(np.abs(off) / np.hypot(whole, np.sqrt(np.diagonal(found.covariance)[index]))))
-
-
-def cut_out_note(frames: IntArray, found: SequenceCalibration) -> str:
-    """Note for the user on frames whose principal point is far from the middle of the picture."""
-    x, y = (found.values[found.names.index(name)] for name in ("cx", "cy"))
-    return (
-        f"frames {frames[0]} to {frames[-1]}: the picture is a part of a larger one, or is shown in a part of the "
-        f"screen: its principal point is at ({x:.0f}, {y:.0f}), far from the middle"
-    )
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:

@@ -43,6 +43,8 @@ class ClipOptions:
     given: GivenCamera = NOTHING_GIVEN
     side: Side | None = None
     """As `Task.side`."""
+    may_be_enlarged: bool = True
+    """Whether frames may be enlarged parts of larger ones (`fieldcalib.images.enlarged_clip`)."""
 
     def check(self, network: Network | None) -> None:
         """Raise a ValueError for an invalid calibration object or network, or flags that cannot hold for a clip."""

@@ -17,13 +17,21 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.assess.whole_picture import CUT
-from fieldcalib.images.clip_keyframes import Keyframes
-from fieldcalib.images.clip_models import OFF_MIDDLE, off_middle
+from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
+from fieldcalib.images.enlarged_clip import (
+    OFF_MIDDLE,
+    enlarged_note,
+    is_better_free,
+    may_be_enlarged,
+    off_middle,
+    with_doubts_of_all,
+    with_doubts_of_part,
+)
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.paint_width import widths_by_marking, with_widths
-from fieldcalib.images.pieces import CameraModel
+from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_tripods import SolvedTripods, Tripod
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
@@ -147,18 +155,15 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
     solved, pieces = lines.solved, lines.solved.pieces
     tripod_of, number = np.full(len(pieces.number), NO_TRIPOD), np.zeros(len(pieces.number), dtype=np.intp)
     calibrations: list[SequenceCalibration] = []
+    notes = list(solved.notes)
     for tripod, members in zip(solved.tripods, lines.members, strict=True):
         if not members:
             continue
         frames = pieces.frames(members)
         tripod_of[frames], number[frames] = len(calibrations), np.arange(len(frames))
-        start = tripod.calibration if members == tripod.pieces else None
-        calibration = solved.keyframes.calibrate(pieces, members, lines.labels, start)
-        if pieces.models_of(members) != {CameraModel.ALONE}:
-            calibration = calibration.interpolated(pieces.number[frames], LONGEST_GAP)
-        calibration = calibration.with_notes({NO_PIXELS: UNTIED})
-        calibration = calibration.seen_in_images(_markings_seen(lines, calibration, frames))
-        calibrations.append(_with_place_of_picture(calibration, solved.keyframes, pieces.models_of(members)))
+        finished, note = _finished_tripod(lines, tripod, members)
+        calibrations.append(finished)
+        notes.extend(note)
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
             calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], {int(number[t]): MIXED})
@@ -168,16 +173,47 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         tuple(Shot(int(one[0]), int(one[-1]) + 1, int(tripod_of[one[0]])) for one in shots),
         tripod_of,
         number,
-        solved.notes,
+        tuple(notes),
     )
 
 
+def _finished_tripod(
+    lines: ClipLines, tripod: Tripod, members: tuple[int, ...]
+) -> tuple[SequenceCalibration, list[str]]:
+    """All frames of the pieces of a tripod whose frames show its lines, and notes for the user on them."""
+    options, pieces = lines.solved.keyframes.options, lines.solved.pieces
+    start = tripod.calibration if members == tripod.pieces else None
+    found = _calibrated(lines, pieces, members, start)
+    frames, models = pieces.frames(members), pieces.models_of(members)
+    softness = lines.solved.keyframes.softness(frames)
+    if models == {CameraModel.TRIPOD} and np.any(found.accepted) and may_be_enlarged(found, options, softness):
+        for piece in members:
+            pieces = pieces.with_model(piece, CameraModel.CUT_OUT)
+        freed = _calibrated(lines, pieces, members, None)
+        if not freed.together or may_be_enlarged(freed, options, softness, is_free=True):
+            if not is_better_free(found, freed, options):
+                return with_doubts_of_all(found), []
+            return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
+    return _with_place_of_picture(found, options, models), []
+
+
+def _calibrated(
+    lines: ClipLines, pieces: Pieces, members: Sequence[int], start: SequenceCalibration | None
+) -> SequenceCalibration:
+    """All frames of some pieces, with the paint that they show; the pieces say which camera models these have."""
+    frames = pieces.frames(members)
+    found = lines.solved.keyframes.calibrate(pieces, members, lines.labels, start)
+    if pieces.models_of(members) != {CameraModel.ALONE}:
+        found = found.interpolated(pieces.number[frames], LONGEST_GAP)
+    found = found.with_notes({NO_PIXELS: UNTIED})
+    return found.seen_in_images(_markings_seen(lines, found, frames))
+
+
 def _with_place_of_picture(
-    calibration: SequenceCalibration, keyframes: Keyframes, models: Collection[CameraModel]
+    calibration: SequenceCalibration, options: ClipOptions, models: Collection[CameraModel]
 ) -> SequenceCalibration:
     """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
-    options = keyframes.options
-    off = off_middle(calibration, options.prior, options.object_segments, keyframes.shots.image_size)
+    off = off_middle(calibration, options)
     if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
         return calibration
     doubts = {t: "; ".join(filter(None, (calibration.frames.doubts.get(t, ""), CUT))) for t in range(len(calibration))}

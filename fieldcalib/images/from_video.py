@@ -25,7 +25,7 @@ from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import named
+from fieldcalib._checks import named, truth
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
@@ -81,6 +81,7 @@ def calibrate_video(
     take_off_borders: bool = True,
     estimate_aspect: bool = True,
     estimate_size: bool = True,
+    may_be_enlarged: bool = True,
     every: int = EVERY,
     camera: Mount = "tripod",
     side: Side | None = None,
@@ -118,6 +119,11 @@ def calibrate_video(
         Whether length and width of a field, if not said to be known, are estimated from the frames of a tripod
         together, as far as these determine them. Otherwise they stay as given, and their uncertainty is part of the
         errors from the centre mark.
+    may_be_enlarged : bool
+        Whether frames of the shape of a whole one may be enlarged parts of larger ones (digital zoom), whose principal
+        point is not in the middle. Where the frames of a tripod do not show that they are whole, they are calibrated
+        with a free one, or are to be checked (`fieldcalib.images.enlarged_clip`). Only with a network and a prior,
+        where nothing of the camera is given.
     every : int
         Frames from one keyframe to the next, at most.
     camera : {"tripod", "moving"}
@@ -164,12 +170,16 @@ def calibrate_video(
         raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     shared = shared_parameters(SHARED_BY[camera], estimate_size)
-    options, on = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)
+    is_free = truth(may_be_enlarged, "may_be_enlarged") and given.is_empty
+    options, on = on_side(ClipOptions(object_segments, flags, prior, shared, given, may_be_enlarged=is_free), side)
     options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
     network = _network_for(object_segments) if network is None else Padded(network)
-    network = None if network is None else on.network(network, options.field)
+    if network is None:
+        options = replace(options, may_be_enlarged=False)
+    else:
+        network = on.network(network, options.field)
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))

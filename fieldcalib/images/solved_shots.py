@@ -12,17 +12,14 @@ from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted,
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_keyframes import Keyframes, witnesses_of
 from fieldcalib.images.clip_models import (
-    MAY_BE_OFF,
-    OFF_MIDDLE,
     HeldOut,
     Misprediction,
-    cut_out_note,
     is_preferred,
     misfit_note,
     model_note,
-    off_middle,
     parts,
 )
+from fieldcalib.images.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, cut_out_note, off_middle
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.centres import nearest_places
@@ -102,15 +99,11 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
 def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
     """A piece on a tripod, with a principal point far from the middle if its frames tell that it is there."""
     clip, options = on_tripod.keyframes, on_tripod.keyframes.options
-
-    def off(calibration: SequenceCalibration) -> float:
-        return off_middle(calibration, options.prior, options.object_segments, clip.shots.image_size)
-
-    if options.given.camera_matrix is not None or off(on_tripod.calibrations[piece]) < MAY_BE_OFF:
+    if options.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
         return on_tripod
     pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
     found = clip.calibrate(pieces, [piece], clip.accepted)
-    if not found.together or off(found) < OFF_MIDDLE:
+    if not found.together or off_middle(found, options) < OFF_MIDDLE:
         return on_tripod
     notes = (*on_tripod.notes, cut_out_note(clip.shots.begin + pieces.frames([piece]), found))
     return replace(on_tripod, pieces=pieces, calibrations={**on_tripod.calibrations, piece: found}, notes=notes)
