@@ -1,13 +1,15 @@
 """Smaller pitches under the labels of soccer: which are told by the width of their lines, and is any right picture?
 
     python -m data_tools.smaller_pitches rendered [--frames N] [--seed S]
+    python -m data_tools.smaller_pitches clips [--clips N] [--frames N] [--seed S]
     python -m data_tools.smaller_pitches real FOLDER
 
 A pitch whose markings have another scale, seen from nearer, gives the same picture as a soccer pitch, but its lines are
 as wide as elsewhere, 8 to 12 cm here, and so look wider than they should. `rendered` takes single frames of synthetic
-clips at 1920x1080 and paints them as on pitches of the shares `SHARES`; `real` takes the pictures of a folder, which
-are of full-sized pitches. A line of JSON for each share has the number of pictures, of good cameras, and of pictures
-whose lines are too wide, and the quantiles of the widths where they can be measured, in units of the projected width.
+clips at 1920x1080 and paints them as on pitches of the shares `SHARES`; `clips` takes whole clips so; `real` takes the
+pictures of a folder, which are of full-sized pitches. A line of JSON for each share has the number of pictures (of
+frames, for clips), of good cameras, and of pictures whose lines are too wide, and the quantiles of the widths where
+they can be measured, in units of the projected width.
 """
 
 from __future__ import annotations
@@ -25,10 +27,12 @@ from data_tools.pictures_in_pictures import SUFFIXES
 from fieldcalib.assess.markings import paint_is_too_wide, paint_width
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Verdict
+from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_video import calibrate_video
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
@@ -70,18 +74,28 @@ def calibrated(images: Iterable[Image]) -> list[Calibration]:
     return [calibrate_from_images(soccer(), [image], network, estimate_size=False)[0] for image in images]
 
 
-def frame(seed: int, share: float) -> Image:
-    """The first frame of a synthetic clip of a pitch of a share of the usual size."""
+def frames(seed: int, share: float, number: int) -> list[Image]:
+    """The first frames of a synthetic clip of a pitch of a share of the usual size."""
     field = painted_as_on(with_displaced_lines(soccer(), np.random.default_rng((seed, PAINTED))), share)
-    true = clip_frames(seed, 2, image_size=SIZE)
-    return filmed(Scene.random(field, seed, [one.camera for one in true]), true, 0)
+    true = clip_frames(seed, max(number, 2), image_size=SIZE)  # motion blurs from each to the next
+    scene = Scene.random(field, seed, [one.camera for one in true])
+    return [filmed(scene, true, index) for index in range(number)]
 
 
 def rendered(options: argparse.Namespace) -> int:
     """Measure frames of synthetic clips."""
     seeds = range(options.seed, options.seed + options.frames)
     for share in SHARES:
-        print(json.dumps(summary(share, calibrated(frame(seed, share) for seed in seeds))), flush=True)
+        print(json.dumps(summary(share, calibrated(frames(seed, share, 1)[0] for seed in seeds))), flush=True)
+    return 0
+
+
+def clips(options: argparse.Namespace) -> int:
+    """Measure synthetic clips."""
+    seeds = range(options.seed, options.seed + options.clips)
+    for share in SHARES:
+        found = [one for seed in seeds for one in calibrate_video(soccer(), frames(seed, share, options.frames))]
+        print(json.dumps(summary(share, found)), flush=True)
     return 0
 
 
@@ -94,11 +108,13 @@ def real(options: argparse.Namespace) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON for each share."""
-    functions: dict[str, Callable[[argparse.Namespace], int]] = {"rendered": rendered, "real": real}
+    functions: dict[str, Callable[[argparse.Namespace], int]] = {one.__name__: one for one in (rendered, clips, real)}
     parser, commands = parser_of(__doc__, functions)
     for name, command in commands.items():
         command.set_defaults(run=functions[name])
     add_made_frames(commands["rendered"], 30)
+    add_made_frames(commands["clips"], 30)
+    commands["clips"].add_argument("--clips", type=count, default=5, help="(5)")
     commands["real"].add_argument("folder", type=Path, help="pictures of soccer")
     return run_command(parser.parse_args(arguments))
 

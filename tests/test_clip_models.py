@@ -51,7 +51,7 @@ def solved(clip):
 def finished(found):
     """All frames, from the labels of keyframes."""
     members = tuple(one.pieces for one in found.tripods)
-    return finish_clip(ClipLines(found, members, found.keyframes.accepted, {}))
+    return finish_clip(ClipLines(found, members, found.keyframes.accepted, {}, {}))
 
 
 def together(clip, labels=None):
@@ -147,7 +147,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     monkeypatch.setattr("fieldcalib.images.finished_clip.find_clip_lines", lambda *_: None)
     monkeypatch.setattr("fieldcalib.images.finished_clip.finish_clip", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
-    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
+    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}, {}), [], None) is found
 
 
 @pytest.mark.slow

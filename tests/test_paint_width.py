@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from data_tools.smaller_pitches import SIZE, frame
-from fieldcalib import Camera, calibrate_from_segments, refine_on_image, soccer
+from data_tools.smaller_pitches import SIZE, frames
+from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, refine_on_image, soccer
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_is_too_wide, paint_width
 from fieldcalib.assess.remedies import SMALLER
 from fieldcalib.assess.words import Verdict
@@ -16,7 +16,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import profiles_along
 from fieldcalib.images.paint_evidence import paint_evidence
-from fieldcalib.images.paint_width import paint_widths, with_widths
+from fieldcalib.images.paint_width import paint_widths, widths_by_marking, with_widths
 from fieldcalib.synthetic.film import clip_frames
 
 CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
@@ -33,7 +33,7 @@ def picture(share):
 
 
 def seen(image, camera=CAMERA):
-    return with_widths(paint_evidence(image, camera, MARKINGS), image, camera, MARKINGS).markings
+    return with_widths(paint_evidence(image, camera, MARKINGS).markings, widths_by_marking(image, camera, MARKINGS))
 
 
 @pytest.mark.parametrize("share", [1.0, 0.8, 0.6, 0.5])
@@ -82,8 +82,21 @@ def test_a_few_places_are_no_evidence():
 
 def test_a_rendered_smaller_pitch_has_wider_lines():
     camera = clip_frames(2, 1, image_size=SIZE)[0].camera
-    usual, small = (paint_width(seen(frame(2, share), camera)) for share in (1.0, 0.6))
+    usual, small = (paint_width(seen(frames(2, share, 1)[0], camera)) for share in (1.0, 0.6))
     assert small / usual == pytest.approx(1.0 / 0.6, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [1.0, 0.6])
+def test_clips_of_smaller_pitches_are_doubted(share):
+    images = frames(2, share, 10)
+    together = calibrate_video(soccer(), images)
+    with Tracker(soccer(), wait=True) as tracker:
+        one_by_one = [tracker.update(image) for image in images]
+    for found in (list(together), [one for one in one_by_one if one.camera is not None]):
+        assert len(found) > 5
+        assert all(paint_is_too_wide(one.markings) == (share < 1.0) for one in found)
+        assert share == 1.0 or not any(one.verdict is Verdict.GOOD for one in found)
 
 
 @pytest.mark.parametrize("value", [None, "x", [], -1, np.nan, 10**400, {}])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
@@ -30,6 +30,7 @@ from fieldcalib.images.enlarged_clip import (
 )
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
+from fieldcalib.images.paint_width import widths_by_marking, with_widths
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_tripods import SolvedTripods, Tripod
 from fieldcalib.io.image import Image
@@ -60,6 +61,8 @@ class ClipLines:
     """Lines by frame."""
     ridges: Mapping[int, Ridges]
     """Ridges beside the markings of some frames."""
+    widths: Mapping[int, Mapping[str, Array]]
+    """Widths of the paint of markings in these frames, as `widths_by_marking` measures them."""
 
 
 class _FrameLines(NamedTuple):
@@ -67,6 +70,7 @@ class _FrameLines(NamedTuple):
 
     labels: PixelTable
     ridges: Ridges | None
+    widths: Mapping[str, Array]
     profiles: tuple[int, int]
     """Number of profiles with a line, and of all profiles."""
 
@@ -87,6 +91,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     keys = {key for key, _ in solved.keyframes.shots.matches}
     labels: dict[int, PixelTable] = {}
     ridges: dict[int, Ridges] = {}
+    widths: dict[int, Mapping[str, Array]] = {}
     counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
     for t, image in enumerate(images):
         if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
@@ -99,17 +104,20 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
         labels[t] = one.labels
         counts[:, pieces.number[t]] += one.profiles
         if one.ridges is not None:
-            ridges[t] = one.ridges
+            ridges[t], widths[t] = one.ridges, one.widths
     shown = set(np.flatnonzero(counts[0] / np.maximum(counts[1], 1.0) >= LEAST_LINES).tolist())
     members = tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods)
-    return ClipLines(solved, members, labels, ridges)
+    return ClipLines(solved, members, labels, ridges, widths)
 
 
 def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:
     """The lines from which a single frame was calibrated; None if it has no camera."""
     if calibration.camera is None or calibration.solved is None:
         return None
-    return _FrameLines(calibration.solved.pixels, Ridges.of(image, calibration.camera, markings), (1, 1))
+    ridges = Ridges.of(image, calibration.camera, markings)
+    return _FrameLines(
+        calibration.solved.pixels, ridges, widths_by_marking(image, calibration.camera, markings), (1, 1)
+    )
 
 
 def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
@@ -118,10 +126,12 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     if camera is None:
         return None
     labels, profiles = detected_lines(image, camera, markings, picture_sigma(calibration))
-    ridges = Ridges.of(image, camera, markings) if with_ridges else None
-    if ridges is not None:
-        labels = with_replaced(labels, evidence_of(ridges, markings).beside)
-    return _FrameLines(labels, ridges, (len(labels.frame), profiles))
+    counts = len(labels.frame), profiles
+    if not with_ridges:
+        return _FrameLines(labels, None, {}, counts)
+    ridges = Ridges.of(image, camera, markings)
+    labels = with_replaced(labels, evidence_of(ridges, markings).beside)
+    return _FrameLines(labels, ridges, widths_by_marking(image, camera, markings), counts)
 
 
 def picture_sigma(calibration: Calibration) -> float:
@@ -244,6 +254,7 @@ def _markings_seen(
     """The markings that frames of a tripod show, by the numbers of the frames in it.
 
     A frame in which none were looked for takes those of the nearest other frame, if that is near and of the same piece.
+    The widths of their paint are those of all frames: they show the same lines.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.options.object_segments if field is None else field)
@@ -255,7 +266,15 @@ def _markings_seen(
     }
     if not seen:
         return {}
+    widths = _together([lines.widths[int(frames[k])] for k in seen])
+    seen = {k: with_widths(one, widths) for k, one in seen.items()}
     looked_at = np.array(list(seen))
     nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
     is_near = (np.abs(frames[nearest] - frames) < PAINT_EVERY) & (number[nearest] == number)
     return {k: seen[int(nearest[k])] for k in np.flatnonzero(is_near).tolist()}
+
+
+def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """The widths of the markings of several frames."""
+    labels = {label for one in widths for label in one}
+    return {label: np.concatenate([one[label] for one in widths if label in one]) for label in labels}

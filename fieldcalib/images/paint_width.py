@@ -8,16 +8,18 @@ as it is wide. So only places with sharp edges count.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import LUMA, Profiles, colours_across, profiles_along
-from fieldcalib.images.paint_evidence import LEAST_PAINTED, PaintEvidence
+from fieldcalib.images.paint_evidence import LEAST_PAINTED
 from fieldcalib.io.image import Image
 
 NARROWEST = 3.0  # px of any image: the width of narrower lines cannot be measured
@@ -30,37 +32,39 @@ LEAST_CONTRAST = 15.0  # levels
 EVEN = 0.5  # of the contrast: largest difference between the grounds on both sides
 
 
-def with_widths(evidence: PaintEvidence, image: Image, camera: Camera, markings: Markings) -> PaintEvidence:
-    """The evidence, with the width of the paint of markings that lie on it and look wide enough to be measured.
+def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> tuple[MarkingInView, ...]:
+    """The markings in view, with the widths (n,) of the paint of those that lie on it."""
+    return tuple(
+        replace(one, width=float(np.median(widths[one.label])), widths=len(widths[one.label]))
+        if one.label in widths and not one.is_beside
+        else one
+        for one in seen
+    )
+
+
+def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[str, Array]:
+    """Widths (n,) of the paint of each marking that looks wide enough to be measured, in units of the projected width.
 
     Lines that may be borders of painted areas have no such widths.
 
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> from fieldcalib.assess.markings import paint_width
     >>> from fieldcalib.draw.scene import render_field
-    >>> from fieldcalib.images.paint_evidence import paint_evidence
     >>> camera = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
-    >>> picture, markings = render_field(camera, soccer()), Markings.of(soccer())
-    >>> found = with_widths(paint_evidence(picture, camera, markings), picture, camera, markings)
-    >>> round(paint_width(found.markings), 1)
-    1.0
+    >>> found = widths_by_marking(render_field(camera, soccer()), camera, Markings.of(soccer()))
+    >>> {label: round(float(np.median(width)), 1) for label, width in found.items()}
+    {'Middle line': 1.0, 'Circle right': 1.0, 'Circle central': 1.0}
     """
     if not np.isfinite(markings.look.ground_difference):
-        return evidence
+        return {}
     profiles = profiles_along(camera, markings)
     solid = markings.painted[profiles.member] >= LEAST_PAINTED
     profiles = profiles.take(np.flatnonzero(profiles.on_ground & solid & (profiles.width >= NARROWEST)))
     width = paint_widths(image, profiles)
-    seen = []
-    for one in evidence.markings:
-        own = width[profiles.member == markings.labels.index(one.label)]
-        own = own[np.isfinite(own)]
-        if len(own) and not one.is_beside:
-            one = replace(one, width=float(np.median(own)), widths=len(own))
-        seen.append(one)
-    return replace(evidence, markings=tuple(seen))
+    measured = np.isfinite(width)
+    members = np.unique(profiles.member[measured]).tolist()
+    return {markings.labels[k]: width[measured & (profiles.member == k)] for k in members}
 
 
 def paint_widths(image: Image, profiles: Profiles) -> Array:

@@ -24,7 +24,7 @@ from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, 
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import Strips, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips, with_lines
-from fieldcalib.images.paint_width import with_widths
+from fieldcalib.images.paint_width import widths_by_marking, with_widths
 from fieldcalib.images.traced_lines import with_traced
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -305,7 +305,8 @@ def _looked_at(refined: Refined, image: Image, markings: Markings) -> Refined:
     if camera is None:
         return refined
     paint = paint_evidence(image, camera, markings) if paint is None else paint
-    return replace(refined, paint=with_widths(paint, image, camera, markings))
+    seen = with_widths(paint.markings, widths_by_marking(image, camera, markings))
+    return replace(refined, paint=replace(paint, markings=seen))
 
 
 def _strips(

@@ -28,6 +28,7 @@ from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker
 from fieldcalib.images.live_shot import FollowedFrame, LiveShot, follow
 from fieldcalib.images.paint_evidence import paint_evidence
+from fieldcalib.images.paint_width import widths_by_marking, with_widths
 from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, ShotSolution, prepare, solve_shot
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
@@ -245,7 +246,9 @@ class Tracker:
             return calibration
         paint = shot.paint
         if paint is None or index - paint[0] >= PAINT_INTERVAL:
-            paint = index, paint_evidence(image, calibration.camera, shot.solved.markings).markings
+            camera, markings = calibration.camera, shot.solved.markings
+            seen = paint_evidence(image, camera, markings).markings
+            paint = index, with_widths(seen, widths_by_marking(image, camera, markings))
             self._shot = replace(shot, paint=paint)
         return calibration.seen_in_image(paint[1])
 
