@@ -381,6 +381,11 @@ def test_an_unknown_frame_is_named_with_those_that_are_there(some, asked):
         get("x.jpg")
 
 
+def test_the_place_of_a_frame_is_no_id_of_a_picture(some):
+    with pytest.raises(KeyError, match=r"there is no frame 0: did you mean 'x'\? ids are"):
+        some[0]
+
+
 def test_frames_of_a_video_have_six_digits(some):
     many = ById({f"{number:06d}": number for number in range(9)})
     with pytest.raises(KeyError, match=r"did you mean '000007'\? ids are '000000', '000001', '000002' and 6 more"):

@@ -55,7 +55,7 @@ def test_what_is_mistyped_is_asked_about(arguments, hint, capsys):
     assert hint in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--zzz", "--", "-3"])
+@pytest.mark.parametrize("option", ["--zzz", "--", "-3", "--frames", "--gpu", "--verbose"])
 def test_what_is_like_no_option_is_not_guessed(option, capsys):
     assert run("run", "a.jpg", "--out", "o", "--field-size", "x", option) == 2
     assert "did you mean" not in capsys.readouterr().err
@@ -268,6 +268,16 @@ def test_no_memory_left_is_one_line(annotated_folder, tmp_path, monkeypatch, cap
     assert calibrate(tmp_path, annotated_folder / "a.json") == 2
     assert capsys.readouterr().err == "fieldcalib: there is not enough memory\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["calibrate", "run", "localize"])
+def test_an_unset_variable_is_no_input(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run(command, "", *(["--size", "960x540"] if command == "calibrate" else []), "--out", "out") == 2
+    assert "expected a path, got nothing; . is this folder" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="the path is empty"):
+        fieldcalib.calibrate("")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command", ["calibrate", "run", "localize", "join", "demo"])

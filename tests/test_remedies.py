@@ -8,16 +8,17 @@ from networks import Blind
 
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
-from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Tool, how
+from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SEARCHED, SMALLER, Tool, how
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.assess.whole_picture import CUT, SHAPE
-from fieldcalib.assess.words import REMEDIES
+from fieldcalib.assess.words import REMEDIES, Status
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import calibrate_video
 
 SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
-ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, *SIZES]
+ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER, *SIZES]
 REASONS = [CUT, SHAPE, LABEL_MORE]
 
 
@@ -50,6 +51,13 @@ def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():
     assert found.remedy.endswith(NOT_SOCCER)
     assert all(name in found.remedy for name in FIELDS if name != "soccer")
     assert "--field tennis" in how(found.remedy, Tool.COMMAND)
+
+
+def test_a_court_that_was_searched_in_vain_may_be_another_one():
+    found = Calibration.without_camera(Status.IMPROBABLE, f"{SEARCHED}, right with a probability of 0.00")
+    assert found.remedy.endswith(OTHER_SPORT)
+    assert "--field tennis, or auto" in how(found.remedy, Tool.COMMAND)
+    assert "leave out what you gave" in found.remedy  # a wrong position is never told from a wrong picture
 
 
 def test_a_clip_without_any_camera_may_be_of_another_sport():

@@ -472,6 +472,8 @@ def test_pictures_of_pil_are_images():
         (np.zeros, "got "),
         ((row for row in ()), "got generator"),
         (None, "image is None"),
+        (np.zeros((3, 54, 96), np.uint8), r"got shape \(3, 54, 96\); image.transpose\(1, 2, 0\) makes it so"),
+        (np.zeros((0, 0, 3), np.uint8), "a picture with pixels makes it so"),
     ],
 )
 def test_what_is_no_image_is_named(batch, image, message):

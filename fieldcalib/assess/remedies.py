@@ -17,6 +17,10 @@ KNOWN_CAMERA = "what is known of the camera"
 PICTURE = "what the picture is of"
 OTHER_FIELD = "name the field"
 
+SEARCHED = "found by search"  # in the message of a camera that was searched for without a network
+OTHER_SPORT = f"if it is another sport, {OTHER_FIELD}"
+LEFT_OUT = "leave out what you gave and may be wrong"
+
 OFF_PAINT = f"{LOOK}; give the known length and width of the field"
 NOT_WHOLE = f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one"
 SMALLER = f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}"
@@ -61,8 +65,8 @@ HOW: Mapping[str, Mapping[Tool, str]] = MappingProxyType(
             "point if nothing was cut off. A part of a frame: fieldcalib run with --crop-of, and open its results",
         },
         OTHER_FIELD: {
-            Tool.COMMAND: "--field tennis",
-            Tool.PYTHON: 'field="tennis"',
+            Tool.COMMAND: "--field tennis, or auto",
+            Tool.PYTHON: 'field="tennis", or "auto"',
             Tool.PAGE: "fieldcalib open with --field tennis",
         },
         **dict.fromkeys(("known length", "known width"), _FIELD_SIZE),

@@ -28,7 +28,7 @@ from fieldcalib.assess.markings import (
 )
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER
+from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SEARCHED, SMALLER
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
@@ -209,7 +209,9 @@ class Calibration:
         'more markings in view, or labelled by hand'
         """
         if not self.accepted:
-            return "; ".join([REMEDIES[self.status], *([NOT_SOCCER] if ASK_SPORT in self.message else [])])
+            sports = {ASK_SPORT: NOT_SOCCER, SEARCHED: OTHER_SPORT}
+            said = [advice for words, advice in sports.items() if words in self.message]
+            return "; ".join([REMEDIES[self.status], *said])
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
         if paint_is_too_wide(self.markings):

@@ -8,7 +8,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from fieldcalib._checks import expect
-from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LOOK, PICTURE
+from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, PICTURE
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
@@ -53,7 +53,7 @@ class Status(StrEnum):
 REMEDIES: Mapping[Status, str] = MappingProxyType(
     {
         Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
-        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}",
+        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}",
         Status.TOO_FEW_SEGMENTS: f"more markings in view, or {BY_HAND}",
         Status.DEGENERATE: f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others",
         Status.NOT_CONVERGED: "check the labels; more iterations may help (criteria, in Python)",

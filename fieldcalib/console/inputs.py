@@ -41,10 +41,14 @@ class _WithStreams(_Inputs):
 
 def _listed(texts: Sequence[str], streams: bool) -> Iterator[Input]:
     for text in texts:
+        if not text:  # as of an unset shell variable
+            raise ValueError("expected a path, got nothing; . is this folder")
         if not text.startswith(LIST):
             yield _input(text, Path(), streams)
             continue
         path = Path(text.removeprefix(LIST))
+        if not path.is_file():
+            raise ValueError(f"{path} does not exist: expected a text file with a path on each line")
         lines = path.read_text("utf-8-sig", errors="surrogateescape").splitlines()
         paths = [line.strip() for line in lines if line.strip()]
         if not paths:

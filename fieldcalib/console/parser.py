@@ -11,7 +11,7 @@ from typing import Any, NoReturn, cast
 from fieldcalib.console.program import printable
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
-LIKE = 0.6  # least similarity, from 0 to 1, of a name that is suggested; difflib's default
+LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 
 def did_you_mean(text: str, known: Iterable[str]) -> str:
@@ -24,8 +24,9 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
     >>> did_you_mean("yes", ["estimated", "nominal"])
     ''
     """
-    close = difflib.get_close_matches(text.lower(), list(known), n=1, cutoff=LIKE)
-    return f"; did you mean {close[0]}?" if close else ""
+    names = {one.lstrip("-"): one for one in known}  # dashes, which all options have, make none of them similar
+    close = difflib.get_close_matches(text.lower().lstrip("-"), list(names), n=1, cutoff=LIKE)
+    return f"; did you mean {names[close[0]]}?" if close else ""
 
 
 class Parser(argparse.ArgumentParser):

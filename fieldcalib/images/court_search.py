@@ -27,6 +27,7 @@ from itertools import islice
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.remedies import SEARCHED
 from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
@@ -288,7 +289,7 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Ca
     if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
         return with_hidden_markings(calibration) if probability >= SURE else calibration
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
-    doubt = "; ".join((f"found by search, right with a probability of {probability:.2f}", *doubts))
+    doubt = "; ".join((f"{SEARCHED}, right with a probability of {probability:.2f}", *doubts))
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
 
 

@@ -103,7 +103,7 @@ class Cut:
         start = self.start.number(frames_per_second)
         end = sys.maxsize if self.end is None else self.end.number(frames_per_second)
         if end <= start:
-            raise ValueError(f"there is no frame from {self.start} to {self.end}")
+            raise ValueError(f"there is no frame from {self.start} to {self.end}: the end must come after the start")
         return range(start, end, self.step)
 
 

@@ -54,7 +54,7 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
     if array.ndim != 3 or array.shape[2] != 3 or not array.size:
         raise ValueError(
             f"image must be (height, width, 3) in blue, green, red, got shape {array.shape}; "
-            f"cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so"
+            f"{_remedy_for(array.shape)} makes it so"
         )
     if image_size is not None and array.shape[1::-1] != image_size:
         width, height = array.shape[1::-1]
@@ -63,6 +63,15 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
             f"pass camera.scaled(({width}, {height})) or resize the image"
         )
     return array
+
+
+def _remedy_for(shape: tuple[int, ...]) -> str:
+    """What makes an image of an array of another shape."""
+    if 0 in shape:
+        return "a picture with pixels"
+    if len(shape) == 3 and shape[0] == 3:
+        return "image.transpose(1, 2, 0)"
+    return "cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR"
 
 
 def each_checked(images: Iterable[Any]) -> Iterator[Image]:

@@ -271,7 +271,7 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
     if inside_swapped > 0.95:
         raise ValueError(
             f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
-            f"hold them: give it as (width, height)"
+            f"hold them: give image_size as (width, height), and pixels as (x, y), not as (row, column)"
         )
     if inside < 0.5:
         share = f"{100 * (1 - inside):.0f} % of the pixels"

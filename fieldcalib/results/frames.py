@@ -200,6 +200,8 @@ class NoFrameError(KeyError):
             return f"there is no frame {self._id!r}: no frame has a calibration"
         text = str(self._id)
         likely = [one for one in (f"{text:0>6}", Path(text).stem) if one in self._known]
+        if isinstance(self._id, int) and 0 <= self._id < len(self._known):  # its place among them
+            likely = likely or [next(islice(self._known, self._id, None))]
         likely = likely or get_close_matches(text, islice(self._known, MOST_COMPARED), n=1, cutoff=0.8)
         some = ", ".join(map(repr, islice(self._known, SHOWN)))
         more = f" and {len(self._known) - SHOWN} more" if len(self._known) > SHOWN else ""

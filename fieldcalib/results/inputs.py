@@ -151,6 +151,8 @@ def _labels_in(source: object) -> dict[str, Labels] | None:
 
 def _paths(source: str | os.PathLike[str]) -> list[Path]:
     """The paths that a path or a pattern means."""
+    if not os.fspath(source):
+        raise ValueError("the path is empty: expected that of a picture, a folder or a video; '.' is this folder")
     path = Path(source)
     if path.exists() or not glob.has_magic(str(source)):
         return [path]
