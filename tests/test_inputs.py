@@ -72,7 +72,7 @@ def test_lists_of_annotations(annotated_folder, tmp_path):
 
 def test_lists_that_are_none(tmp_path, capsys):
     (tmp_path / "empty.txt").write_text("\n")
-    for name, complaint in (("empty.txt", "lists nothing: expected a path on each line"), ("none.txt", "does not exist")):
+    for name, complaint in (("empty.txt", "lists nothing: expected a path"), ("none.txt", "does not exist")):
         assert run("run", f"@{tmp_path / name}", "--out", tmp_path / "out") == 2
         assert complaint in capsys.readouterr().err
 
