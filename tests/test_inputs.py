@@ -70,9 +70,22 @@ def test_lists_of_annotations(annotated_folder, tmp_path):
     assert ids_of(tmp_path / "out") == ["b"]
 
 
+@pytest.mark.skipif(
+    not Path("/dev/fd").is_dir(), reason="shells hand lists over as pipes in /dev/fd, which is absent here"
+)
+def test_a_list_may_come_through_a_pipe(annotated_folder, tmp_path):
+    there, here = os.pipe()
+    os.write(here, f"{annotated_folder / 'b.json'}\n".encode())
+    os.close(here)
+    assert run("calibrate", f"@/dev/fd/{there}", "--size", "960x540", "--out", tmp_path / "out") == 0
+    os.close(there)
+    assert ids_of(tmp_path / "out") == ["b"]
+
+
 def test_lists_that_are_none(tmp_path, capsys):
     (tmp_path / "empty.txt").write_text("\n")
-    for name, complaint in (("empty.txt", "lists nothing: expected a path"), ("none.txt", "does not exist")):
+    missing = "none.txt does not exist: expected a text file with a path on each line"
+    for name, complaint in (("empty.txt", "lists nothing: expected a path on each line"), ("none.txt", missing)):
         assert run("run", f"@{tmp_path / name}", "--out", tmp_path / "out") == 2
         assert complaint in capsys.readouterr().err
 

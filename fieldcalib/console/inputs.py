@@ -47,7 +47,7 @@ def _listed(texts: Sequence[str], streams: bool) -> Iterator[Input]:
             yield _input(text, Path(), streams)
             continue
         path = Path(text.removeprefix(LIST))
-        if not path.is_file():
+        if not path.exists():
             raise ValueError(f"{path} does not exist: expected a text file with a path on each line")
         lines = path.read_text("utf-8-sig", errors="surrogateescape").splitlines()
         paths = [line.strip() for line in lines if line.strip()]
