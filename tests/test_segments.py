@@ -139,7 +139,8 @@ def test_a_number_that_is_not_finite_is_named_by_label_and_index(index, number, 
 def test_swapped_image_size_is_recognised():
     frame = {"Side line top": [(x, 100.0 + 0.1 * x) for x in range(0, 960, 60)]}
     check(frame, (960, 540))
-    with pytest.raises(ValueError, match=r"\(540, 960\) leaves \d+ % .* give image_size as .* pixels as \(x, y\)"):
+    advice = r"give image_size as \(width, height\), and pixels as \(x, y\), not as \(row, column\)"
+    with pytest.raises(ValueError, match=rf"image_size = \(540, 960\) leaves \d+ % .* {advice}"):
         check(frame, (540, 960))
 
 
