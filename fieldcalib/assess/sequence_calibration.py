@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from reprlib import repr as short
@@ -250,3 +250,9 @@ def with_doubts(calibration: SequenceCalibration, doubts: Mapping[int, str]) -> 
     """Add evidence against the cameras of some frames, in words."""
     frames = calibration.frames
     return replace(calibration, frames=replace(frames, doubts={**frames.doubts, **doubts}))
+
+
+def with_further_doubt(calibration: SequenceCalibration, numbers: Iterable[int], doubt: str) -> SequenceCalibration:
+    """Add the same evidence against the cameras of some frames after what speaks against them already."""
+    before = calibration.frames.doubts
+    return with_doubts(calibration, {t: "; ".join(filter(None, (before.get(t, ""), doubt))) for t in numbers})

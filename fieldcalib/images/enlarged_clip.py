@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_further_doubt
 from fieldcalib.assess.whole_picture import ENLARGED, FAINT, LARGEST_SPREAD, SURE, PrincipalPointEvidence
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -169,25 +169,16 @@ def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, optio
 
 def with_doubts_of_all(whole: SequenceCalibration) -> SequenceCalibration:
     """Frames as if they were whole, with the doubt that they are enlarged parts."""
-    return _doubted(whole, whole.accepted)
+    return with_further_doubt(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED)
 
 
 def with_doubts_of_part(freed: SequenceCalibration) -> SequenceCalibration:
     """Frames with a free principal point, with doubts about those that are not sure."""
-    return _doubted(freed, freed.accepted & ~_is_sure(freed))
+    return with_further_doubt(freed, np.flatnonzero(freed.accepted & ~_is_sure(freed)).tolist(), ENLARGED)
 
 
 def _is_sure(freed: SequenceCalibration) -> BoolArray:
     return np.array([one.accepted and one.probability(level=True) >= SURE for one in freed])
-
-
-def _doubted(found: SequenceCalibration, doubtful: BoolArray) -> SequenceCalibration:
-    """The calibration with the doubt that some of its frames are enlarged parts."""
-    doubts = {
-        t: "; ".join(filter(None, (found.frames.doubts.get(t, ""), ENLARGED)))
-        for t in np.flatnonzero(doubtful).tolist()
-    }
-    return with_doubts(found, doubts)
 
 
 def enlarged_note(frames: IntArray, found: SequenceCalibration) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts, with_further_doubt
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.assess.whole_picture import CUT
 from fieldcalib.images.clip_problem import ClipOptions
@@ -216,8 +216,7 @@ def _with_place_of_picture(
     off = off_middle(calibration, options)
     if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
         return calibration
-    doubts = {t: "; ".join(filter(None, (calibration.frames.doubts.get(t, ""), CUT))) for t in range(len(calibration))}
-    return with_doubts(calibration, doubts)
+    return with_further_doubt(calibration, range(len(calibration)), CUT)
 
 
 def finish_clip_again(
