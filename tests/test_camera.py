@@ -573,6 +573,11 @@ def test_the_shape_of_an_image_array_is_refused_as_image_size():
         Camera.from_angles(0.0, 1.4, 0.0, 1500.0, (0, 56, -15), (1080, 1920, 3))
 
 
+def test_angles_in_degrees():
+    with pytest.raises(ValueError, match=r"tilt: expected radians, got 80: of degrees, np\.deg2rad\(80\)"):
+        Camera.from_angles(0.0, 80.0, 0.0, 1500.0, (0.0, 56.0, -15.0), SIZE)
+
+
 def test_image_size_comes_back_as_two_plain_integers():
     for size in ((1920, 1080), [1920.0, 1080.0], np.array([1920, 1080])):
         checked = checked_image_size(size)

@@ -1,6 +1,7 @@
 """The command line as a whole: wrong usage, output folders, interrupts, and the module itself."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -119,7 +120,8 @@ def test_an_output_folder_that_cannot_be(annotated_folder, tmp_path, monkeypatch
     """It is known before the work, not after it."""
     monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
     (tmp_path / "file").write_text("in the way")
-    for out, message in ((tmp_path / "file", f"{tmp_path}/file is a file"), (tmp_path / "file" / "below", "[Errno ")):
+    file, below = tmp_path / "file", tmp_path / "file" / "below"
+    for out, message in ((file, f"{file} is a file"), (below, f"{below}: not a directory")):
         assert calibrate(out, annotated_folder / "a.json") == 2
         assert capsys.readouterr().err.startswith(f"fieldcalib: {message}")
     assert (tmp_path / "file").read_text() == "in the way"
@@ -143,7 +145,9 @@ def test_an_output_folder_that_another_run_writes_to(annotated_folder, tmp_path,
 @pytest.mark.parametrize("arguments", [[], ["calibrate"], ["calibrate", "x"], ["demo"], ["guess"]])
 def test_missing_arguments(capsys, arguments):
     assert run(*arguments) == 2
-    assert "usage: fieldcalib" in capsys.readouterr().err
+    hint, error = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"fieldcalib( calibrate| demo)? --help shows its usage", hint)
+    assert error.startswith(f"{hint.split(' --')[0]}: error: ")
 
 
 def test_help(capsys):

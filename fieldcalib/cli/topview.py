@@ -16,6 +16,7 @@ from fieldcalib.console.arguments import add_most_bytes, positive
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import counted, show
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
@@ -120,8 +121,13 @@ class Views:
         if not numbers:
             raise ValueError(f"expected numbers as the ids of frames in {self.cameras.path}: are they of this video?")
         chosen = _spread(sorted(numbers), self.most)
-        with VideoReader(self.input[0], cut=Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))) as reader:
+        cut = Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))
+        with (
+            VideoReader(self.input[0], cut=cut) as reader,
+            progress_bar(unit="frame", total=len(reader.numbers)) as progress,
+        ):
             for number, image in zip(reader.numbers, reader, strict=False):
+                progress.update()
                 if number in chosen:
                     yield image, self.cameras.camera(numbers[number])
                     self.shown.append(numbers[number])

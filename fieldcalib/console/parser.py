@@ -30,7 +30,7 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """An `argparse.ArgumentParser` whose errors end with a suggestion.
+    """An `argparse.ArgumentParser` whose errors are short, and end with a suggestion.
 
     Examples
     --------
@@ -62,7 +62,8 @@ class Parser(argparse.ArgumentParser):
         unknown = [name for name in _options_in(self._given) if not _is_known(name, options)]
         hints = {name: did_you_mean(name, options) for name in unknown}
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
-        super().error(message + "".join(said))
+        parser = self.chosen or self
+        self.exit(2, f"{parser.prog} --help shows its usage\n{parser.prog}: error: {message}{''.join(said)}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

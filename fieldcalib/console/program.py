@@ -104,5 +104,21 @@ def exit_code(work: Callable[[], int]) -> int:
         say("there is not enough memory")
         return 2
     except (OSError, ValueError, ImportError) as error:  # ImportError: an extra is not installed
-        say(str(error))
+        say(_message(error))
         return 2
+
+
+def _message(error: Exception) -> str:
+    """Text of an error; of the operating system's without its number, after the file.
+
+    Examples
+    --------
+    >>> _message(FileNotFoundError(2, "No such file or directory", "none.yaml"))
+    'none.yaml: no such file or directory'
+    >>> _message(ValueError("expected a camera"))
+    'expected a camera'
+    """
+    if not isinstance(error, OSError) or not error.strerror:
+        return str(error)
+    said = error.strerror[0].lower() + error.strerror[1:]
+    return said if error.filename is None else f"{error.filename}: {said}"

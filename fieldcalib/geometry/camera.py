@@ -24,6 +24,7 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 
 LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning
+FULL_TURN = 2.0 * np.pi
 PIXELS_PER_AXIS = 17  # of the grid on which the lens is compared with a pinhole
 CAMERA_TITLES = ("focal length", "pan, tilt, roll", "position")
 NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
@@ -113,13 +114,21 @@ class Camera:
         """A camera with square pixels from its angles in radians and its focal length in pixels.
 
         The principal point defaults to (width / 2, height / 2), SoccerNet's.
+
+        Raises
+        ------
+        ValueError
+            As in the constructor, and if an angle exceeds a full turn, as one in degrees does.
         """
         centre = np.divide(checked_image_size(image_size), 2.0)
         cx, cy = centre if principal_point is None else finite_array("principal_point", principal_point, (2,))
         f = finite_array("focal_length", focal_length, ())
         K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
-        angles = [finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))]
-        return cls(K, rotation_from_angles(np.array(angles)), C, image_size, k)
+        angles = {name: finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))}
+        for name, angle in angles.items():
+            if abs(angle) > FULL_TURN:
+                raise ValueError(f"{name}: expected radians, got {angle:g}: of degrees, np.deg2rad({angle:g})")
+        return cls(K, rotation_from_angles(np.array([*angles.values()])), C, image_size, k)
 
     @classmethod
     def from_opencv(

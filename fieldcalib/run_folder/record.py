@@ -139,8 +139,10 @@ class RunRecord:
             return "the network of --model has changed, its file or its JSON"
         if not of_shards and self.shard != other.shard:
             return f"--shard was {self.shard}, is {other.shard}"
-        if (self.frames, self.names) != (other.frames, other.names):
+        if self.frames != other.frames:
             return f"the input has other frames: there were {self.frames}, there are {other.frames}"
+        if self.names != other.names:
+            return f"the input has other frames: {self.frames} as before, but of other names"
         if self.contents != other.contents:
             return "the files of the input have other sizes or times"
         return ""

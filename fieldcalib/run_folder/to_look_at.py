@@ -50,6 +50,9 @@ class ToLookAt:
     >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand")
     >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
       what would help: more markings in view, or labelled by hand; on the command line: fieldcalib open
+    >>> seen.add("000004", "check", "a softer picture", "the whole frame")
+    >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
+      what would help 000004: the whole frame
     """
 
     stretches: list[Stretch] = attribute(default_factory=list)
@@ -58,8 +61,8 @@ class ToLookAt:
     """Number of all such frames."""
     named: int = 0
     """Number of frames in `stretches`."""
-    remedies: dict[str, None] = attribute(default_factory=dict)
-    """Remedies of the frames in `stretches`, in their order."""
+    remedies: dict[str, list[str]] = attribute(default_factory=dict)
+    """Remedies of the frames in `stretches`, in their order, with the first frames of these stretches."""
     _is_next: bool = False
 
     def add(self, id: str, verdict: str, reason: str, remedy: str = "") -> None:
@@ -79,7 +82,8 @@ class ToLookAt:
         self._is_next = True
         self.named += 1
         if remedy:
-            self.remedies[remedy] = None
+            first, ids = self.stretches[-1].first, self.remedies.setdefault(remedy, [])
+            ids += [first] * (first not in ids)
 
     def message(self, *where: str) -> str:
         """Message with the frames, and where all are to be found; empty if all are good."""
@@ -87,7 +91,10 @@ class ToLookAt:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
-        help = [f"what would help: {remedy}{_on_command_line(remedy)}" for remedy in self.remedies]
+        help = [
+            f"what would help{f' {whom}' if len(self.remedies) > 1 else ''}: {remedy}{_on_command_line(remedy)}"
+            for remedy, whom in ((remedy, ", ".join(ids)) for remedy, ids in self.remedies.items())
+        ]
         return "\n  ".join([head, *map(str, self.stretches), *rest, *help])
 
 
