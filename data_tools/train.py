@@ -230,20 +230,23 @@ def train(training: Training, batches: Batches, report: Report, steps: int, minu
 
 
 def _going_on(name: str, classes: Sequence[str], size: tuple[int, int], field: str, device: torch.device) -> Training:
-    """Training that goes on from a network in a file.
+    """Training that goes on from a network in a file; from all but its last layer if that has other classes.
 
     Raises
     ------
     ValueError
-        If the network is another one, or has other classes.
+        If the network is another one.
     """
     with as_file(SHIPPED) if name == PACKAGE else nullcontext(Path(name)) as path:
         made = [frame(seed, name=field) for seed in range(MEASURED_FRAMES)]
         images, _ = stacked([(one.image, one.mask) for one in made], size)
         network, known = read_network(path, normalised(images))
-    if known != list(classes):
-        raise ValueError(f"{name} knows other classes than --field {field}: {', '.join(known[:3])}, ...")
-    return Training.of(network, device, FINE_TUNING_RATE)
+    if known == list(classes):
+        return Training.of(network, device, FINE_TUNING_RATE)
+    of_field = MarkingsNet(1 + len(classes))
+    features = {key: value for key, value in network.state_dict().items() if not key.startswith("head.")}
+    of_field.load_state_dict(features, strict=False)
+    return Training.of(of_field, device)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -255,7 +258,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--start-from",
         metavar="FILE.onnx",
-        help=f'a network of this program to go on from; "{PACKAGE}": that of the package',
+        help=f'a network of this program to go on from; of another field, its features; "{PACKAGE}": the package\'s',
     )
     parser.add_argument(
         "--labelled",

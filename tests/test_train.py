@@ -18,7 +18,15 @@ from data_tools.onnx_model import read_network, write_model
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.games import game_named
-from data_tools.train import Training, intersection_over_union, learning_rate, main
+from data_tools.train import (
+    LEARNING_RATE,
+    PACKAGE,
+    Training,
+    _going_on,
+    intersection_over_union,
+    learning_rate,
+    main,
+)
 from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
 from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, calibrate_from_segments, soccer
 from fieldcalib.assess.words import Verdict
@@ -259,6 +267,19 @@ def test_every_weight_of_a_rebuilt_network_learns(shipped):
     copy = deepcopy(network).train()
     copy(images).square().mean().backward()
     assert all(float(p.grad.abs().max()) > 0.0 for p in copy.parameters())
+
+
+def test_a_network_of_another_field_begins_with_the_features_of_the_package(shipped):
+    network, _, _ = shipped
+    classes = game_named("tennis").classes
+    training = _going_on(PACKAGE, classes, SMALL, "tennis", CPU)
+    assert training.network.head.out_channels == 1 + len(classes)
+    assert training.rate == LEARNING_RATE
+    begun, of_package = training.network.state_dict(), network.state_dict()
+    convolutions = [key for key, value in begun.items() if value.ndim == 4 and not key.startswith("head.")]
+    assert len(convolutions) > 40
+    for key in convolutions:
+        torch.testing.assert_close(begun[key], of_package[key])
 
 
 def test_another_network_is_not_rebuilt(tmp_path):
