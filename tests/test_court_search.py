@@ -170,6 +170,16 @@ def test_three_lines_and_a_focal_length_give_the_camera(x, y):
     assert len(found) < 400
 
 
+def test_a_picture_without_the_distortion_of_a_wide_lens_is_wider_than_cameras_see():
+    level = Camera.from_angles(0.0, np.radians(73), 0.0, 1.0, (0.0, 18.0, -6.5), SIZE)
+    lengths = few_lines.focal_lengths(volleyball(), 1.7) * SIZE[0]
+    assert lengths[0] < 0.5 * SIZE[0]
+    camera = Camera([[lengths[0], 0.0, 640.0], [0.0, lengths[0], 360.0], [0.0, 0.0, 1.0]], level.R, level.C, SIZE)
+    lines = seen_lines(camera, (-8.975, 8.975), (4.475,))
+    assert nearest(few_lines.few_line_hypotheses(lines, volleyball(), SIZE, 1.7), camera) < 1e-6
+    assert nearest(few_lines.few_line_hypotheses(lines, volleyball(), SIZE), camera) > 0.05
+
+
 def test_a_line_longer_than_its_marking_is_another_line():
     lines = seen_lines(VOLLEYBALL, (-2.975, 2.975), (4.475,))
     ends = lines.ends.copy()
@@ -221,6 +231,22 @@ def test_the_paints_of_a_hall_are_told_apart():
     colours = StripeColours(mixed, np.tile(floor, (350, 2, 1)))
     found = colours.paints([on_line == k for k in range(7)])
     assert [np.unique(on_line[one]).tolist() for one in found] == [[0, 1, 2, 3], [4, 5, 6]]
+
+
+def test_lines_are_of_one_paint_if_one_of_them_shows_it():
+    """The longest line of a paint shows it least purely: a third of its stripes point elsewhere, and most clearly."""
+    black, blue, floor = (np.array(one) for one in ([20.0, 20.0, 20.0], [170.0, 90.0, 60.0], [120.0, 170.0, 205.0]))
+    on_line = np.repeat(np.arange(7), 50)
+    paint = floor + 0.5 * np.where((on_line < 4)[:, None], black - floor, blue - floor)
+    of_third = np.flatnonzero(on_line == 4)
+    paint[of_third[::3]] = floor + [120.0, -60.0, -60.0]  # the pure ones, of another hue
+    colours = StripeColours(paint, np.tile(floor, (350, 2, 1)))
+    lines = [on_line == k for k in range(7)]
+    like = colours.are_like(lines[4])
+    assert np.mean(like[on_line == 5]) < 0.6 <= np.mean(colours.are_like(lines[5])[of_third])
+    black_ones, blue_ones = colours.paints(lines)
+    assert not np.any(black_ones & blue_ones)
+    assert np.all(blue_ones[on_line > 4])
 
 
 def test_projections_are_those_of_cameras():

@@ -26,17 +26,19 @@ SMALLEST = 1.5  # m: smaller circles are spots
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
-def circle_hypotheses(ellipses: Sequence[Ellipse], lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
+def circle_hypotheses(
+    ellipses: Sequence[Ellipse], lines: LongLines, field: Field, size: tuple[int, int], widened: float = 1.0
+) -> Cameras:
     """Cameras that see a circle of a field, whole or in part, in an ellipse of a picture, and a line of it in a line.
 
-    The principal point is in the middle. On a field that looks the same when it is turned by 180 degrees, each camera
-    stands for its twin too.
+    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
+    turned by 180 degrees, each camera stands for its twin too.
     """
     circles = circles_of(field)
     parts = [Cameras.none(size)]
     is_symmetric = looks_the_same_turned(field)
     if len(ellipses) and len(circles) and len(lines):
-        views = SeenCircles.of(ellipses, focal_lengths(field), size).with_directions(lines)
+        views = SeenCircles.of(ellipses, focal_lengths(field, widened), size).with_directions(lines)
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):
             for are_across in (True, False):
                 parts += [views.cameras(circle, turn=turn, are_across=are_across) for circle in circles]

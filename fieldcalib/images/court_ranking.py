@@ -65,8 +65,9 @@ def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, 
     of larger ones, the principal point is looked for elsewhere too.
     """
     lines, ellipses = curves
-    found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size)]
-    found.append(circle_hypotheses(ellipses, lines, field, maps.size))
+    widened = 1.0 + bend.a
+    found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size, widened)]
+    found.append(circle_hypotheses(ellipses, lines, field, maps.size, widened))
     cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found), field), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
         others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field) for row in ROWS]

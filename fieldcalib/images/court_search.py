@@ -194,7 +194,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         yield search(stripes)
         if stripes.bend.a != 0.0:
             yield search(stripes.unbent)  # circles look as lines do that a lens has bent
-        for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[: PAINTS if in_hall else 0]:
+        paints = stripes.colours.paints(lying_on(stripes.straight, stripes.lines)) if in_hall else []
+        for paint in paints[:PAINTS]:
             yield search(stripes.take(np.flatnonzero(paint)))
 
 

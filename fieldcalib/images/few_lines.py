@@ -34,13 +34,13 @@ FACTOR = 1.15  # between focal lengths
 LEVEL = np.radians(10.0)  # largest roll: broadcast cameras are level to 1 degree, those in halls to 8
 
 
-def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -> Cameras:
+def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], widened: float = 1.0) -> Cameras:
     """Cameras that see two parallel lines of a field and one across them in three lines of a picture.
 
-    The principal point is in the middle. On a field that looks the same when it is turned by 180 degrees, each camera
-    stands for its twin too.
+    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
+    turned by 180 degrees, each camera stands for its twin too.
     """
-    c, lengths = 0.5 * np.array(size), focal_lengths(field)
+    c, lengths = 0.5 * np.array(size), focal_lengths(field, widened)
     on_field, is_symmetric = FieldLines.of(field), looks_the_same_turned(field)
     parts = [Cameras.none(size)]
     for are_across in (True, False):
@@ -52,10 +52,14 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int]) -
     return on_canonical_side(joined, field) if is_symmetric else joined
 
 
-def focal_lengths(field: Field) -> Array:
-    """Focal lengths of the field's cameras, in widths of the picture."""
+def focal_lengths(field: Field, widened: float = 1.0) -> Array:
+    """Focal lengths of the field's cameras, in widths of the picture.
+
+    Without its distortion (`fieldcalib.localize.straightened.Bend`) a picture is `widened`, so many times: what a wide
+    lens shows at 90 degrees then takes up to 120.
+    """
     fov = np.radians([stand.fov for stand in field.stands or field.named_stands.values()])
-    least, most = focal_length_from_fov(fov.max(), 1.0), focal_length_from_fov(fov.min(), 1.0)
+    least, most = focal_length_from_fov(fov.max(), 1.0) / widened, focal_length_from_fov(fov.min(), 1.0)
     return np.asarray(np.geomspace(least, most, int(np.ceil(np.log(most / least) / np.log(FACTOR))) + 1))
 
 

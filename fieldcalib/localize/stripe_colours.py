@@ -70,15 +70,19 @@ class StripeColours:
     def paints(self, lines: Sequence[BoolArray]) -> list[BoolArray]:
         """Masks of the stripes of each paint on at least three lines but not on all, that of the longest lines first.
 
-        `lines` are the masks of the stripes on each.
+        `lines` are the masks of the stripes on each. Two lines are of one paint if most stripes of one are like the
+        other: a thin line shows its paint less purely, so that not both need be.
         """
-        left, found = list(lines), []
+        like = [self.are_like(one) for one in lines]
+        shares = np.array([[np.mean(mask[one]) for one in lines] for mask in like]).reshape(len(lines), len(lines))
+        are_alike = np.maximum(shares, shares.T) >= MOST_OF_LINE
+        np.fill_diagonal(are_alike, True)
+        left, found = list(range(len(lines))), []
         while len(left) >= FEWEST_LINES:
-            like = self.are_like(left[0])
-            others = [one for one in left[1:] if np.mean(like[one]) < MOST_OF_LINE]
-            if FEWEST_LINES <= len(left) - len(others) < len(lines):
-                found.append(like)
-            left = others
+            own = [k for k in left if are_alike[left[0], k]]
+            if FEWEST_LINES <= len(own) < len(lines):
+                found.append(self.are_like(np.any([lines[k] for k in own], axis=0)))
+            left = [k for k in left if k not in own]
         return found
 
 
