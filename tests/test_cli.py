@@ -15,6 +15,8 @@ from commands import calibrate, run
 import fieldcalib
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.files import write_bytes
+from fieldcalib.io.images import write_image
 from fieldcalib.io.output_folder import output_folder
 
 # --- wrong usage ---
@@ -148,6 +150,26 @@ def test_missing_arguments(capsys, arguments):
     hint, error = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"fieldcalib( calibrate| demo)? --help shows its usage", hint)
     assert error.startswith(f"{hint.split(' --')[0]}: error: ")
+
+
+def test_the_folder_of_a_file_to_write_is_not_there(tmp_path, capsys):
+    with pytest.raises(FileNotFoundError, match="there is no such folder"):
+        write_bytes(tmp_path / "none" / "a.csv", b"")
+
+
+def test_what_was_given_is_named_where_frames_are_refused(tmp_path, capsys):
+    picture = tmp_path / "a.png"
+    write_image(picture, np.zeros((540, 960, 3), np.uint8))
+    assert run("run", str(picture), "--position", "66,0,-16", "--no-pictures", "--out", str(tmp_path / "out")) == 0
+    error = capsys.readouterr().err
+    assert "leave out what you gave and may be wrong: --position" in error
+
+
+def test_a_wide_picture_that_is_said_to_be_shown_upright(tmp_path, capsys):
+    picture = tmp_path / "a.png"
+    write_image(picture, np.zeros((54, 96, 3), np.uint8))
+    assert run("run", str(picture), "--display-size", "1080x1920", "--out", str(tmp_path / "out")) == 1
+    assert "is wide, 96x54, and --display-size upright, 1080x1920: it is width x height" in capsys.readouterr().err
 
 
 def test_help(capsys):

@@ -109,9 +109,14 @@ class DeclaredPictures:
         Raises
         ------
         BrokenFileError
-            If they cannot be a part of the frame.
+            If they cannot be a part of the frame, or are wide and said to be shown upright.
         """
         display_size, part = self.display_size or self._shown_size(size), self.crop_of
+        if self.display_size is not None and size[0] > size[1] and display_size[0] < display_size[1]:
+            raise BrokenFileError(
+                f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
+                f"it is width x height"
+            )
         if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
             width, height = display_size
             raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")

@@ -11,6 +11,7 @@ from typing import Any, NoReturn, cast
 from fieldcalib.console.program import printable
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
+SYNONYMS = {"sport": "field", "from": "start", "to": "end", "football": "soccer"}  # what people try first
 LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 
@@ -21,11 +22,15 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
     --------
     >>> did_you_mean("--feild-size", ["--field", "--field-size", "--out"])
     '; did you mean --field-size?'
+    >>> did_you_mean("--sport", ["--field", "--report"])
+    '; did you mean --field?'
     >>> did_you_mean("yes", ["estimated", "nominal"])
     ''
     """
     names = {one.lstrip("-"): one for one in known}  # dashes, which all options have, make none of them similar
-    close = difflib.get_close_matches(text.lower().lstrip("-"), list(names), n=1, cutoff=LIKE)
+    tried = text.lower().lstrip("-")
+    meant = SYNONYMS.get(tried, "")
+    close = [meant] if meant in names else difflib.get_close_matches(tried, list(names), n=1, cutoff=LIKE)
     return f"; did you mean {names[close[0]]}?" if close else ""
 
 

@@ -402,7 +402,8 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     if array.shape != shape or not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(values)!r}")
+        expected = f"a finite array of shape {shape}" if shape else "a finite number"
+        raise ValueError(f"{name} must be {expected}, got {np.asarray(values)!r}")
     array.flags.writeable = False
     return array
 

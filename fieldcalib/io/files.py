@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -393,6 +394,8 @@ def replacement(path: Path) -> Iterator[tuple[int, Path]]:
     Its name is random, and a link at `path` is replaced, not followed. Those that a killed process has left in the
     folder are removed.
     """
+    if not path.parent.exists():
+        raise FileNotFoundError(errno.ENOENT, "there is no such folder", str(path.parent))
     remove_abandoned(path.parent)
     with ExitStack() as locks:
         while True:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
+from fieldcalib.assess.remedies import LEFT_OUT
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.console.program import counted, say, show
@@ -62,6 +63,7 @@ SUSPICIOUS = 3, 0.05
 # Width / height of pictures that were probably squashed or cropped: broadcasts have 4:3 and more.
 NEARLY_SQUARE = 0.9, 1.3
 DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
+GIVEN = (*DECLARATIONS, "position", "rotation")  # options that, if they are wrong, leave no camera
 ASPECT = "aspect"  # as does this one, unless its value is "estimated"
 OBJECT = "an object"
 AGAIN = "--resume goes on with it, --overwrite begins anew"
@@ -205,6 +207,9 @@ class ResultsWriter:
         message = self.to_look_at.message(*map(str, where))
         if message:
             say(message)
+        given = [f"--{name.replace('_', '-')}" for name in GIVEN if options.get(name) is not None]
+        if given and self.verdicts[Verdict.REJECT]:
+            say(f"{LEFT_OUT}: {', '.join(given)}")
 
 
 @contextmanager
