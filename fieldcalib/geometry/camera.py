@@ -118,7 +118,7 @@ class Camera:
         Raises
         ------
         ValueError
-            As in the constructor, and if an angle exceeds a full turn, as one in degrees does.
+            As in the constructor, and if tilt or roll exceed a full turn, as in degrees.
         """
         centre = np.divide(checked_image_size(image_size), 2.0)
         cx, cy = centre if principal_point is None else finite_array("principal_point", principal_point, (2,))
@@ -126,7 +126,7 @@ class Camera:
         K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
         angles = {name: finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))}
         for name, angle in angles.items():
-            if abs(angle) > FULL_TURN:
+            if name != "pan" and abs(angle) > FULL_TURN:  # a camera may pan on and on
                 raise ValueError(f"{name}: expected radians, got {angle:g}: of degrees, np.deg2rad({angle:g})")
         return cls(K, rotation_from_angles(np.array([*angles.values()])), C, image_size, k)
 
