@@ -229,8 +229,12 @@ def train(training: Training, batches: Batches, report: Report, steps: int, minu
     report(training, losses)
 
 
-def _going_on(name: str, classes: Sequence[str], size: tuple[int, int], field: str, device: torch.device) -> Training:
+def _going_on(
+    name: str, classes: Sequence[str], size: tuple[int, int], field: str, device: torch.device, seed: int
+) -> Training:
     """Training that goes on from a network in a file; from all but its last layer if that has other classes.
+
+    The seed determines the weights of a new last layer.
 
     Raises
     ------
@@ -243,10 +247,9 @@ def _going_on(name: str, classes: Sequence[str], size: tuple[int, int], field: s
         network, known = read_network(path, normalised(images))
     if known == list(classes):
         return Training.of(network, device, FINE_TUNING_RATE)
-    of_field = MarkingsNet(1 + len(classes))
-    features = {key: value for key, value in network.state_dict().items() if not key.startswith("head.")}
-    of_field.load_state_dict(features, strict=False)
-    return Training.of(of_field, device)
+    torch.manual_seed(seed)
+    network.head = MarkingsNet(1 + len(classes)).head
+    return Training.of(network, device)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -298,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     if options.start_from:
         try:
-            training = _going_on(options.start_from, classes, options.size, options.field, device)
+            training = _going_on(options.start_from, classes, options.size, options.field, device, options.seed)
         except (ValueError, OSError) as error:
             parser.error(str(error))
     else:

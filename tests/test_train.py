@@ -272,7 +272,7 @@ def test_every_weight_of_a_rebuilt_network_learns(shipped):
 def test_a_network_of_another_field_begins_with_the_features_of_the_package(shipped):
     network, _, _ = shipped
     classes = game_named("tennis").classes
-    training = _going_on(PACKAGE, classes, SMALL, "tennis", CPU)
+    training = _going_on(PACKAGE, classes, SMALL, "tennis", CPU, 0)
     assert training.network.head.out_channels == 1 + len(classes)
     assert training.rate == LEARNING_RATE
     begun, of_package = training.network.state_dict(), network.state_dict()
