@@ -232,6 +232,8 @@ def test_boxes_of_images_of_another_size(tmp_path, cameras, calibration):
         ("", "is empty"),
         ("frame,field_x,x,y,width,height\n1,2,2,3,4,5\n", "has the column 'field_x' already"),
         ("frame,x,y,width,height\n91,2,3,4,5\n", "has a camera in"),
+        ("frame,x,y,width,height\n91,2,3,4,5\n", "boxes are of frames as '91', cameras of frames as '000000'"),
+        ("frame,x,y,width,height\n2,2,3,4,5\n", "its frames were refused or not read"),
     ],
 )
 def test_what_is_malformed_is_named_and_nothing_is_written(tmp_path, cameras, capsys, content, message):

@@ -275,7 +275,12 @@ CHANGES = {
     "field": (["--field-size", "known"], [], lambda folder: None, "--field-size was 'known', is 'nominal'"),
     "content": ([], [], touch, "the files of the input have other sizes or times"),
     "less": ([], [], lambda folder: (folder / "a.json").unlink(), "other frames: there were 4, there are 3"),
-    "names": ([], [], lambda folder: (folder / "a.json").rename(folder / "z.json"), "4 as before, but of other names"),
+    "names": (
+        [],
+        [],
+        lambda folder: (folder / "a.json").rename(folder / "z.json"),
+        "the input has other frames: 4 as before, but of other names",
+    ),
 }
 
 

@@ -115,7 +115,7 @@ class DeclaredPictures:
         if self.display_size is not None and size[0] > size[1] and display_size[0] < display_size[1]:
             raise BrokenFileError(
                 f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
-                f"it is width x height"
+                f"it is width x height (--aspect says that upright pictures were stretched)"
             )
         if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
             width, height = display_size

@@ -113,7 +113,7 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
                         writer.writerow([*row.values, *cells])
             if problems and set(problems) == {NO_CAMERA}:
                 is_there = cameras.id_of(frame, projection.frame_offset or 0) is not None
-                why = "its frames were refused" if is_there else cameras.naming_hint(frame)
+                why = "its frames were refused or not read" if is_there else cameras.naming_hint(frame)
                 raise ValueError(f"no frame of {boxes} has a camera in {cameras.path}: {why}")
     return problems
 

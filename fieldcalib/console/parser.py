@@ -63,12 +63,13 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong, and suggest names for options that do not exist."""
-        options = [name for action in (self.chosen or self)._actions for name in action.option_strings]
+        command = self.chosen or self
+        options = [name for action in command._actions for name in action.option_strings]
         unknown = [name for name in _options_in(self._given) if not _is_known(name, options)]
         hints = {name: did_you_mean(name, options) for name in unknown}
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
-        parser = self.chosen or self
-        self.exit(2, f"{parser.prog} --help shows its usage\n{parser.prog}: error: {message}{''.join(said)}\n")
+        name = command.prog
+        self.exit(2, f"usage: {name} ..., all of it by {name} --help\n{name}: error: {message}{''.join(said)}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

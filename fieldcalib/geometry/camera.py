@@ -124,11 +124,11 @@ class Camera:
         cx, cy = centre if principal_point is None else finite_array("principal_point", principal_point, (2,))
         f = finite_array("focal_length", focal_length, ())
         K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
-        angles = {name: finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))}
-        for name, angle in angles.items():
-            if name != "pan" and abs(angle) > FULL_TURN:  # a camera may pan on and on
+        angles = [finite_array(name, value, ()) for name, value in (("pan", pan), ("tilt", tilt), ("roll", roll))]
+        for name, angle in (("tilt", angles[1]), ("roll", angles[2])):  # a camera may pan on and on
+            if abs(angle) > FULL_TURN:
                 raise ValueError(f"{name}: expected radians, got {angle:g}: of degrees, np.deg2rad({angle:g})")
-        return cls(K, rotation_from_angles(np.array([*angles.values()])), C, image_size, k)
+        return cls(K, rotation_from_angles(np.array(angles)), C, image_size, k)
 
     @classmethod
     def from_opencv(

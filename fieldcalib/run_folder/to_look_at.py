@@ -61,7 +61,7 @@ class ToLookAt:
     """Number of all such frames."""
     named: int = 0
     """Number of frames in `stretches`."""
-    remedies: dict[str, list[str]] = attribute(default_factory=dict)
+    remedies: dict[str, dict[str, None]] = attribute(default_factory=dict)
     """Remedies of the frames in `stretches`, in their order, with the first frames of these stretches."""
     _is_next: bool = False
 
@@ -82,8 +82,7 @@ class ToLookAt:
         self._is_next = True
         self.named += 1
         if remedy:
-            first, ids = self.stretches[-1].first, self.remedies.setdefault(remedy, [])
-            ids += [first] * (first not in ids)
+            self.remedies.setdefault(remedy, {})[self.stretches[-1].first] = None
 
     def message(self, *where: str) -> str:
         """Message with the frames, and where all are to be found; empty if all are good."""
@@ -91,10 +90,10 @@ class ToLookAt:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
-        help = [
-            f"what would help{f' {whom}' if len(self.remedies) > 1 else ''}: {remedy}{_on_command_line(remedy)}"
-            for remedy, whom in ((remedy, ", ".join(ids)) for remedy, ids in self.remedies.items())
-        ]
+        help = []
+        for remedy, ids in self.remedies.items():
+            whom = f" {', '.join(ids)}" if len(self.remedies) > 1 else ""
+            help.append(f"what would help{whom}: {remedy}{_on_command_line(remedy)}")
         return "\n  ".join([head, *map(str, self.stretches), *rest, *help])
 
 
