@@ -150,21 +150,29 @@ def test_a_mended_frame_has_the_camera_of_the_clip_again_with_its_marks(clip, tm
     assert editor.fitted(5).calibration is of_clip.calibrations[5]
 
 
+def of_a_run(out):
+    """Let a folder that an editor has kept be that of a run, which has no journal."""
+    OPENED.pop().close()
+    (out / JOURNAL).unlink()
+    record = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**record, "command": "run"}))
+    return out
+
+
 def with_camera_files(clip, out):
     """A folder of results as `run` leaves it, whose frames nobody has looked at."""
-    opened(clip, out).keep(proposal(nothing(8), Window(0, 8)))
-    OPENED.pop().close()
-    (out / JOURNAL).unlink()  # a run has none
-    for number in range(8):
-        (out / f"camera_{number:06d}.json").write_text("as it was")
-    return out
+    opened(clip, out).keep(proposal(panned(8), Window(0, 8)))
+    return of_a_run(out)
 
 
 def test_a_clip_is_kept_in_the_folder_of_a_run(clip, tmp_path):
     out = with_camera_files(clip, tmp_path / "out")
+    before = {path.name: path.read_bytes() for path in out.glob("camera_*.json")}
+    assert len(before) == 8
     opened(clip, out).keep(proposal(nothing(8, (0, 3)), Window(0, 8)))
     assert starts_of(out) == [0, 3]
-    assert len([*(out / "history").glob("*/camera_*.json")]) == 8
+    assert not [*out.glob("camera_*.json")]
+    assert {path.name: path.read_bytes() for path in (out / "history").glob("*/camera_*.json")} == before
 
 
 def test_a_camera_that_another_program_has_changed(clip, tmp_path):
@@ -173,7 +181,7 @@ def test_a_camera_that_another_program_has_changed(clip, tmp_path):
     editor = opened(clip, out)
     (out / "camera_000006.json").write_text("changed")
     with pytest.raises(ChangedFileError, match=r"camera_000006\.json was changed"):
-        editor.keep(proposal(nothing(8), Window(0, 8)))
+        editor.keep(proposal(panned(8, 0.01), Window(0, 8)))
     assert (out / "camera_000006.json").read_text() == "changed"
 
 
@@ -212,7 +220,7 @@ def test_a_clip_whose_frames_were_mended_says_so(clip, tmp_path):
     editor.keep(proposal(nothing(8, (0, 3), ("a note",)), Window(0, 8)))
     for name in ("overlay.mp4", "motion.png", "worst_frames.jpg", "report.html"):
         (out / name).write_text("as it was")
-    editor.close()
+    of_a_run(out)
     editor = marked(opened(clip, out), 4, number=5)
     editor.save()
     assert fieldcalib.read(out).video.notes == ("a note", BESIDE)
@@ -244,8 +252,13 @@ def test_a_window_of_a_clip(clip, tmp_path):
     assert len((out / "cameras.jsonl").read_text().splitlines()) == 8
 
 
-def panned_clip(count=6):
-    cameras = [Camera.from_angles(-0.3 + 0.01 * k, 1.35, 0.0, 1600.0, CENTRE, SIZE) for k in range(count)]
+def panned(count, by=0.0):
+    """The calibration of a clip of one tripod, panned by some radians more."""
+    return VideoCalibration((panned_clip(count, by),), (Shot(0, count, 0),), np.zeros(count, dtype=int), np.arange(count))
+
+
+def panned_clip(count=6, by=0.0):
+    cameras = [Camera.from_angles(by - 0.3 + 0.01 * k, 1.35, 0.0, 1600.0, CENTRE, SIZE) for k in range(count)]
     labels = [{label: ends(label, camera) for label in LINES} for camera in cameras]
     return fieldcalib.calibrate_sequence(soccer(), labels, SIZE)
 
@@ -272,8 +285,7 @@ def with_drawings(clip, out):
     editor.keep(proposal(nothing(8), Window(0, 8)))
     for name in DRAWINGS:
         (out / name).write_text("as it was")
-    editor.close()
-    return out
+    return of_a_run(out)
 
 
 def test_files_stay_where_no_camera_has_changed(clip, tmp_path):

@@ -37,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="H", help="address to listen at; others can reach it then (127.0.0.1)"
     )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace files in DIR that neither a run nor a page has written"
+    )
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
 
 
@@ -47,7 +50,9 @@ def run(options: argparse.Namespace) -> int:
     from fieldcalib.editor.editor import Editor
     from fieldcalib.web.server import serve
 
-    editor = Editor(options.source, options.field, out=options.out, labels=options.labels)
+    editor = Editor(
+        options.source, options.field, out=options.out, labels=options.labels, overwrite=options.overwrite
+    )
     if said := editor.claim():
         print(f"fieldcalib: {said}; until then frames can be looked at, and changes are refused", file=sys.stderr)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import RLock, Thread
 from typing import Self
+from warnings import warn
 
-from fieldcalib._checks import expect, file_path, whole_number
+from fieldcalib._checks import expect, file_path, truth, whole_number
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.words import Status
@@ -18,20 +21,31 @@ from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, so
 from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
-from fieldcalib.editor.frame import Edit, FrameEditor
+from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
 from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of, is_anchor
-from fieldcalib.editor.given_labels import GivenLabels, given_labels
-from fieldcalib.editor.journal import JOURNAL, FrameHistory, Journal, Replayed, read_journal
+from fieldcalib.editor.given_labels import GivenLabels, LabelWarning, given_labels
+from fieldcalib.editor.journal import (
+    JOURNAL,
+    NOTHING_WRITTEN,
+    FrameHistory,
+    Journal,
+    Replayed,
+    Unfinished,
+    nothing,
+    read_journal,
+)
 from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.opening import field_of, frames_of, places_of
-from fieldcalib.editor.stored import NewRun, Saved, Stored, is_by_hand
+from fieldcalib.editor.stored import LastSave, NewRun, Saved, Stored, is_by_hand
 from fieldcalib.editor.table import Row, Table
+from fieldcalib.editor.versions import Announce, Announced
 from fieldcalib.fields.field import Field
 from fieldcalib.images.twins import CameraSide
+from fieldcalib.io.abandoned import TEMPORARY
 from fieldcalib.io.annotations import Annotation
-from fieldcalib.io.formats import CAMERAS, OVERLAYS
+from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
@@ -65,12 +79,16 @@ class Editor:
         Annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, a file, or a folder or a zip of files: what a
         person has said of the frames that are named so. Frames that were changed in the folder before keep what they
         have there. The files are never written to: labels are saved in their format into the folder.
+    overwrite : bool
+        Whether files in the folder may be replaced that neither a run nor a page has written.
 
     Raises
     ------
     FileNotFoundError, BrokenFileError
         If the source does not exist, or is neither pictures nor a video; and as
         `fieldcalib.editor.given_labels.given_labels`.
+    FileExistsError
+        If saving would replace files that neither a run nor a page has written, or those of `labels`.
     ValueError
         If the field is unknown, results do not say where their pictures are, or no label is of a frame.
     """
@@ -82,11 +100,13 @@ class Editor:
         *,
         out: str | os.PathLike[str] | None = None,
         labels: str | os.PathLike[str] | None = None,
+        overwrite: bool = False,
     ) -> None:
         paths, folder = places_of(source, out)
-        replayed = Replayed() if folder is None else read_journal(folder / JOURNAL)
-        self.stored = None if folder is None else Stored(folder, replayed.written)
+        self.stored = None if folder is None else Stored(folder, overwrite=truth(overwrite, "overwrite"))
         self.field, self.field_name = field_of(field, self.stored)
+        check = partial(check_edit, field=self.field)
+        replayed = Replayed(check) if folder is None else read_journal(folder / JOURNAL, check)
         self.title = "images" if paths is None else paths[0].name
         self.frames = frames_of(source, paths, self.stored)
         self.version = 0
@@ -103,7 +123,13 @@ class Editor:
         """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
         self._before_keep: BeforeKeep | None = None
+        self._unfinished: Unfinished | None = None
+        self.last_save = LastSave()
+        """What the last save has replaced, and which frames it has left out."""
         given = GivenLabels() if labels is None else given_labels(file_path(labels, "labels"), self.frames, self.field)
+        if self.stored is not None:
+            self.stored.know(replayed.written)
+            self.stored.check_in_the_way(self.ids, given.files)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
         self._has_noted_format = self.label_format == replayed.format
@@ -111,6 +137,9 @@ class Editor:
 
     def _restore(self, replayed: Replayed, given: GivenLabels) -> None:
         """Take what results, journal and given labels say."""
+        self._unfinished = replayed.unfinished  # what was announced and could not be finished yet
+        for said in replayed.remarks(self.field):
+            warn(said, LabelWarning, stacklevel=4)
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
@@ -122,8 +151,6 @@ class Editor:
                 edits = FrameHistory(History(Edit(marks)))
                 self._states[number] = FrameState(edits, base=self._base(self.ids[number], edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=True)
-        for number in self._states:
-            self._expect_files(number)
         if self.stored is None or len(self.stored.ids) <= AT_ONCE:
             self._fill_rows()
         else:  # an hour of video opens at once, its table grows
@@ -139,8 +166,6 @@ class Editor:
 
     def _fill_rows(self) -> None:
         """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
-        if self.stored is not None:
-            self.stored.versions.expect(map(CAMERAS.file_name, self.stored.ids))
         for count, (id, row) in enumerate(() if self.stored is None else self.stored.rows(), 1):
             number = self._numbers.get(id)
             if number is not None and not self._rows[number].verdict:
@@ -235,16 +260,9 @@ class Editor:
             with self.lock:
                 state = self._states.setdefault(number, FrameState(FrameHistory(History(edit), edit), base=stored))
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
-            self._expect_files(number)
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
-
-    def _expect_files(self, number: int) -> None:
-        """Remember the states of the files of a frame, to notice when another program changes them."""
-        if self.stored is not None:
-            id = self.ids[number]
-            self.stored.versions.expect([label_file(id), CAMERAS.file_name(id), OVERLAYS.file_name(id)])
 
     def with_camera(self, number: int) -> FrameEditor:
         """A frame with the camera that follows from its marks, which is kept until the frame changes."""
@@ -360,6 +378,8 @@ class Editor:
 
         Raises
         ------
+        ValueError
+            If it cannot be, as an impossible size of the field; then nothing is changed.
         StaleEdit
             If the frame was changed since that revision.
         OSError
@@ -378,10 +398,14 @@ class Editor:
             before, after = state.edits.history, changed.history
             if after == before:
                 return
+            check_edit(after.present, self.field)
             if self._journal is not None:
                 if not state.has_begun:
                     self._journal.begin(self.ids[number], before.present, state.base)
                     state.has_begun = True
+                if state.edits.left_out:
+                    self._journal.left_out(self.ids[number])
+                    state.edits.left_out = 0
                 self._journal.change(self.ids[number], before, after)
             state.edits.history = before.changed_to(after)
             state.found = state.kept[1] if state.kept is not None and state.is_of_clip else changed.found
@@ -475,31 +499,34 @@ class Editor:
         ValueError, ChangedFileError, OSError
             As `save`.
         """
-        stored, journal = self.stored, self._journal
-        if stored is None or journal is None:
-            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        stored, _ = self._opened_folder()
         with self.lock:
-            journal.open()
+            self._go_on()
             frames = []
             for n, calibration in proposal.calibrations.items():
                 is_anchor = n in proposal.anchors
                 files = self._label_file(n) if is_anchor else {}
                 basis = basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
                 frames.append(Saved(self.ids[n], calibration, basis, files))
-            clip = self._whole(proposal)
             more = self._label_files(sorted(proposal.anchors))
             states = {n: replace(one, edits=replace(one.edits)) for n, one in self._states.items()}
             rows, cuts = list(self._rows), list(self.cuts)
-            written = stored.save(frames, self.ids, self._new, clip, more)
-            saved = self._note_saved(proposal.revisions, written)
-            self._before_keep = BeforeKeep(proposal, states, rows, cuts, stored.saves, saved)
-            for n, calibration in proposal.calibrations.items():
-                self._take(n, calibration, proposal)
-            if not self.has_own_cuts:
-                begin, end = proposal.window
-                inside = (begin + shot.start for shot in proposal.video.shots)
-                self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
-            self.version += 1
+            saved = [n for n, revision in proposal.revisions.items() if self.revision(n) == revision]
+            self._begin(saved)
+
+            def done() -> None:
+                self._before_keep = BeforeKeep(proposal, states, rows, cuts, stored.saves, saved)
+                for n, calibration in proposal.calibrations.items():
+                    self._take(n, calibration, proposal)
+                if not self.has_own_cuts:
+                    begin, end = proposal.window
+                    inside = (begin + shot.start for shot in proposal.video.shots)
+                    self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
+                self.version += 1
+
+            announce = self._announcing("saved", saved, done)
+            stored.save(frames, self.ids, self._new, announce, clip=self._whole(proposal), more=more)
+            self._finish()
         return len(frames)
 
     @property
@@ -520,24 +547,31 @@ class Editor:
         ChangedFileError, OSError
             As `save`.
         """
-        stored, journal, before = self.stored, self._journal, self._before_keep
-        if stored is None or journal is None or before is None or not self.can_undo_keep:
+        before = self._before_keep
+        if before is None or not self.can_undo_keep:
             raise ValueError("expected a solution that was kept last: since then something else was saved, or nothing")
+        stored, _ = self._opened_folder()
         with self.lock:
-            journal.taken_back(stored.take_back(), [self.ids[n] for n in before.saved])
-            self._before_keep = None
-            for n, state in list(self._states.items()):
-                if n in before.states:
-                    state.before(before.states[n])
-                else:
-                    state.base = self._base(self.ids[n], state.edits)
-                    state.found = None
-            changed = {n for n, state in self._states.items() if self._is_changed_since(n, before.states)}
-            self._rows = [self._rows[n] if n in changed else row for n, row in enumerate(before.rows)]
-            if not self.has_own_cuts:
-                self.cuts = list(before.cuts)
-            self.version += 1
+            self._go_on()
+            if self._before_keep is not None:  # it was not taken back before, up to the note of it
+                stored.take_back(self._announcing("taken_back", before.saved, partial(self._forget_keep, before)))
+                self._finish()
         return before.proposal
+
+    def _forget_keep(self, before: BeforeKeep) -> None:
+        """Go back to what was known before a solution was kept, but for what a person has changed since."""
+        self._before_keep = None
+        for n, state in list(self._states.items()):
+            if n in before.states:
+                state.before(before.states[n])
+            else:
+                state.base = self._base(self.ids[n], state.edits)
+                state.found = None
+        changed = {n for n, state in self._states.items() if self._is_changed_since(n, before.states)}
+        self._rows = [self._rows[n] if n in changed else row for n, row in enumerate(before.rows)]
+        if not self.has_own_cuts:
+            self.cuts = list(before.cuts)
+        self.version += 1
 
     def _is_changed_since(self, number: int, states: Mapping[int, FrameState]) -> bool:
         before = states.get(number)
@@ -568,30 +602,99 @@ class Editor:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
         Frames that were changed are written, and those that have no result there yet but were looked at, unless
-        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those that
-        were given. What is replaced is kept in ``history``.
+        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those
+        that were given. What is replaced is kept in ``history``: `last_save` says where, and which frames could not be
+        saved.
 
         Raises
         ------
         ValueError
             If there is no folder.
         ChangedFileError
-            If another program has changed a file that would be replaced; then nothing is written.
+            If a file would be replaced that neither a run nor a page has written, or that another program has changed;
+            then nothing is written.
+        UnfinishedSaveError
+            If the files were written, and not all could be moved to their places: the next save goes on.
         OSError
-            If a file cannot be written.
+            If a file cannot be written; then nothing is changed.
         """
-        stored, journal = self.stored, self._journal
-        if stored is None or journal is None:
-            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        stored, _ = self._opened_folder()
         with self.lock:
+            self._go_on()
             numbers = [n for n, state in sorted(self._states.items()) if self._is_to_save(n, state)]
-            journal.open()
-            revisions = {n: self.revision(n) for n in numbers}
-            frames = [self._saved(n) for n in numbers]
+            saved: list[int] = []
+            failed: dict[str, str] = {}
+            more = self._label_files(numbers)
             cuts = self.cuts if self.has_own_cuts else None
-            written = stored.save(frames, self.ids, self._new, more=self._label_files(numbers), cuts=cuts)
-            self._note_saved(revisions, written)
-        return len(frames)
+            announce = self._announcing("saved", saved)
+            stored.save(self._each_saved(numbers, saved, failed), self.ids, self._new, announce, more=more, cuts=cuts)
+            self._finish()
+            self.last_save = LastSave(stored.replaced, failed)
+        return len(saved)
+
+    def _each_saved(self, numbers: Sequence[int], saved: list[int], failed: dict[str, str]) -> Iterator[Saved]:
+        """Frames to be saved; `saved` gets the numbers of those that can be, `failed` the others, with the reasons."""
+        for n in numbers:
+            try:
+                one = self._saved(n)
+            except (ValueError, ArithmeticError) as error:
+                failed[self.ids[n]] = str(error)
+                continue
+            self._begin([n])
+            saved.append(n)
+            yield one
+
+    def _opened_folder(self) -> tuple[Stored, Journal]:
+        """The folder of results and its journal, which no other program may write to from here on."""
+        if self.stored is None or self._journal is None:
+            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        self._journal.open()
+        return self.stored, self._journal
+
+    def _announcing(self, kind: str, numbers: Sequence[int] = (), done: Callable[[], None] = nothing) -> Announce:
+        """Announce a save of some frames in the journal; `done` is called when its files are there, see `_finish`."""
+
+        def announce(announced: Announced) -> None:
+            assert self._journal is not None
+            edits = {self.ids[n]: state.edits.history.present for n, state in self._begun(numbers).items()}
+            note = self._journal.announce(announced, kind, list(edits))
+            edits = {self.ids[n]: self._states[n].edits.history.present for n in numbers}
+            self._unfinished = Unfinished(announced, note, edits, done)
+
+        return announce
+
+    def _begun(self, numbers: Iterable[int]) -> dict[int, FrameState]:
+        """Those of some frames that are in the journal."""
+        return {n: self._states[n] for n in numbers if n in self._states and self._states[n].has_begun}
+
+    def _finish(self) -> None:
+        """Note that the files are there that were announced."""
+        stored, journal, unfinished = self.stored, self._journal, self._unfinished
+        assert stored is not None
+        assert journal is not None
+        assert unfinished is not None
+        journal.done(unfinished.note)
+        self._unfinished = None
+        is_taken_back = "taken_back" in unfinished.note
+        stored.note_saved(None if is_taken_back else stored.versions.kept)
+        for id, edit in unfinished.edits.items():
+            edits = self._states[self._numbers[id]].edits
+            if is_taken_back:
+                edits.note_taken_back()
+            else:
+                edits.note_saved(edit)
+        unfinished.done()
+
+    def _go_on(self) -> None:
+        """Finish a save that could not be finished before."""
+        stored, unfinished = self.stored, self._unfinished
+        if unfinished is None or stored is None or self._journal is None:
+            return
+        if stored.versions.finish(unfinished.announced):
+            self._finish()
+        else:
+            self._journal.done(NOTHING_WRITTEN)
+            self._unfinished = None
 
     @property
     def to_draw(self) -> list[str]:
@@ -615,19 +718,21 @@ class Editor:
         OSError
             If a file cannot be written.
         """
-        names, stored, journal = self.to_draw, self.stored, self._journal
-        if stored is None or journal is None or not names:
+        names = self.to_draw
+        if not names:
             return []
-        journal.open()
+        stored, _ = self._opened_folder()
         with self.lock:
             saves, calibrations = stored.saves, [stored.calibration(id) for id in self.ids]
-        draw_again(stored.folder, self.frames, calibrations, stored.clip(), self.field, names, progress)
-        with self.lock:
-            if stored.saves != saves:
-                for name in names:
-                    (stored.folder / name).unlink(missing_ok=True)
-                return []
-            stored.drew(self._new.options)
+        clip = stored.clip()
+        with TemporaryDirectory(dir=stored.folder, prefix=TEMPORARY) as folder:
+            draw_again(Path(folder), self.frames, calibrations, clip, self.field, names, progress)
+            with self.lock:
+                if stored.saves != saves:
+                    return []
+                self._go_on()
+                stored.draw(Path(folder), self._new.options, self._announcing("written"))
+                self._finish()
         return names
 
     def _label_files(self, numbers: Sequence[int]) -> dict[str, bytes | None]:
@@ -636,23 +741,17 @@ class Editor:
             return {}
         return saved_files(self.label_format, self._annotations(self._states), [self.ids[n] for n in numbers])
 
-    def _note_saved(self, revisions: Mapping[int, int], written: Mapping[str, tuple[int, int]]) -> list[int]:
-        """Note that frames were saved as they were at some revisions; returns the numbers of those in the journal."""
-        journal = self._journal
-        assert journal is not None
-        saved = [n for n, revision in revisions.items() if n in self._states and self.revision(n) == revision]
-        for n in saved:
-            state = self._states[n]
-            if not state.has_begun and is_anchor(state):  # given labels
-                journal.begin(self.ids[n], state.edits.history.present, state.base)
-                state.has_begun = True
-            state.edits.note_saved()
+    def _begin(self, numbers: Iterable[int]) -> None:
+        """Let given labels that are about to be saved begin in the journal."""
+        assert self._journal is not None
         if self.label_format is not None and not self._has_noted_format:
-            journal.format(self.label_format)
+            self._journal.format(self.label_format)
             self._has_noted_format = True
-        begun = [n for n in saved if self._states[n].has_begun]
-        journal.saved(written, [self.ids[n] for n in begun])
-        return begun
+        for n in numbers:
+            state = self._states.get(n)
+            if state is not None and not state.has_begun and is_anchor(state):
+                self._journal.begin(self.ids[n], state.edits.history.present, state.base)
+                state.has_begun = True
 
     def _is_to_save(self, number: int, state: FrameState) -> bool:
         is_new = self.stored is not None and self.ids[number] not in self.stored
@@ -689,13 +788,13 @@ class Editor:
         ChangedFileError, OSError
             As `save`.
         """
-        stored, journal = self.stored, self._journal
-        if stored is None or journal is None:
-            raise ValueError("expected a folder to save to: give Editor(..., out=...)")
+        stored, _ = self._opened_folder()
         with self.lock:
+            self._go_on()
             name, files = label_files(format, self._annotations(self._states))
-            journal.open()
-            journal.written(stored.write(files))
+            stored.write(files, self._announcing("written"))
+            self._finish()
+            self.last_save = LastSave(stored.replaced)
         return name
 
     def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
 from fieldcalib.editor.known import Known
-from fieldcalib.editor.marks import History, Marks
+from fieldcalib.editor.marks import FARTHEST, History, Marks
 from fieldcalib.editor.picture_shape import fitted_in_shape
 from fieldcalib.editor.snapping import snapped
 from fieldcalib.fields.catalogue import field as field_by_name
@@ -131,7 +132,11 @@ class FrameEditor:
             return self.base
         if self.found is not None:
             return self.found
-        return fitted_in_shape(self.known.of(self.field), self.image, self.marks, self.known)
+        try:
+            field = self.known.of(self.field)
+            return fitted_in_shape(field, self.image, self.marks.of_field(self.field), self.known)
+        except ValueError as error:  # what is known of another field than this one, and the like
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
 
     @property
     def is_automatic(self) -> bool:
@@ -167,8 +172,16 @@ class FrameEditor:
         return self._then(marks=Marks())
 
     def know(self, **values: Any) -> FrameEditor:
-        """Set known values, see `Known`; None lets them be estimated."""
-        return self._then(known=replace(self.known, **values))
+        """Set known values, see `Known`; None lets them be estimated.
+
+        Raises
+        ------
+        ValueError
+            If a value cannot be, or the field cannot have that size.
+        """
+        known = replace(self.known, **values)
+        known.of(self.field)
+        return self._then(known=known)
 
     def with_marks(self, marks: Marks) -> FrameEditor:
         """Replace all marks."""
@@ -216,7 +229,7 @@ class FrameEditor:
     @property
     def next_mark(self) -> NextMark | None:
         """The mark that would help most; None without a camera."""
-        return next_mark(self.calibration, self.marks.only_by_hand.pixels)
+        return next_mark(self.calibration, self.marks.of_field(self.field).only_by_hand.pixels)
 
     def click_errors(self, X: ArrayLike) -> Array:
         """Shift, metres, of ground points (..., 3) if all clicks are 2 px off."""
@@ -233,6 +246,15 @@ class FrameEditor:
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)
         return replace(self, history=self.history.then(edit), found=None)
+
+
+def check_edit(edit: Edit, field: Field) -> None:
+    """Raise a ValueError for an edit that cannot be; labels and sizes of another field are kept, without effect."""
+    for one in edit.marks.all:
+        if not (abs(one.x) < FARTHEST and abs(one.y) < FARTHEST):
+            raise ValueError(f"expected pixels below {FARTHEST:g}, got {one.x, one.y} of {one.label!r}")
+    if field.size_model is not None:
+        edit.known.of(field)
 
 
 def _check_label(label: str, field: Field) -> None:

@@ -31,6 +31,8 @@ class GivenLabels:
     """By the number of the frame."""
     format: str | None = None
     """As for `fieldcalib.editor.label_files.label_files`; None without labels."""
+    files: tuple[Path, ...] = ()
+    """Where they were read."""
 
 
 def given_labels(path: Path, frames: NumberedFrames, field: Field) -> GivenLabels:
@@ -68,7 +70,8 @@ def given_labels(path: Path, frames: NumberedFrames, field: Field) -> GivenLabel
         raise ValueError(_nothing(path, found, frames, list(others)))
     _warn(path, len(found) - len(known), list(others))
     formats = {_format(file) for file in {file.path: file for file in known}.values()}
-    return GivenLabels(marks, formats.pop() if len(formats) == 1 else SOCCERNET)
+    read = tuple(dict.fromkeys(file.on_disk for file in found))
+    return GivenLabels(marks, formats.pop() if len(formats) == 1 else SOCCERNET, read)
 
 
 def _format(file: FrameFile) -> str:

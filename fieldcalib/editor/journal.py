@@ -2,30 +2,45 @@
 
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
-saved (``{"saved": {name of a file: its size and time}}``, with ``"frames": [ids]`` if not all), that this was taken
-back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were given
-(``{"format": name}``). Nothing is ever removed from it.
+saved (``{"saved": {name of a file: its size, time and digest}}``, with ``"frames": [ids]`` if not all), that this was
+taken back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were
+given (``{"format": name}``). Before files are replaced, the note that will follow is announced (``{"announced": note,
+"kept": folder of the older versions}``): a process that ends in between is followed by one that goes on. Nothing is
+ever removed from the journal. An edit that cannot be is left out, as ``{"frame": id, "left_out": true}`` then says.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from dataclasses import field as attribute
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
 
+from fieldcalib._checks import one_of
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame import Edit
+from fieldcalib.editor.label_files import SOCCERNET
 from fieldcalib.editor.marks import History
 from fieldcalib.editor.records import edit_from_record, edit_to_record
-from fieldcalib.io.files import BrokenFileError, parse_json_object
+from fieldcalib.editor.versions import Announced, State, Versions
+from fieldcalib.fields.field import Field
+from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
+from fieldcalib.io.formats import OTHER_ANNOTATIONS
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import FolderInUseError, locked_folder, output_folder
 
 JOURNAL = "edits.jsonl"
+NOTES = frozenset(("saved", "taken_back", "written"))  # keys of notes about files
+BEGINNINGS = tuple(f'{{"{kind}"'.encode() for kind in NOTES)  # of their lines
+NOTHING_WRITTEN: Mapping[str, Any] = {"written": {}}  # follows an announcement of which nothing came
+CHANGES = frozenset(("then", "undo", "redo", "left_out"))
+
+
+Check = Callable[[Edit], None]
+"""Raises a ValueError for an edit that cannot be."""
 
 
 @dataclass
@@ -40,88 +55,206 @@ class FrameHistory:
     revision: int = 0
     base: Mapping[str, Any] | None = None
     """The camera that was found without a person, as `Calibration.to_dict` gives it."""
+    left_out: int = 0
+    """Edits at the end of the history that were left out, as they cannot be."""
 
     @property
     def is_saved(self) -> bool:
         """Whether its present state is in the files of the folder."""
         return self.saved == self.history.present
 
-    def note_saved(self) -> None:
-        """Note that the present state is in the files now."""
-        self.saved, self.saved_before = self.history.present, self.saved
+    def note_saved(self, edit: Edit | None = None) -> None:
+        """Note that a state is in the files now, by default the present one."""
+        self.saved, self.saved_before = self.history.present if edit is None else edit, self.saved
 
     def note_taken_back(self) -> None:
         """Note that the last save was taken back."""
         self.saved = self.saved_before
+
+    def change(self, line: Mapping[str, Any], check: Check) -> str:
+        """Repeat a change; returns what is wrong with an edit that is left out, else nothing."""
+        wrong = ""
+        if "left_out" in line:
+            self.left_out = 0
+            return ""
+        if "then" in line:
+            try:
+                edit = edit_from_record(line["then"])
+                check(edit)
+                self.history = self.history.then(edit)
+                self.left_out = 0
+            except ValueError as error:
+                self.left_out += 1
+                wrong = str(error)
+        elif "undo" in line and self.left_out:
+            self.left_out -= 1
+        else:
+            self.history = self.history.undone if "undo" in line else self.history.redone
+        self.revision += 1
+        return wrong
+
+
+def nothing() -> None:
+    """Do nothing."""
+
+
+class Unfinished(NamedTuple):
+    """A save that was announced and not noted: the process ended in between."""
+
+    announced: Announced
+    note: Mapping[str, Any]
+    """The line of the journal that is to follow."""
+    edits: Mapping[str, Edit]
+    """States of the frames that are saved by it, by id."""
+    done: Callable[[], None] = nothing
+    """What is to be done when its files are there."""
 
 
 @dataclass
 class Replayed:
     """What a journal says."""
 
+    check: Check
     frames: dict[str, FrameHistory] = attribute(default_factory=dict)
     cuts: list[int] | None = None
-    written: dict[str, tuple[int, int]] = attribute(default_factory=dict)
+    written: dict[str, State] = attribute(default_factory=dict)
     """States of the files that were written."""
     format: str | None = None
     """The format of labels that were given."""
     size: int = 0
     """Bytes of the journal."""
+    left_out: list[str] = attribute(default_factory=list)
+    """What is wrong with edits that cannot be, each with its frame."""
+    unfinished: Unfinished | None = None
 
     def apply(self, line: dict[str, Any]) -> None:
         """Repeat the change of a line; a ValueError if it is none."""
         if "cuts" in line:
             self.cuts = [int(cut) for cut in line["cuts"]]
-        elif "saved" in line:
-            for id in line.get("frames", self.frames):
-                self.frames[id].note_saved()
-            self.written |= _states(line["saved"])
-        elif "taken_back" in line:
-            for id in line["frames"]:
-                self.frames[id].note_taken_back()
-            self.written |= _states(line["taken_back"])
-        elif "written" in line:
-            self.written |= _states(line["written"])
+        elif "announced" in line:
+            self._announce(line)
+        elif NOTES & line.keys():
+            self._note(line)
         elif "format" in line:
-            self.format = str(line["format"])
+            self.format = one_of(line["format"], (SOCCERNET, *OTHER_ANNOTATIONS), "format")
         elif "begin" in line:
-            edit = edit_from_record(line["begin"])
-            saved = edit if edit.automatic else None  # labels that were given are in no file of the folder yet
-            self.frames[str(line["frame"])] = FrameHistory(History(edit), saved, base=line.get("base"))
+            self._begin(line)
         else:
             self._change(line)
 
+    def remarks(self, field: Field) -> list[str]:
+        """What is to be said of edits that are left out, and of labels that a field does not know."""
+        marks = (one.history.present.marks for one in self.frames.values())
+        unknown = ", ".join(map(repr, dict.fromkeys(label for one in marks for label in one.unknown_to(field))))
+        said = [f"the field has no {unknown}: such marks are kept, and have no effect"] if unknown else []
+        return said + [f"{JOURNAL} has an edit that cannot be, which is left out: {one}" for one in self.left_out]
+
+    def _announce(self, line: Mapping[str, Any]) -> None:
+        note, kept = line["announced"], line["kept"]
+        if kept is not None and not str(kept).isdecimal():
+            raise ValueError(f"expected the name of a folder of older versions, got {kept!s:.40}")
+        ids = [] if "written" in note else note["frames"]
+        edits = {id: self.frames[id].history.present for id in ids}
+        self.unfinished = Unfinished(Announced(_noted(note), kept), note, edits)
+
+    def _note(self, line: Mapping[str, Any]) -> None:
+        states = _noted(line)
+        edits = {} if self.unfinished is None else self.unfinished.edits
+        for id in () if "written" in line else line.get("frames", self.frames):
+            if "saved" in line:
+                self.frames[id].note_saved(edits.get(id))
+            else:
+                self.frames[id].note_taken_back()
+        self.written |= states
+        self.unfinished = None
+
+    def _begin(self, line: Mapping[str, Any]) -> None:
+        id, wrong = str(line["frame"]), ""
+        try:
+            edit = edit_from_record(line["begin"])
+            self.check(edit)
+        except ValueError as error:
+            edit, wrong = Edit(automatic=True), str(error)
+        saved = edit if edit.automatic else None  # labels that were given are in no file of the folder yet
+        base = line.get("base")
+        if not isinstance(base, dict | None):
+            raise ValueError(f"expected a camera as base, got {base!s:.40}")
+        self.frames[id] = FrameHistory(History(edit), saved, base=base)
+        self._leave_out(id, wrong)
+
     def _change(self, line: dict[str, Any]) -> None:
-        frame = self.frames.get(str(line.get("frame")))
-        if frame is None:
+        id = str(line.get("frame"))
+        frame = self.frames.get(id)
+        if frame is None or not CHANGES & line.keys():
             raise ValueError(f"expected a change of a frame that has begun, got {str(line)[:80]}")
-        if "then" in line:
-            frame.history = frame.history.then(edit_from_record(line["then"]))
-        else:
-            frame.history = frame.history.undone if "undo" in line else frame.history.redone
-        frame.revision += 1
+        self._leave_out(id, frame.change(line, self.check))
+
+    def _leave_out(self, id: str, wrong: str) -> None:
+        if wrong:
+            self.left_out.append(f"frame {id}: {wrong}")
 
 
-def read_journal(path: Path) -> Replayed:
+def _noted(note: Mapping[str, Any]) -> dict[str, State]:
+    """The states of files in a note, which lie in the folder."""
+    (kind,) = NOTES & note.keys()
+    states = {name: State(int(size), int(time), *map(str, more)) for name, (size, time, *more) in note[kind].items()}
+    for name in states:
+        path = PurePosixPath(name)
+        if path.is_absolute() or ".." in path.parts or not path.parts:
+            raise ValueError(f"expected the name of a file in the folder, got {name[:80]!r}")
+    return states
+
+
+def read_journal(path: Path, check: Check = lambda edit: None) -> Replayed:
     """What a journal says, without an incomplete last line.
+
+    Parameters
+    ----------
+    path : Path
+    check : callable
+        Edits for which it raises a ValueError are left out.
 
     Raises
     ------
     BrokenFileError
         If another line is no change.
     """
-    found = Replayed()
+    found = Replayed(check)
     for number, text in enumerate(_lines(path), 1):
         found.size += len(text)
         try:
             found.apply(parse_json_object(text, "a change"))
-        except (ValueError, KeyError, TypeError) as error:
-            raise BrokenFileError(f"{path}, line {number}: {error}") from None
+        except WRONG_RECORD as error:
+            said = "" if isinstance(error, ValueError) else f"is no change of a frame: {type(error).__name__} "
+            raise BrokenFileError(f"{path}, line {number}: {said}{error}") from None
     return found
 
 
-def _states(record: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    return {name: (int(size), int(time)) for name, (size, time) in record.items()}
+def finish_save(folder: Path, versions: Versions) -> None:
+    """Go on with a save of a folder that was announced in its journal, and whose process has ended; if there is one.
+
+    Raises
+    ------
+    BrokenFileError
+        As `read_journal`.
+    OSError
+        If another program writes to the folder, or a file cannot be written.
+    """
+    is_unfinished = False
+    for text in _lines(folder / JOURNAL):
+        is_unfinished = text.startswith(b'{"announced"') or (is_unfinished and not text.startswith(BEGINNINGS))
+    if not is_unfinished:
+        return
+    replayed = read_journal(folder / JOURNAL)
+    if replayed.unfinished is None:
+        return
+    journal = Journal(folder, replayed.size)
+    try:
+        journal.open()
+        is_done = versions.finish(replayed.unfinished.announced)
+        journal.done(replayed.unfinished.note if is_done else NOTHING_WRITTEN)
+    finally:
+        journal.close()
 
 
 def _lines(path: Path) -> Iterable[bytes]:
@@ -180,21 +313,35 @@ class Journal:
         """The first frames of the shots of a clip."""
         self._append({"cuts": list(cuts)})
 
-    def saved(self, written: Mapping[str, tuple[int, int]], ids: Sequence[str]) -> None:
-        """A note that all changes of some frames so far are in files of the folder."""
-        self._append({"saved": dict(written), "frames": list(ids)})
+    def announce(self, announced: Announced, kind: str, ids: Sequence[str] = ()) -> dict[str, Any]:
+        """A save that is about to be done; returns the note for `done`.
 
-    def taken_back(self, written: Mapping[str, tuple[int, int]], ids: Sequence[str]) -> None:
-        """A note that the last save, of some frames, was taken back."""
-        self._append({"taken_back": dict(written), "frames": list(ids)})
+        Parameters
+        ----------
+        announced : Announced
+            The files that it writes.
+        kind : {"saved", "taken_back", "written"}
+            Whether all changes of some frames so far are then in files of the folder, or the last save was taken back,
+            or other files were written.
+        ids : sequence of str
+            Those frames.
+        """
+        note: dict[str, Any] = {kind: {name: list(state) for name, state in announced.states.items()}}
+        note |= {} if kind == "written" else {"frames": list(ids)}
+        self._append({"announced": note, "kept": announced.kept})
+        return note
+
+    def done(self, note: Mapping[str, Any]) -> None:
+        """The note of a save that was announced: its files are there."""
+        self._append(dict(note))
 
     def format(self, name: str) -> None:
         """The format of labels that were given."""
         self._append({"format": name})
 
-    def written(self, written: Mapping[str, tuple[int, int]]) -> None:
-        """A note of files that were written, beside those of `saved`."""
-        self._append({"written": dict(written)})
+    def left_out(self, id: str) -> None:
+        """A note that the frame goes on without the edits that cannot be."""
+        self._append({"frame": id, "left_out": True})
 
     def _append(self, line: dict[str, Any]) -> None:
         self.open().append(json.dumps(line, allow_nan=False))

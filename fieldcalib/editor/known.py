@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
 
-from fieldcalib._checks import is_number
+from fieldcalib._checks import is_number, truth
 from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
 from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+
+LONGEST = 1e6  # px: focal length of a picture 8000 wide that shows 1 m at 100 m
+FARTHEST = 1e4  # m: of the camera from the centre mark
 
 LENSES: Mapping[str, int] = {
     "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
@@ -41,16 +45,24 @@ class Known:
     """Width / height at which the picture is shown with square pixels: 16 / 9 for one that was squashed from it."""
 
     def __post_init__(self) -> None:
-        if self.lens not in LENSES:
-            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {self.lens!r}")
+        if not isinstance(self.lens, str) or self.lens not in LENSES:
+            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {short(self.lens)}")
+        values = {
+            "focal_length": _number(self.focal_length),
+            "position": _numbers(self.position, 3, "position", "x, y, z in metres"),
+            "principal_point": bool(truth(self.principal_point, "principal_point")),
+            "field_size": _numbers(self.field_size, 2, "field_size", "length and width in metres"),
+        }
+        for name, value in values.items():  # as plain numbers, which JSON has
+            object.__setattr__(self, name, value)
         if self.aspect is not None and not (is_number(self.aspect) and LEAST_RATIO <= self.aspect <= 1.0 / LEAST_RATIO):
             raise ValueError(
                 f"aspect must be the width / height at which the picture is shown, from {LEAST_RATIO:g} to "
-                f"{1.0 / LEAST_RATIO:g} as 16 / 9, or None, got {self.aspect!r}"
+                f"{1.0 / LEAST_RATIO:g} as 16 / 9, or None, got {short(self.aspect)}"
             )
 
     def of(self, field: Field) -> Field:
-        """The field in its known size."""
+        """The field in its known size; a ValueError if it cannot have that."""
         return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
 
     def placement(self, image_size: tuple[int, int]) -> Placement:
@@ -73,3 +85,23 @@ class Known:
         if self.principal_point:
             flags |= F.CALIB_FIX_PRINCIPAL_POINT
         return {"flags": flags, **found}
+
+
+def _number(focal_length: Any) -> float | None:
+    """A checked focal length."""
+    if focal_length is None:
+        return None
+    if not (is_number(focal_length) and 0.0 < focal_length <= LONGEST):
+        got = short(focal_length)
+        raise ValueError(f"focal_length must be a number of pixels up to {LONGEST:g}, or None, got {got}")
+    return float(focal_length)
+
+
+def _numbers(values: Any, count: int, name: str, what: str) -> Any:
+    """As many checked numbers as expected, or None."""
+    if values is None:
+        return None
+    is_list = isinstance(values, tuple | list | np.ndarray) and len(values) == count and all(map(is_number, values))
+    if not is_list or not all(abs(value) <= FARTHEST for value in values):
+        raise ValueError(f"{name} must be {what}, at most {FARTHEST:g} each, or None, got {short(values)}")
+    return tuple(float(value) for value in values)

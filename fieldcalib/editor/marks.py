@@ -14,6 +14,8 @@ from fieldcalib.problem.labelled_pixels import Pixels
 
 State = TypeVar("State")
 
+FARTHEST = 100_000.0  # px: no mark is farther from the picture's corner
+
 
 class Mark(NamedTuple):
     """A labelled pixel."""
@@ -61,8 +63,16 @@ class Marks:
         return {label: np.array(xy) for label, xy in found.items()}
 
     def ordered(self, field: Field) -> Pixels:
-        """Pixels (N, 2) by label, in their order along the marking."""
-        return {label: xy[field[label].order(xy)] for label, xy in self.pixels.items()}
+        """Pixels (N, 2) by label, in their order along the marking; those that the field does not know as they are."""
+        return {label: xy[field[label].order(xy)] if label in field else xy for label, xy in self.pixels.items()}
+
+    def of_field(self, field: Field) -> Marks:
+        """Those whose labels a field knows."""
+        return Marks(tuple(one for one in self.all if one.label in field))
+
+    def unknown_to(self, field: Field) -> list[str]:
+        """Labels that a field does not know."""
+        return list(dict.fromkeys(one.label for one in self.all if one.label not in field))
 
     @property
     def only_by_hand(self) -> Marks:

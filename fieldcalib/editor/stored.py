@@ -1,16 +1,18 @@
 """The folder of results of an editor: read as a run wrote it, and written so that other commands go on from there.
 
-Files are replaced whole. What is replaced is kept in ``history/0001``, ``0002`` and so on. A file that another program
-has changed since it was read or written here is not replaced. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with
-``cameras.jsonl``, or have a note that says where they do not.
+Files are replaced together (`fieldcalib.editor.versions`), and what is replaced is kept in ``history/0001``, ``0002``
+and so on. Replaced are files that a run has written, as its record says, or that were written here, and that nobody
+has changed since. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with ``cameras.jsonl``, or have a note that says
+where they do not.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from dataclasses import field as attribute
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,8 +21,10 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
+from fieldcalib.editor.journal import finish_save
+from fieldcalib.editor.label_files import LABELS, label_file
 from fieldcalib.editor.table import Row
-from fieldcalib.editor.versions import Kept, State, Versions
+from fieldcalib.editor.versions import MISSING, Announce, Kept, Staged, State, Versions
 from fieldcalib.io.files import (
     BrokenFileError,
     named_in_errors,
@@ -29,7 +33,7 @@ from fieldcalib.io.files import (
     whole_file,
     write_text,
 )
-from fieldcalib.io.formats import CAMERAS
+from fieldcalib.io.formats import CAMERAS, OVERLAYS
 from fieldcalib.io.images import encode_image
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.parquet import write_parquet
@@ -37,7 +41,7 @@ from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.outcome import Outcome, camera_file
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import (
     CLIP,
@@ -76,6 +80,16 @@ class Saved:
 
 
 @dataclass(frozen=True)
+class LastSave:
+    """What is to be said of a save."""
+
+    replaced: Kept | None = None
+    """What it replaced, and where that is kept."""
+    failed: Mapping[str, str] = attribute(default_factory=dict)
+    """Reasons why frames could not be saved, by id."""
+
+
+@dataclass(frozen=True)
 class NewRun:
     """What is recorded of results that no run has begun."""
 
@@ -97,8 +111,8 @@ class Stored:
     Parameters
     ----------
     folder : Path
-    written : mapping of str to (int, int)
-        States of files that were written here before, as `save` returns them.
+    overwrite : bool
+        Whether files may be replaced that neither a run nor a page has written.
 
     Raises
     ------
@@ -106,23 +120,73 @@ class Stored:
         If a line is no result.
     """
 
-    def __init__(self, folder: Path, written: Mapping[str, State] | None = None) -> None:
+    def __init__(self, folder: Path, *, overwrite: bool = False) -> None:
         self.folder = folder
-        self.versions = Versions(folder, folder / HISTORY, written)
+        self.versions = Versions(folder, HISTORY, replaces=overwrite)
         self._file: ResultFile | None = None
         self._numbers: dict[str, int] = {}
         self.saves = 0
         """How often cameras were saved here, or taken back."""
         self.replaced: Kept | None = None
         """What the last save replaced."""
+        with suppress(OSError):  # another program writes there, or there is no room yet: the next save goes on
+            finish_save(folder, self.versions)
         self._read()
 
     def _read(self) -> None:
-        """Read the ids of the frames, and remember the states of the files."""
-        self.versions.read_now((*SHARED, *DRAWN))
+        """Read the ids of the frames, and take note of the states of the files of all frames that a run has written."""
+        record = self.record
+        if record is not None:
+            self.versions.read_now((RECORD, *SHARED, *(DRAWN if record.command != COMMAND else ())))
         has_results = self.has_results(self.folder)
         self._file = ResultFile(lines_file(self.folder)) if has_results else None
         self._numbers = {id: number for number, id in enumerate(self.ids)}
+
+    def know(self, written: Mapping[str, State]) -> None:
+        """Take note of files that were written here; only of labels, if a run has replaced the others since."""
+        record = written.get(RECORD, MISSING)
+        is_replaced = record != MISSING and not record.is_of(self.folder / RECORD)
+        known = {name: state for name, state in written.items() if not is_replaced or name.startswith(LABELS)}
+        self.versions.know(known)
+        self._read()
+
+    def _expect(self, id: str) -> None:
+        """Take note of a frame's files that a run has written: of its camera's file if it is that of its line."""
+        record, camera, overlay = self.record, CAMERAS.file_name(id), OVERLAYS.file_name(id)
+        if id not in self or record is None:
+            return
+        if record.command != COMMAND and overlay in record.files_of(id) and not self.versions.knows(overlay):
+            self.versions.read_now([overlay])
+        path, calibration = self.folder / camera, self.calibration(id)
+        if calibration is not None and calibration.camera is not None and not self.versions.is_own(camera):
+            (content,) = camera_file(id, calibration.camera).values()
+            if State.of(path).size == len(content) and path.read_bytes() == content:
+                self.versions.read_now([camera])
+
+    def check_in_the_way(self, ids: Iterable[str], reads: Sequence[Path]) -> None:
+        """Check that saving frames would replace no files of others in a folder that was never used, nor given labels.
+
+        Raises
+        ------
+        FileExistsError
+            If it would; the message names the file.
+        """
+        for path in reads:
+            if (self.folder / LABELS).resolve() in path.resolve().parents or (
+                path.resolve().parent == self.folder.resolve() and path.name.startswith(LABELS)
+            ):
+                raise FileExistsError(
+                    f"{path} is read, and saving labels into {self.folder} would write over it: labels that were saved "
+                    "there are shown without being given; or give another folder (--out)"
+                )
+        if self.record is not None:
+            return
+        of_frames = (name for id in ids for name in (CAMERAS.file_name(id), OVERLAYS.file_name(id), label_file(id)))
+        if foreign := self.versions.foreign([RECORD, *SHARED, *of_frames]):
+            raise FileExistsError(
+                f"{self.folder / foreign[0]} is there already, and no run has written it: give another folder (--out), "
+                "or --overwrite to replace it"
+            )
 
     @staticmethod
     def has_results(folder: Path) -> bool:
@@ -192,22 +256,26 @@ class Stored:
 
     def save(
         self,
-        frames: Sequence[Saved],
+        frames: Iterable[Saved],
         order: Sequence[str],
         new: NewRun,
+        announce: Announce,
+        *,
         clip: VideoCalibration | None = None,
         more: Mapping[str, bytes | None] = MappingProxyType({}),
         cuts: Sequence[int] | None = None,
-    ) -> dict[str, State]:
+    ) -> None:
         """Write frames, and all files that depend on them; the folder exists, and no other process writes to it.
 
         Parameters
         ----------
-        frames : sequence of Saved
+        frames : iterable of Saved
         order : sequence of str
             Ids of all frames, in the order of the lines.
         new : NewRun
             For the record of a run, where there is none yet.
+        announce : callable
+            As of `Versions.replacing`.
         clip : VideoCalibration, optional
             The calibration of all frames of a clip together.
         more : mapping of str to bytes or None
@@ -215,56 +283,58 @@ class Stored:
         cuts : sequence of int, optional
             First frames of the shots, as a person has set them; of a clip that was not solved with them.
 
-        Returns
-        -------
-        dict of str to (int, int)
-            The states of the files that were written.
-
         Raises
         ------
         ChangedFileError
-            If another program has changed one of them; then nothing is written.
+            If a file would be replaced that neither a run nor a page has written, or that was changed since; then
+            nothing is written.
+        UnfinishedSaveError
+            If files could not be moved to their places after they were announced.
         OSError
-            If one cannot be written.
+            If one cannot be written; then nothing is changed.
         """
-        files: dict[str, bytes | None] = dict(more)
-        changed: dict[str, Outcome] = {}
-        has_changed = any(self._has_changed(one) for one in frames)
-        clip = self._as_edited(has_changed, cuts) if clip is None else clip
-        moved = [name for name in DRAWN if has_changed and (self.folder / name).is_file()]
-        for one in frames:
-            outcome = changed[one.id] = _outcome(one)
-            files |= {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}
-        files |= self._drawn_again(moved, clip, new.rate)
-        of_all = SHARED if clip is not None else [name for name in SHARED if name not in OF_CLIP]
-        self.replaced = self.versions.begin([*files, *of_all, *([RECORD] if self.record is None else [])])
-        states = self.versions.write(files)
-        self.saves += 1
         is_whole = self._file is None or not is_unfinished(self.folder)
-        if self.record is None:
-            new.record(self.folder, len(order)).write(self.folder)
-        _write_lines(self.folder, self._lines(changed, order))
-        if clip is not None:
-            write_clip(self.folder, clip, new.rate)
-        self._read()
-        if is_whole and self._file is not None:
-            _write_summary(self.folder, self._file, new.options, None if clip is None else clip.remarks, moved)
-        self.versions.read_now((*SHARED, *DRAWN, RECORD))
-        return states
+        with self.versions.replacing(announce, beside=[RECORD]) as staged:
+            changed: dict[str, Texts] = {}
+            has_changed = False
+            for one in frames:
+                self._expect(one.id)
+                has_changed = has_changed or self._has_changed(one)
+                outcome = _outcome(one)
+                for name, content in {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}.items():
+                    staged.put(name, content)
+                main, solver = (json.dumps(part).encode() for part in split_line(outcome.line))
+                changed[one.id] = main, solver
+            for name, content in more.items():
+                staged.put(name, content)
+            clip = self._as_edited(has_changed, cuts) if clip is None else clip
+            for name in DRAWN if has_changed else ():
+                staged.put(name, None)
+            self._draw_motion(staged, clip, new.rate)
+            if self.record is None:
+                new.record(self.folder, len(order)).write(staged.folder)
+            _write_lines(staged.folder, self._lines(changed, order), as_table=lines_file(self.folder).name == TABLE)
+            if clip is not None:
+                write_clip(staged.folder, clip, new.rate)
+            if is_whole:
+                file = ResultFile(lines_file(staged.folder))
+                self._write_summary(staged, file.mains(), new.options, None if clip is None else clip.remarks)
 
-    def take_back(self) -> dict[str, State]:
-        """Put back what the last save replaced; returns the states of the files.
+    def note_saved(self, replaced: Kept | None) -> None:
+        """Read again what was saved here, or taken back, and remember what that replaced."""
+        self.saves, self.replaced = self.saves + 1, replaced
+        self._read()
+
+    def take_back(self, announce: Announce) -> None:
+        """Put back what the last save replaced.
 
         Raises
         ------
-        ChangedFileError, OSError
+        ChangedFileError, UnfinishedSaveError, OSError
             As `save`.
         """
         assert self.replaced is not None
-        states, self.replaced = self.versions.restore(self.replaced), None
-        self.saves += 1
-        self._read()
-        return states
+        self.versions.restore(self.replaced, announce)
 
     def _has_changed(self, one: Saved) -> bool:
         """Whether the camera or the status of a frame is another one than that in the files."""
@@ -284,22 +354,46 @@ class Stored:
             clip = replace(clip, notes=(*clip.notes, BESIDE))
         return None if (clip.shots, clip.notes) == (before.shots, before.notes) else clip
 
-    def _drawn_again(self, moved: Sequence[str], clip: VideoCalibration | None, rate: float) -> dict[str, bytes | None]:
-        """Files that show cameras, None where they are not drawn again: only the plot of a clip is, where it agrees."""
-        files: dict[str, bytes | None] = dict.fromkeys(moved)
-        if clip is not None and BESIDE not in clip.notes and (MOTION in files or MOTION in self.moved):
-            files[MOTION] = encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix)
-        return files
+    def _draw_motion(self, staged: Staged, clip: VideoCalibration | None, rate: float) -> None:
+        """Draw the plot of a clip again, where it agrees with the clip."""
+        is_gone = (MOTION in staged.removed and self.versions.knows(MOTION)) or MOTION in self.moved
+        if is_gone and clip is not None and BESIDE not in clip.notes:
+            staged.put(MOTION, encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix))
 
-    def _lines(self, changed: Mapping[str, Outcome], order: Sequence[str]) -> Iterator[Texts]:
+    def _lines(self, changed: Mapping[str, Texts], order: Sequence[str]) -> Iterator[Texts]:
         """The lines of all frames, as they are or changed: in their order, if all have one, else as given."""
         ids = order if self._numbers.keys() <= set(order) else (*self.ids, *order)
         for id in dict.fromkeys(ids):
             if id in changed:
-                main, solver = (json.dumps(part).encode() for part in split_line(changed[id].line))
-                yield main, solver
+                yield changed[id]
             elif self._file is not None and id in self._numbers:
                 yield _texts(self._file, self._numbers[id])
+
+    def _write_summary(
+        self,
+        staged: Staged,
+        lines: Iterable[Mapping[str, Any]],
+        options: Mapping[str, Any],
+        notes: Sequence[str] | None = None,
+    ) -> None:
+        """Write the summary: with the options and times of the run, and the counts of now.
+
+        The notes are those of the clip, None for those of before, and those of files that were moved to the history.
+        """
+        before = read_summary(self.folder) if (self.folder / SUMMARY).is_file() else {}
+        old = before.get("notes", [])
+        removed = {name for name in staged.removed if self.versions.knows(name)}
+        gone = [MOVED[name] for name in DRAWN if not staged.has(name) and (name in removed or MOVED[name] in old)]
+        rest = [note for note in (old if notes is None else notes) if note not in MOVED.values()]
+        counted = staged.path(f"{SUMMARY}.counted")
+        with LineLog(counted) as log:
+            results = ResultsWriter(staged.folder, log, notes=[*rest, *gone])
+            for line in lines:
+                results.restore(line, has_camera=staged.has(CAMERAS.file_name(line["id"])))
+        counted.unlink()
+        summary = {**results.summary(before.get("options", options), 0.0)}
+        kept = {name: before[name] for name in ("seconds", "milliseconds_per_frame") if name in before}
+        write_text(staged.folder / SUMMARY, json.dumps({**summary, **kept}, indent=2) + "\n")
 
     @property
     def moved(self) -> list[str]:
@@ -307,22 +401,31 @@ class Stored:
         notes = read_summary(self.folder).get("notes", []) if (self.folder / SUMMARY).is_file() else []
         return [name for name in DRAWN if MOVED[name] in notes and not (self.folder / name).is_file()]
 
-    def drew(self, options: Mapping[str, Any]) -> None:
-        """Take note of files that were drawn again."""
-        if self._file is not None and not is_unfinished(self.folder):
-            _write_summary(self.folder, self._file, options, None, [])
-        self.versions.read_now((*SHARED, *DRAWN))
-
-    def write(self, files: Mapping[str, bytes]) -> dict[str, State]:
-        """Write other files; returns their states.
+    def draw(self, drawn: Path, options: Mapping[str, Any], announce: Announce) -> None:
+        """Take files from a folder on the same disk, and write the summary, which no longer says that they are gone.
 
         Raises
         ------
-        ChangedFileError, OSError
+        ChangedFileError, UnfinishedSaveError, OSError
             As `save`.
         """
-        self.versions.begin(files)
-        return self.versions.write(files)
+        with self.versions.replacing(announce) as staged:
+            for path in drawn.iterdir():
+                path.replace(staged.path(path.name))
+            if self._file is not None and not is_unfinished(self.folder):
+                self._write_summary(staged, self._file.mains(), options)
+
+    def write(self, files: Mapping[str, bytes], announce: Announce) -> None:
+        """Write other files.
+
+        Raises
+        ------
+        ChangedFileError, UnfinishedSaveError, OSError
+            As `save`.
+        """
+        with self.versions.replacing(announce) as staged:
+            for name, content in files.items():
+                staged.put(name, content)
 
 
 def is_by_hand(basis: str) -> bool:
@@ -351,36 +454,15 @@ def _texts(file: ResultFile, number: int) -> Texts:
     return first, second
 
 
-def _write_lines(folder: Path, lines: Iterator[Texts]) -> None:
-    if lines_file(folder).name == TABLE:
+def _write_lines(folder: Path, lines: Iterator[Texts], *, as_table: bool) -> None:
+    if as_table:
         write_parquet(((main + b"\n", solver + b"\n") for main, solver in lines), folder / TABLE)
         return
-    with ExitStack() as files:  # solver.jsonl is replaced first
+    with ExitStack() as files:
         main_file, solver_file = (files.enter_context(whole_file(folder / name)) for name in (LINES, SOLVER))
         for main, solver in lines:
             main_file.write(main + b"\n")
             solver_file.write(solver + b"\n")
-
-
-def _write_summary(
-    folder: Path, file: ResultFile, options: Mapping[str, Any], notes: Sequence[str] | None, moved: Sequence[str]
-) -> None:
-    """Write the summary: with the options and times of the run, and the counts of now.
-
-    The notes are those of the clip, None for those of before, and those of files that were moved to the history.
-    """
-    before = read_summary(folder) if (folder / SUMMARY).is_file() else {}
-    old = before.get("notes", [])
-    gone = [MOVED[name] for name in DRAWN if not (folder / name).is_file() and (name in moved or MOVED[name] in old)]
-    rest = [note for note in (old if notes is None else notes) if note not in MOVED.values()]
-    with LineLog(folder / f"{SUMMARY}.counted") as log:
-        results = ResultsWriter(folder, log, notes=[*rest, *gone])
-        for line in file.mains():
-            results.restore(line)
-        (folder / f"{SUMMARY}.counted").unlink()
-    summary = {**results.summary(before.get("options", options), 0.0)}
-    kept = {name: before[name] for name in ("seconds", "milliseconds_per_frame") if name in before}
-    write_text(folder / SUMMARY, json.dumps({**summary, **kept}, indent=2) + "\n")
 
 
 def source_of(folder: Path) -> list[Path]:

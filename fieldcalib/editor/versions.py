@@ -1,18 +1,63 @@
-"""Files of a folder that are replaced whole: what is replaced is kept, and what others have changed is not replaced."""
+"""Files of a folder that are replaced together: all of them or none, and only those that were written here before.
+
+New files are written into a folder beside the others (`STAGED`), then their names and states are announced, to be noted
+on the disk, and only then they are moved to their places: whatever ends the process in between, `Versions.finish` goes
+on from the note. What is replaced is kept in ``0001``, ``0002`` and so on.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
-from fieldcalib.io.files import FrameFile, whole_file, write_bytes
+from fieldcalib.io.files import write_bytes
 
-State = tuple[int, int]
-"""Size and time of the last change of a file; -1 if there is none."""
-MISSING: State = (-1, -1)
+STAGED = ".fieldcalib-saving"  # folder of the files that are written, until all of them are there
+DIGEST_BYTES = 16
+
+
+class State(NamedTuple):
+    """The state of a file: what tells whether its content is the same as before."""
+
+    size: int
+    """Bytes; -1 if there is no file."""
+    time: int
+    """Of the last change, ns."""
+    digest: str = ""
+    """Of the content, hexadecimal; empty where it is not known."""
+
+    @classmethod
+    def of(cls, path: Path, *, with_digest: bool = False) -> State:
+        """The state of a file; that of a link is its own, not that of the file to which it leads."""
+        try:
+            status = path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            return MISSING
+        digest = _digest(path) if with_digest else ""
+        return cls(status.st_size, status.st_mtime_ns, digest)
+
+    def is_of(self, path: Path) -> bool:
+        """Whether a file has this content; by the digest where the time differs, as that of a copy does."""
+        now = State.of(path)
+        if (now.size, now.time) == (self.size, self.time):
+            return not path.is_symlink()
+        return now.size == self.size and self.digest != "" and not path.is_symlink() and _digest(path) == self.digest
+
+
+MISSING = State(-1, -1)
+
+
+def _digest(path: Path) -> str:
+    found = blake2b(digest_size=DIGEST_BYTES)
+    with path.open("rb") as file:
+        while part := file.read(1 << 20):
+            found.update(part)
+    return found.hexdigest()
 
 
 class Kept(NamedTuple):
@@ -25,95 +70,251 @@ class Kept(NamedTuple):
 
 
 class ChangedFileError(ValueError):
-    """A file that another program has changed since it was read."""
+    """A file that would be replaced, and that was not written here, or was changed since."""
 
 
-class Versions:
-    """Files of a folder by their names in it, and older versions of them in ``0001``, ``0002`` and so on elsewhere.
+class UnfinishedSaveError(OSError):
+    """Files that could not all be moved to their places; `Versions.finish` goes on."""
+
+
+class Staged:
+    """Files on their way into a folder.
 
     Parameters
     ----------
     folder : Path
-    history : Path
-        Folder of the older versions, on the same disk.
-    written : mapping of str to (int, int)
-        States of files that were written here before.
+        Where they are written, by their names in the folder for which they are.
+    there : Path
+        That folder.
     """
 
-    def __init__(self, folder: Path, history: Path, written: Mapping[str, State] | None = None) -> None:
-        self.folder, self._history = folder, history
-        self._expected = dict(written or {})
+    def __init__(self, folder: Path, there: Path) -> None:
+        self.folder, self._there = folder, there
+        self.removed: set[str] = set()
+
+    def path(self, name: str) -> Path:
+        """Where to write a file."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.removed.discard(name)
+        return path
+
+    def put(self, name: str, content: bytes | None) -> None:
+        """Write a file, or remove it if the content is None."""
+        if content is not None:
+            write_bytes(self.path(name), content)
+        else:
+            (self.folder / name).unlink(missing_ok=True)
+            self.removed.add(name)
+
+    def has(self, name: str) -> bool:
+        """Whether the folder will have a file."""
+        return (self.folder / name).is_file() or (name not in self.removed and (self._there / name).is_file())
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the files that are written."""
+        return sorted(path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*") if path.is_file())
+
+
+class Announced(NamedTuple):
+    """Files that are about to be moved to their places."""
+
+    states: Mapping[str, State]
+    """States that they will have, by name; `MISSING` of one that is removed."""
+    kept: str | None
+    """Name of the folder, in the history, of those that they replace; None if they replace none."""
+
+
+Announce = Callable[[Announced], None]
+"""Notes announced files on the disk; what it raises leaves all files as they are."""
+
+
+class Versions:
+    """Files of a folder by their names in it, and older versions of them elsewhere.
+
+    Parameters
+    ----------
+    folder : Path
+    history : str
+        Name of the folder of the older versions, in `folder`.
+    replaces : bool
+        Whether files may be replaced that were not written here.
+    """
+
+    def __init__(self, folder: Path, history: str, *, replaces: bool = False) -> None:
+        self.folder, self._history, self._replaces = folder, history, replaces
+        self._known: dict[str, State] = {}
+        self.kept: Kept | None = None
+        """What was replaced last."""
+
+    def know(self, states: Mapping[str, State]) -> None:
+        """Take note of the states of files that were written here."""
+        self._known |= states
 
     def read_now(self, names: Iterable[str]) -> None:
-        """Remember the states of files that are read now."""
-        self._expected |= self._states(names)
+        """Take note of the present states of files, which somebody has written on whose behalf they are replaced."""
+        self._known |= {name: State.of(self.folder / name) for name in names}
 
-    def expect(self, names: Iterable[str]) -> None:
-        """Remember the states of files that are read now, unless they were read or written before."""
-        for name, state in self._states(names).items():
-            self._expected.setdefault(name, state)
+    def knows(self, name: str) -> bool:
+        """Whether a file was written here."""
+        return self._known.get(name, MISSING) != MISSING
 
-    def _states(self, names: Iterable[str]) -> dict[str, State]:
-        return {name: FrameFile("", self.folder / name).state for name in names}
+    def is_own(self, name: str) -> bool:
+        """Whether a file that is there was written here, and has not changed since."""
+        return self.knows(name) and self._known[name].is_of(self.folder / name)
 
-    def begin(self, names: Iterable[str]) -> Kept:
-        """Check files that are about to be replaced, and keep their present versions.
+    def foreign(self, names: Iterable[str]) -> list[str]:
+        """Those of some files that are there and may not be replaced."""
+        there = [name for name in names if os.path.lexists(self.folder / name)]
+        if self._replaces:
+            return [name for name in there if (self.folder / name).is_symlink()]
+        return [name for name in there if not self.is_own(name)]
+
+    @contextmanager
+    def replacing(self, announce: Announce, beside: Iterable[str] = ()) -> Iterator[Staged]:
+        """Write and remove files of the folder together, while the context lasts and at its end.
+
+        Files are removed only if they were written here. `self.kept` then says what was replaced.
+
+        Parameters
+        ----------
+        announce : callable
+        beside : iterable of str
+            Files whose present states are announced too: as long as these last, the others belong to them.
 
         Raises
         ------
         ChangedFileError
-            If another program has changed one of them; then nothing is kept.
+            If a file that would be replaced was not written here, or was changed since; then nothing is written.
+        UnfinishedSaveError
+            If files could not be moved to their places after they were announced.
+        OSError
+            If one cannot be written; then nothing is changed.
         """
-        now = self._states(names)
-        for name, state in now.items():
-            if state not in (MISSING, self._expected.get(name, MISSING)):
-                raise ChangedFileError(
-                    f"{name} was changed by another program, and nothing was saved: move it out of {self.folder}, or "
-                    "end this one and open the folder again; what was edited here is kept"
-                )
-        return Kept(self._keep([name for name, state in now.items() if state != MISSING]), tuple(now))
+        staging = self.folder / STAGED
+        self._check_no_link([STAGED])
+        shutil.rmtree(staging, ignore_errors=True)
+        kept: Kept | None = None
+        try:
+            staging.mkdir()
+            staged = Staged(staging, self.folder)
+            yield staged
+            removed = [name for name in sorted(staged.removed) if self.knows(name)]
+            names = staged.names
+            kept = self._keep(names, removed)
+            states = {name: State.of(staging / name, with_digest=True) for name in names}
+            states |= dict.fromkeys(removed, MISSING)
+            states |= {name: State.of(self.folder / name) for name in beside if name not in states}
+            announced = Announced(states, None if kept.folder is None else kept.folder.name)
+            announce(announced)
+        except BaseException:
+            shutil.rmtree(staging, ignore_errors=True)
+            if kept is not None and kept.folder is not None:
+                shutil.rmtree(kept.folder, ignore_errors=True)
+            raise
+        self.kept = kept
+        self.finish(announced)
 
-    def _keep(self, names: list[str]) -> Path | None:
+    def finish(self, announced: Announced) -> bool:
+        """Move announced files to their places, as far as they are not there yet.
+
+        Returns
+        -------
+        bool
+            Whether all are there; not if one is lost, or its place was taken by another program meanwhile.
+
+        Raises
+        ------
+        UnfinishedSaveError
+            If one cannot be moved.
+        """
+        states, staging = announced.states, self.folder / STAGED
+        try:
+            self._check_no_link([*states, STAGED])
+            for name in states if self._can_finish(announced) else ():
+                if states[name] == MISSING:
+                    (self.folder / name).unlink(missing_ok=True)
+                elif (staging / name).exists():
+                    (self.folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    os.replace(staging / name, self.folder / name)
+        except (OSError, ChangedFileError) as error:
+            said = error.strerror if isinstance(error, OSError) else str(error)
+            raise UnfinishedSaveError(
+                f"not all files could be written ({said}): mend that and save again, or open the folder again; it goes "
+                "on from there"
+            ) from error
+        shutil.rmtree(staging, ignore_errors=True)
+        is_done = all(state.is_of(self.folder / name) for name, state in states.items())
+        if is_done:
+            self.know(states)
+        return is_done
+
+    def _can_finish(self, announced: Announced) -> bool:
+        """Whether all announced files are there, and none has to replace a file that another program has written."""
+        kept = None if announced.kept is None else self.folder / self._history / announced.kept
+        for name, state in announced.states.items():
+            path = self.folder / name
+            if state.is_of(path):
+                continue
+            before = MISSING if kept is None else State.of(kept / name)
+            if not (state == MISSING or state.is_of(self.folder / STAGED / name)) or not before.is_of(path):
+                return False
+        return True
+
+    def _keep(self, names: list[str], removed: list[str]) -> Kept:
+        """Check files that are about to be replaced or removed, and keep their present versions."""
+        self._check_no_link([*names, *removed, self._history])
+        if foreign := self.foreign([*names, *removed]):
+            raise ChangedFileError(
+                f"{foreign[0]} was changed by another program, or is none of those that were written here; nothing was "
+                f"saved: move it out of {self.folder} and save again, or end this one and open the folder with "
+                "--overwrite; what was edited here is kept"
+            )
+        there = [name for name in (*names, *removed) if (self.folder / name).is_file()]
+        return Kept(self._copied(there), (*names, *removed))
+
+    def _check_no_link(self, names: Iterable[str]) -> None:
+        """Raise a ChangedFileError where a folder between this one and a file is a link: it may lead anywhere."""
+        for part in {part for name in names for part in (Path(name), *Path(name).parents)} - {Path()}:
+            if (self.folder / part).is_symlink() and (self.folder / part).is_dir():
+                raise ChangedFileError(
+                    f"{part} is a link, and nothing is written through it: remove it from {self.folder} and save again"
+                )
+
+    def _copied(self, names: list[str]) -> Path | None:
         if not names:
             return None
-        there = self._history.iterdir() if self._history.is_dir() else ()
-        version = self._history / f"{max((int(one.name) for one in there if one.name.isdecimal()), default=0) + 1:04d}"
-        for name in names:
-            kept = version / name
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(self.folder / name, kept)  # files are replaced, not changed: the link keeps this version
-            except OSError:
-                shutil.copy2(self.folder / name, kept)
+        history = self.folder / self._history
+        there = history.iterdir() if history.is_dir() else ()
+        version = history / f"{max((int(one.name) for one in there if one.name.isdecimal()), default=0) + 1:04d}"
+        try:
+            for name in names:
+                kept = version / name
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                try:
+                    os.link(self.folder / name, kept)  # files are replaced, not changed: the link keeps this version
+                except OSError:
+                    shutil.copy2(self.folder / name, kept)
+        except BaseException:
+            shutil.rmtree(version, ignore_errors=True)
+            with suppress(OSError):  # others are in it
+                history.rmdir()
+            raise
         return version
 
-    def restore(self, kept: Kept) -> dict[str, State]:
+    def restore(self, kept: Kept, announce: Announce) -> None:
         """Put files back as they were, and remove those that were not there; the present versions are kept.
 
         Raises
         ------
-        ChangedFileError
-            As `begin`.
+        ChangedFileError, UnfinishedSaveError, OSError
+            As `replacing`.
         """
-        self.begin(kept.names)
-        for name in kept.names:
-            old, path = None if kept.folder is None else kept.folder / name, self.folder / name
-            if old is not None and old.is_file():
-                with old.open("rb") as before, whole_file(path) as file:
-                    shutil.copyfileobj(before, file)
-            else:
-                path.unlink(missing_ok=True)
-        self.read_now(kept.names)
-        return self._states(kept.names)
-
-    def write(self, files: Mapping[str, bytes | None]) -> dict[str, State]:
-        """Write files, after `begin`, and remove those whose content is None; returns their states."""
-        for name, content in files.items():
-            path = self.folder / name
-            if content is None:
-                path.unlink(missing_ok=True)
-            else:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, content)
-        self.read_now(files)
-        return self._states(files)
+        with self.replacing(announce) as staged:
+            for name in kept.names:
+                old = None if kept.folder is None else kept.folder / name
+                if old is not None and old.is_file():
+                    shutil.copyfile(old, staged.path(name))
+                else:
+                    staged.put(name, None)

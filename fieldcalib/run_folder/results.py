@@ -130,11 +130,9 @@ class ResultsWriter:
                 f"missing or were moved; --overwrite begins anew"
             )
 
-    def restore(self, line: Mapping[str, Any]) -> None:
-        """Count a frame that an earlier part of the run has written."""
-        id = line["id"]
-        has_camera = can_name_files(id) and (self.out / CAMERAS.file_name(id)).exists()
-        self.restored.append(id)
+    def restore(self, line: Mapping[str, Any], *, has_camera: bool) -> None:
+        """Count a frame that an earlier part of the run has written; `has_camera` says whether it has a camera's file."""
+        self.restored.append(line["id"])
         self._count(line, is_squashed(line), has_camera)
 
     def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
@@ -326,7 +324,7 @@ def _restore(results: ResultsWriter, lines: str) -> None:
             if id in seen:
                 raise BrokenFileError(f"frame {id!r} is there twice: --overwrite begins anew")
             seen.add(id)
-            results.restore(line)
+            results.restore(line, has_camera=can_name_files(id) and (results.out / CAMERAS.file_name(id)).exists())
 
 
 def _restore_lines(run: RunOptions) -> None:

@@ -21,7 +21,8 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.editor import Editor, StaleEdit
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
-from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.editor.stored import HISTORY
+from fieldcalib.editor.versions import ChangedFileError, UnfinishedSaveError
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
@@ -220,7 +221,14 @@ class Page:
         await _body(request)
         folder, by_hand = self.editor.stored, self.editor.unsaved
         saved = await run_in_threadpool(self.editor.save)
-        return JSONResponse({"saved": saved, "by_hand": by_hand, "folder": str(folder.folder) if folder else ""})
+        last = self.editor.last_save
+        said = {"folder": str(folder.folder) if folder else "", "history": self._history(), "failed": dict(last.failed)}
+        return JSONResponse({"saved": saved, "by_hand": by_hand, **said})
+
+    def _history(self) -> str:
+        """Where files are kept that the last save replaced, in the folder of results; empty if it replaced none."""
+        replaced = self.editor.last_save.replaced
+        return "" if replaced is None or replaced.folder is None else f"{HISTORY}/{replaced.folder.name}"
 
     async def likely(self, request: Request) -> Response:
         """Labels for a pixel, the likely ones first."""
@@ -232,7 +240,8 @@ class Page:
         format = (await _body(request)).get("format")
         if not isinstance(format, str):
             raise ValueError('expected the name of a format, as {"format": "soccernet"}')
-        return JSONResponse({"file": await run_in_threadpool(self.editor.save_labels, format)})
+        name = await run_in_threadpool(self.editor.save_labels, format)
+        return JSONResponse({"file": name, "history": self._history()})
 
     async def job_report(self, request: Request) -> Response:
         """Where the solution of the clip stands."""
@@ -319,6 +328,8 @@ def answered(answer: Answer) -> Answer:
             return problem(413, str(error))
         except (StaleEdit, ChangedFileError) as error:
             return problem(409, str(error))
+        except UnfinishedSaveError as error:
+            return problem(507, str(error))
         except BrokenFileError as error:
             return problem(422, str(error))
         except ValueError as error:

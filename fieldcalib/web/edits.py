@@ -9,9 +9,9 @@ import numpy as np
 
 from fieldcalib.editor.editor import Editor, StaleEdit
 from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.marks import FARTHEST
 
 MOST_MARKS = 2000  # of a frame
-FARTHEST = 100_000.0  # px: no mark is farther from the picture's corner
 KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect")
 
 

@@ -91,7 +91,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
 def _marks(one: FrameEditor) -> list[dict[str, Any]]:
     """The marks of a frame, each with its distance from its marking, and whether the others contradict its label.
 
-    Marks of a network that lie beside it are left out of the camera: pixels are only fitted where they agree with it.
+    Those whose label the field does not know are suspects. Marks of a network that lie beside it are left out of the camera: pixels are only fitted where they agree with it.
     """
     calibration, marks = one.calibration, one.marks
     suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}
@@ -101,7 +101,11 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
             "x": round(mark.x, 2),
             "y": round(mark.y, 2),
             "by_hand": mark.by_hand,
-            "suspect": mark.label in suspects or (mark.by_hand and is_stray(error, size_of(one.image))),
+            "suspect": (
+                mark.label in suspects
+                or mark.label not in one.field
+                or (mark.by_hand and is_stray(error, size_of(one.image)))
+            ),
             "left_out": not mark.by_hand and mark.label not in suspects and is_left_out(error, size_of(one.image)),
             "error": to_json(round(error, 2)),
             "fits": suspects.get(mark.label),
@@ -111,10 +115,13 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
 
 
 def _errors(one: FrameEditor, calibration: Calibration) -> Array:
-    """Distances (N,) of the marks from their markings, pixels; NaN without a camera."""
-    if calibration.camera is None:
-        return np.full(len(one.marks), np.nan)
-    return np.asarray(mark_errors(calibration.field or one.field, one.marks, [calibration.camera])[0])
+    """Distances (N,) of the marks from their markings, pixels; NaN without a camera, or a label of the field."""
+    errors = np.full(len(one.marks), np.nan)
+    field = calibration.field or one.field
+    if calibration.camera is not None:
+        is_known = [mark.label in field for mark in one.marks.all]
+        errors[is_known] = mark_errors(field, one.marks.of_field(field), [calibration.camera])[0]
+    return errors
 
 
 def _next_mark(one: FrameEditor) -> dict[str, Any] | None:

@@ -436,7 +436,8 @@ class App {
   async save() {
     if (!this.project?.can_save) return this.notices.say("There is no folder of results to save into: run fieldcalib open with one.", "warn");
     try {
-      this.notices.say(savedWords(await post("api/save")), "good");
+      const answer = await post("api/save");
+      this.notices.say(savedWords(answer), Object.keys(answer.failed).length ? "warn" : "good");
       await this.poll();
       if (this.isClip) await this.clip.poll();
     } catch (error) {
@@ -447,8 +448,8 @@ class App {
 
   async saveLabels(format) {
     try {
-      const { file } = await post("api/save_labels", { format });
-      this.notices.say(`Labels written: ${file}.`, "good");
+      const { file, history: kept } = await post("api/save_labels", { format });
+      this.notices.say(`Labels written: ${file}.${keptWords(kept)}`, "good");
     } catch (error) {
       this.complain(error);
     }
@@ -597,11 +598,19 @@ class App {
 }
 
 /** What a save has written: nothing, cameras that were found by themselves, or what a person changed. */
-function savedWords({ saved, by_hand: byHand, folder }) {
-  if (!saved) return "Nothing to save: nothing has changed since it was saved.";
-  if (!byHand) return `Nothing was changed by hand. Saved what was found by itself in ${counted(saved, "frame")}, in ${folder}.`;
+function savedWords({ saved, by_hand: byHand, folder, history: kept, failed }) {
+  const ids = Object.keys(failed);
+  const left = ids.length ? ` Not saved: ${ids.length > 3 ? counted(ids.length, "frame") : ids.join(", ")} (${failed[ids[0]]}).` : "";
+  if (!saved) return left ? left.trim() : "Nothing to save: nothing has changed since it was saved.";
+  const rest = `${keptWords(kept)}${left}`;
+  if (!byHand) return `Nothing was changed by hand. Saved what was found by itself in ${counted(saved, "frame")}, in ${folder}.${rest}`;
   const others = saved > byHand ? `, and what was found by itself in ${saved - byHand} more` : "";
-  return `Saved ${counted(byHand, "frame")}${others} in ${folder}.`;
+  return `Saved ${counted(byHand, "frame")}${others} in ${folder}.${rest}`;
+}
+
+/** Where the files are that a save has replaced. */
+function keptWords(kept) {
+  return kept ? ` What it replaced is in ${kept}.` : "";
 }
 
 new App().start();
