@@ -254,7 +254,9 @@ def test_a_window_of_a_clip(clip, tmp_path):
 
 def panned(count, by=0.0):
     """The calibration of a clip of one tripod, panned by some radians more."""
-    return VideoCalibration((panned_clip(count, by),), (Shot(0, count, 0),), np.zeros(count, dtype=int), np.arange(count))
+    return VideoCalibration(
+        (panned_clip(count, by),), (Shot(0, count, 0),), np.zeros(count, dtype=int), np.arange(count)
+    )
 
 
 def panned_clip(count=6, by=0.0):

@@ -128,7 +128,8 @@ class Editor:
         """What the last save has replaced, and which frames it has left out."""
         given = GivenLabels() if labels is None else given_labels(file_path(labels, "labels"), self.frames, self.field)
         if self.stored is not None:
-            self.stored.know(replayed.written)
+            if self.stored.know(replayed.written):
+                replayed.forget_saved()
             self.stored.check_in_the_way(self.ids, given.files)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
@@ -177,7 +178,10 @@ class Editor:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""
         if self.stored is not None and id in self.stored and not is_by_hand(self.stored.basis(id)):
             return self.stored.calibration(id)
-        return None if edits.base is None else Calibration.from_dict(edits.base)
+        try:
+            return None if edits.base is None else Calibration.from_dict(edits.base)
+        except ValueError:  # of another version, say: it is found again
+            return None
 
     def __len__(self) -> int:
         return len(self.frames)

@@ -5,7 +5,7 @@ A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibratio
 saved (``{"saved": {name of a file: its size, time and digest}}``, with ``"frames": [ids]`` if not all), that this was
 taken back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were
 given (``{"format": name}``). Before files are replaced, the note that will follow is announced (``{"announced": note,
-"kept": folder of the older versions}``): a process that ends in between is followed by one that goes on. Nothing is
+"before": states}``): a process that ends in between is followed by one that goes on. Nothing is
 ever removed from the journal. An edit that cannot be is left out, as ``{"frame": id, "left_out": true}`` then says.
 """
 
@@ -142,6 +142,12 @@ class Replayed:
         else:
             self._change(line)
 
+    def forget_saved(self) -> None:
+        """Take what a person has said for unsaved: a run has replaced the results."""
+        for frame in self.frames.values():
+            if not frame.history.present.automatic:
+                frame.saved = None
+
     def remarks(self, field: Field) -> list[str]:
         """What is to be said of edits that are left out, and of labels that a field does not know."""
         marks = (one.history.present.marks for one in self.frames.values())
@@ -150,12 +156,10 @@ class Replayed:
         return said + [f"{JOURNAL} has an edit that cannot be, which is left out: {one}" for one in self.left_out]
 
     def _announce(self, line: Mapping[str, Any]) -> None:
-        note, kept = line["announced"], line["kept"]
-        if kept is not None and not str(kept).isdecimal():
-            raise ValueError(f"expected the name of a folder of older versions, got {kept!s:.40}")
+        note = line["announced"]
         ids = [] if "written" in note else note["frames"]
         edits = {id: self.frames[id].history.present for id in ids}
-        self.unfinished = Unfinished(Announced(_noted(note), kept), note, edits)
+        self.unfinished = Unfinished(Announced(_noted(note), _states(line["before"])), note, edits)
 
     def _note(self, line: Mapping[str, Any]) -> None:
         states = _noted(line)
@@ -197,7 +201,11 @@ class Replayed:
 def _noted(note: Mapping[str, Any]) -> dict[str, State]:
     """The states of files in a note, which lie in the folder."""
     (kind,) = NOTES & note.keys()
-    states = {name: State(int(size), int(time), *map(str, more)) for name, (size, time, *more) in note[kind].items()}
+    return _states(note[kind])
+
+
+def _states(record: Mapping[str, Any]) -> dict[str, State]:
+    states = {name: State(int(size), int(time), *map(str, more)) for name, (size, time, *more) in record.items()}
     for name in states:
         path = PurePosixPath(name)
         if path.is_absolute() or ".." in path.parts or not path.parts:
@@ -328,7 +336,7 @@ class Journal:
         """
         note: dict[str, Any] = {kind: {name: list(state) for name, state in announced.states.items()}}
         note |= {} if kind == "written" else {"frames": list(ids)}
-        self._append({"announced": note, "kept": announced.kept})
+        self._append({"announced": note, "before": {name: list(state) for name, state in announced.before.items()}})
         return note
 
     def done(self, note: Mapping[str, Any]) -> None:

@@ -142,13 +142,14 @@ class Stored:
         self._file = ResultFile(lines_file(self.folder)) if has_results else None
         self._numbers = {id: number for number, id in enumerate(self.ids)}
 
-    def know(self, written: Mapping[str, State]) -> None:
-        """Take note of files that were written here; only of labels, if a run has replaced the others since."""
+    def know(self, written: Mapping[str, State]) -> bool:
+        """Take note of files that were written here; True if a run has replaced them since, all but the labels."""
         record = written.get(RECORD, MISSING)
         is_replaced = record != MISSING and not record.is_of(self.folder / RECORD)
         known = {name: state for name, state in written.items() if not is_replaced or name.startswith(LABELS)}
         self.versions.know(known)
         self._read()
+        return is_replaced
 
     def _expect(self, id: str) -> None:
         """Take note of a frame's files that a run has written: of its camera's file if it is that of its line."""
@@ -293,6 +294,7 @@ class Stored:
         OSError
             If one cannot be written; then nothing is changed.
         """
+        self.versions.check([RECORD, LINES, SOLVER, TABLE, SUMMARY])  # they are read too
         is_whole = self._file is None or not is_unfinished(self.folder)
         with self.versions.replacing(announce, beside=[RECORD]) as staged:
             changed: dict[str, Texts] = {}
@@ -380,7 +382,7 @@ class Stored:
 
         The notes are those of the clip, None for those of before, and those of files that were moved to the history.
         """
-        before = read_summary(self.folder) if (self.folder / SUMMARY).is_file() else {}
+        before = self._summary
         old = before.get("notes", [])
         removed = {name for name in staged.removed if self.versions.knows(name)}
         gone = [MOVED[name] for name in DRAWN if not staged.has(name) and (name in removed or MOVED[name] in old)]
@@ -396,9 +398,15 @@ class Stored:
         write_text(staged.folder / SUMMARY, json.dumps({**summary, **kept}, indent=2) + "\n")
 
     @property
+    def _summary(self) -> dict[str, Any]:
+        """The summary of a run or of this; empty if there is none."""
+        is_own = self.versions.knows(SUMMARY) and (self.folder / SUMMARY).is_file()
+        return read_summary(self.folder) if is_own else {}
+
+    @property
     def moved(self) -> list[str]:
         """Files that show cameras and were moved to the history, as these have changed since."""
-        notes = read_summary(self.folder).get("notes", []) if (self.folder / SUMMARY).is_file() else []
+        notes = self._summary.get("notes", [])
         return [name for name in DRAWN if MOVED[name] in notes and not (self.folder / name).is_file()]
 
     def draw(self, drawn: Path, options: Mapping[str, Any], announce: Announce) -> None:

@@ -122,8 +122,8 @@ class Announced(NamedTuple):
 
     states: Mapping[str, State]
     """States that they will have, by name; `MISSING` of one that is removed."""
-    kept: str | None
-    """Name of the folder, in the history, of those that they replace; None if they replace none."""
+    before: Mapping[str, State]
+    """States of those that they replace; none of files that were not there."""
 
 
 Announce = Callable[[Announced], None]
@@ -206,7 +206,8 @@ class Versions:
             states = {name: State.of(staging / name, with_digest=True) for name in names}
             states |= dict.fromkeys(removed, MISSING)
             states |= {name: State.of(self.folder / name) for name in beside if name not in states}
-            announced = Announced(states, None if kept.folder is None else kept.folder.name)
+            there = {name: State.of(self.folder / name) for name in states}
+            announced = Announced(states, {name: state for name, state in there.items() if state != MISSING})
             announce(announced)
         except BaseException:
             shutil.rmtree(staging, ignore_errors=True)
@@ -252,27 +253,32 @@ class Versions:
 
     def _can_finish(self, announced: Announced) -> bool:
         """Whether all announced files are there, and none has to replace a file that another program has written."""
-        kept = None if announced.kept is None else self.folder / self._history / announced.kept
         for name, state in announced.states.items():
             path = self.folder / name
             if state.is_of(path):
                 continue
-            before = MISSING if kept is None else State.of(kept / name)
+            before = announced.before.get(name, MISSING)
             if not (state == MISSING or state.is_of(self.folder / STAGED / name)) or not before.is_of(path):
                 return False
         return True
 
     def _keep(self, names: list[str], removed: list[str]) -> Kept:
         """Check files that are about to be replaced or removed, and keep their present versions."""
-        self._check_no_link([*names, *removed, self._history])
-        if foreign := self.foreign([*names, *removed]):
+        self._check_no_link([self._history])
+        self.check([*names, *removed])
+        there = [name for name in (*names, *removed) if (self.folder / name).is_file()]
+        return Kept(self._copied(there), (*names, *removed))
+
+    def check(self, names: Iterable[str]) -> None:
+        """Raise a ChangedFileError if one of some files is there and may not be replaced, or lies behind a link."""
+        names = list(names)
+        self._check_no_link(names)
+        if foreign := self.foreign(names):
             raise ChangedFileError(
                 f"{foreign[0]} was changed by another program, or is none of those that were written here; nothing was "
                 f"saved: move it out of {self.folder} and save again, or end this one and open the folder with "
                 "--overwrite; what was edited here is kept"
             )
-        there = [name for name in (*names, *removed) if (self.folder / name).is_file()]
-        return Kept(self._copied(there), (*names, *removed))
 
     def _check_no_link(self, names: Iterable[str]) -> None:
         """Raise a ChangedFileError where a folder between this one and a file is a link: it may lead anywhere."""
