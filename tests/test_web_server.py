@@ -1,6 +1,7 @@
 """The server of the page, without a browser: what it answers, and what it refuses."""
 
 import json
+import shutil
 import sys
 import threading
 from pathlib import Path
@@ -624,3 +625,80 @@ def test_a_mended_frame_holds_in_its_clip(tmp_path):
     one.close()
     found = fieldcalib.read(tmp_path / "out")
     assert max(largest_move(camera, found[f"{k:06d}"].camera) for k, camera in enumerate(cameras)) < 3.0
+
+
+# --- many edits, valid and not ---
+
+ODD_VALUES = (
+    None,
+    0,
+    -5,
+    1e9,
+    "a",
+    "",
+    [],
+    {},
+    [1, 2],
+    [1, 2, 3],
+    [105, 680],
+    [105, 68],
+    [30, 20],
+    [None] * 3,
+    True,
+    1e308,
+)
+KNOWN_NAMES = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect", "nonsense")
+
+
+def random_edit(rng):
+    """An edit as a page or somebody else may send it."""
+    pixels = [[float(x), float(y)] for x, y in rng.uniform(-50.0, 1000.0, (rng.integers(0, 3), 2))]
+    odd = ODD_VALUES[rng.integers(len(ODD_VALUES))]
+    label = str(rng.choice([*LINES, "Circle central", "Net top", "x" * 300, ""]))
+    numbers = rng.integers(-1, 6, rng.integers(0, 3)).tolist()
+    edits = (
+        {"do": "mark", "label": label, "xy": pixels},
+        {"do": "mark", "label": LINES[0], "xy": ends(LINES[0]), "snap": False},
+        {"do": "mark", "label": LINES[1], "xy": odd},
+        {"do": "move", "to": {str(number): [480.0, 100.0] for number in numbers}},
+        {"do": "relabel", "numbers": numbers, "label": label},
+        {"do": "remove", "numbers": numbers if numbers else odd},
+        {"do": "know", "values": {str(rng.choice(KNOWN_NAMES)): odd}},
+        {"do": "know", "values": {"field_size": rng.uniform(1.0, 300.0, 2).tolist()}},
+        {"do": "know", "values": {"focal_length": float(np.exp(rng.uniform(-3.0, 16.0)))}},
+        {"do": "know", "values": {"position": rng.normal(0.0, 60.0, 3).tolist()}},
+        *({"do": name} for name in ("undo", "redo", "clear", "automatic", str(odd))),
+    )
+    return edits[rng.integers(len(edits))]
+
+
+def check_random_edits(folder, picture, count, rng):
+    """No frame is locked and no answer is an error of the server, and what was answered is there after reopening."""
+    pictures = folder / "pictures"
+    pictures.mkdir()
+    for name in "ab":
+        shutil.copy(picture, pictures / f"{name}.png")
+    client = Client(pictures, folder / "out")
+    for k in range(count):
+        number = int(rng.integers(2))
+        answer = client.edit(number=number, **random_edit(rng))
+        assert answer.status_code in (200, 400), answer.text
+        if k % 20 == 19:
+            assert client.post("api/save", {}).status_code == 200
+    before = [client.state(number) for number in (0, 1)]
+    client.close()
+    client = Client(pictures, folder / "out")
+    for number, state in enumerate(before):
+        assert [client.state(number)[name] for name in ("marks", "known")] == [
+            state[name] for name in ("marks", "known")
+        ]
+    client.close()
+
+
+def test_random_edits(tmp_path, picture):
+    check_random_edits(tmp_path, picture, 60, np.random.default_rng(0))
+
+
+@pytest.mark.slow
+def test_two_thousand_random_edits(tmp_path, picture):
+    check_random_edits(tmp_path, picture, 2000, np.random.default_rng(1))

@@ -22,7 +22,7 @@ from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
-from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of, is_anchor
+from fieldcalib.editor.frame_states import BeforeKeep, FrameState, Spilled, basis_of
 from fieldcalib.editor.given_labels import GivenLabels, LabelWarning, given_labels
 from fieldcalib.editor.journal import (
     JOURNAL,
@@ -113,6 +113,7 @@ class Editor:
         self.lock = RLock()
         """Held while frames are changed; reading is safe without."""
         self._states: dict[int, FrameState] = {}
+        self._values = Spilled()
         self._rows = [Row()] * len(self.frames)
         self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
         self._journal = None if folder is None else Journal(folder, replayed.size)
@@ -144,13 +145,14 @@ class Editor:
         for id, edits in replayed.frames.items():
             if id in self._numbers:
                 number = self._numbers[id]
-                self._states[number] = FrameState(edits, True, self._base(id, edits))
+                self._states[number] = FrameState(edits, self._values, has_begun=True, base=self._base(id, edits))
+                edits.base = None
                 self._show_saved(number)
                 self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
         for number, marks in given.marks.items():
             if number not in self._states:
                 edits = FrameHistory(History(Edit(marks)))
-                self._states[number] = FrameState(edits, base=self._base(self.ids[number], edits))
+                self._states[number] = FrameState(edits, self._values, base=self._base(self.ids[number], edits))
                 self._rows[number] = self._rows[number]._replace(by_hand=True)
         if self.stored is None or len(self.stored.ids) <= AT_ONCE:
             self._fill_rows()
@@ -160,7 +162,7 @@ class Editor:
     def _show_saved(self, number: int) -> None:
         """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
         state, id = self._states[number], self.ids[number]
-        if self.is_clip and self.stored is not None and state.edits.is_saved and is_by_hand(self.stored.basis(id)):
+        if self.is_clip and self.stored is not None and state.is_saved and is_by_hand(self.stored.basis(id)):
             saved = self.stored.calibration(id)
             if saved is not None:
                 state.keep(saved)
@@ -221,7 +223,7 @@ class Editor:
     @property
     def unsaved(self) -> int:
         """Number of frames whose present state is not in the files of the folder."""
-        return sum(not state.edits.is_saved for state in list(self._states.values()))
+        return sum(not state.is_saved for state in list(self._states.values()))
 
     def claim(self) -> str:
         """Keep other programs from writing to the folder before the first change; returns in words why that fails.
@@ -234,7 +236,7 @@ class Editor:
     def revision(self, number: int) -> int:
         """How often a frame was changed."""
         state = self._states.get(self.frames.number(number))
-        return 0 if state is None else state.edits.revision
+        return 0 if state is None else state.revision
 
     def __getitem__(self, number: int) -> FrameEditor:
         """A frame as it is now; its camera is found by itself where nobody has labelled anything yet.
@@ -262,7 +264,8 @@ class Editor:
                 stored, marks = automatic(self.field, image, self.network)
                 edit = Edit(marks, automatic=True)
             with self.lock:
-                state = self._states.setdefault(number, FrameState(FrameHistory(History(edit), edit), base=stored))
+                new = FrameState(edit, self._values, base=stored)
+                state = self._states.setdefault(number, new)
                 self._set_row(number, Row.of(stored, self._rows[number].basis))
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
@@ -275,7 +278,7 @@ class Editor:
         found = one.calibration
         with self.lock:
             state = self._states[number]
-            if state.edits.revision == revision and not one.is_automatic and state.found is None:
+            if state.revision == revision and not one.is_automatic and state.found is None:
                 state.found = found
         return one
 
@@ -320,10 +323,10 @@ class Editor:
         with self.lock:
             state = self._states[number]
             state.base = found
-            if not is_anchor(state):
+            if not state.is_anchor:
                 self._set_row(number, Row.of(found))
                 if self.stored is not None and self.ids[number] in self.stored:  # without a camera
-                    state.edits.saved = None
+                    state.touched().saved = None
             self.version += 1
         return True
 
@@ -343,11 +346,11 @@ class Editor:
             marks = network_marks(one.field, one.image, network)
             with self.lock:
                 state = self._states[number]
-                if state.edits.revision == 0:
-                    was_saved = state.edits.is_saved
-                    state.edits.history = History(Edit(marks, automatic=True))
+                if state.revision == 0:
+                    edits, was_saved = state.touched(), state.is_saved
+                    edits.history = History(Edit(marks, automatic=True))
                     if was_saved:
-                        state.edits.note_saved()
+                        edits.note_saved()
             return self[number]
         return one
 
@@ -394,9 +397,9 @@ class Editor:
             state = self._states.get(self.frames.number(number))
             if state is None:
                 state = self._state(number, self.frames.image(number))
-            if revision is not None and whole_number(revision, "revision") != state.edits.revision:
+            if revision is not None and whole_number(revision, "revision") != state.revision:
                 raise StaleEdit(
-                    f"frame {self.ids[number]} was changed meanwhile: it has revision {state.edits.revision}, the "
+                    f"frame {self.ids[number]} was changed meanwhile: it has revision {state.revision}, the "
                     f"change is of revision {revision}; load it again"
                 )
             before, after = state.edits.history, changed.history
@@ -407,13 +410,11 @@ class Editor:
                 if not state.has_begun:
                     self._journal.begin(self.ids[number], before.present, state.base)
                     state.has_begun = True
-                if state.edits.left_out:
+                if state.touched().left_out:
                     self._journal.left_out(self.ids[number])
-                    state.edits.left_out = 0
+                    state.touched().left_out = 0
                 self._journal.change(self.ids[number], before, after)
-            state.edits.history = before.changed_to(after)
-            state.found = state.kept[1] if state.kept is not None and state.is_of_clip else changed.found
-            state.edits.revision += 1
+            state.change(before.changed_to(after), changed.found)
 
     def __setitem__(self, number: int, changed: FrameEditor) -> None:
         """Change a frame, see `put`."""
@@ -458,7 +459,7 @@ class Editor:
                 "expected a field that the network knows, or one with stands, for which courts can be searched: say in "
                 "the file of the field where its cameras stand"
             )
-        revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if is_anchor(state)}
+        revisions = {n: self.revision(n) for n, state in sorted(self._states.items()) if state.is_anchor}
         anchors = {n: self._by_marks(n) for n in revisions}
         window = window_around(len(self), [*anchors])
         if self._first_pass is None or self._first_pass.window != window:
@@ -491,7 +492,7 @@ class Editor:
         state = self._states.get(number)
         if state is None:
             return None if self.stored is None else self.stored.calibration(self.ids[number])
-        return state.found if is_anchor(state) else state.base
+        return state.found if state.is_anchor else state.base
 
     def keep(self, proposal: Proposal) -> int:
         """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
@@ -513,7 +514,7 @@ class Editor:
                 basis = basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
                 frames.append(Saved(self.ids[n], calibration, basis, files))
             more = self._label_files(sorted(proposal.anchors))
-            states = {n: replace(one, edits=replace(one.edits)) for n, one in self._states.items()}
+            states = {n: one.copy() for n, one in self._states.items()}
             rows, cuts = list(self._rows), list(self.cuts)
             saved = [n for n, revision in proposal.revisions.items() if self.revision(n) == revision]
             self._begin(saved)
@@ -579,7 +580,7 @@ class Editor:
 
     def _is_changed_since(self, number: int, states: Mapping[int, FrameState]) -> bool:
         before = states.get(number)
-        return self.revision(number) != (0 if before is None else before.edits.revision)
+        return self.revision(number) != (0 if before is None else before.revision)
 
     def _whole(self, proposal: Proposal) -> VideoCalibration | None:
         """The calibration of all frames of the clip with a solution; None if there is none."""
@@ -594,11 +595,11 @@ class Editor:
     def _take(self, number: int, calibration: Calibration, proposal: Proposal) -> None:
         """Take the camera of a frame in a solution; not where the frame was changed since."""
         state = self._states.get(number)
-        if state is None or not is_anchor(state):
+        if state is None or not state.is_anchor:
             if state is not None:
                 state.base = calibration
             self._set_row(number, Row.of(calibration, proposal.basis(number)))
-        elif proposal.revisions.get(number) == state.edits.revision:
+        elif proposal.revisions.get(number) == state.revision:
             state.keep(calibration)
             self._set_row(number, Row.of(calibration, self._rows[number].basis, by_hand=True))
 
@@ -662,7 +663,8 @@ class Editor:
             assert self._journal is not None
             edits = {self.ids[n]: state.edits.history.present for n, state in self._begun(numbers).items()}
             note = self._journal.announce(announced, kind, list(edits))
-            edits = {self.ids[n]: self._states[n].edits.history.present for n in numbers}
+            touched = {n: self._states[n] for n in numbers if not self._states[n].is_untouched}
+            edits = {self.ids[n]: state.edits.history.present for n, state in touched.items()}
             self._unfinished = Unfinished(announced, note, edits, done)
 
         return announce
@@ -753,14 +755,15 @@ class Editor:
             self._has_noted_format = True
         for n in numbers:
             state = self._states.get(n)
-            if state is not None and not state.has_begun and is_anchor(state):
+            if state is not None and not state.has_begun and state.is_anchor:
                 self._journal.begin(self.ids[n], state.edits.history.present, state.base)
                 state.has_begun = True
 
     def _is_to_save(self, number: int, state: FrameState) -> bool:
+        if not state.is_saved:
+            return True
         is_new = self.stored is not None and self.ids[number] not in self.stored
-        is_searching = not is_anchor(state) and self.is_to_search(number)
-        return (is_new and not is_searching) or not state.edits.is_saved
+        return is_new and (state.is_anchor or not self.is_to_search(number))
 
     def _saved(self, number: int) -> Saved:
         """A frame with the contents of its files."""
@@ -804,7 +807,7 @@ class Editor:
     def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:
         """The labels by hand of frames, in their order."""
         states = {n: self._states[n] for n in sorted(numbers)}
-        edits = {n: state.edits.history.present for n, state in states.items() if is_anchor(state)}
+        edits = {n: state.edits.history.present for n, state in states.items() if state.is_anchor}
         return [
             Annotation(self.ids[n], one.marks.ordered(self.field), self.frames.size(n), self.frames.name(n))
             for n, one in edits.items()

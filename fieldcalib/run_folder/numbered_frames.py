@@ -15,7 +15,7 @@ from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import FramesByNumber
 from fieldcalib.run_folder.images import MOST_BYTES
 
-CACHE_BYTES = 160_000_000  # of the images in memory: 25 of 1920 x 1080
+CACHE_BYTES = 64_000_000  # of the images in memory: 10 of 1920 x 1080
 
 
 class NumberedFrames(ABC):
