@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Mapping
+import time
+from collections.abc import Awaitable, Callable, Container, Mapping
 from functools import partial
 from importlib.resources import files
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
@@ -43,6 +44,7 @@ TYPES = {
     ".woff2": "font/woff2",
 }
 INDEX = "index.html"
+ENDING = 5.0  # seconds in which threads may finish what they are at
 
 Answer = Callable[[Request], Awaitable[Response]]
 
@@ -68,7 +70,7 @@ class Page:
         if len(editor):
             self.worker.state(0)  # the first frame is calibrated before the browser asks for it
 
-    def application(self, token: str, hosts: list[str]) -> Guard:
+    def application(self, token: str, hosts: Container[str]) -> Guard:
         """The ASGI application."""
         get, post = partial(Route, methods=["GET"]), partial(Route, methods=["POST"])
         routes = [
@@ -105,10 +107,12 @@ class Page:
         return Guard(app, token, hosts)
 
     def close(self) -> None:
-        """End the threads and close the files."""
-        self.job.close()
-        self.worker.close()
-        self.editor.close()
+        """End the threads and close the files, after a save that is being written."""
+        until = time.monotonic() + ENDING
+        for thread in [*self.job.end(), *self.worker.end()]:
+            thread.join(max(until - time.monotonic(), 0.0))
+        with self.editor.lock:
+            self.editor.close()
 
     async def index(self, request: Request) -> Response:
         """The page."""
@@ -313,6 +317,8 @@ def answered(answer: Answer) -> Answer:
     async def safely(request: Request) -> Response:
         try:
             return await answer(request)
+        except ClientDisconnect:
+            return problem(400, "the request has no end")  # nobody is left to read it
         except NoSuchFrame as error:
             return problem(404, str(error))
         except TooLargeError as error:
