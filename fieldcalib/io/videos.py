@@ -183,6 +183,8 @@ class VideoReader(FrameReader):
 
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected a video")
+        if not path.stat().st_size:  # also of files of the kernel, which may be read without end
+            raise BrokenFileError(f"{path}: {NO_VIDEO}")
         self._path = path
         super().__init__(native_name(path), str(path), most_pixels, cut, threads)
         self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
