@@ -1,6 +1,7 @@
 """The server of the page, without a browser: what it answers, and what it refuses."""
 
 import json
+import shutil
 import signal
 import socket
 import sys
@@ -398,6 +399,37 @@ def test_a_label_is_never_markup(client):
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "application/json"
     assert "unknown label" in answer.json()["error"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_names_that_are_not_utf8(picture, tmp_path):
+    """Two of them that differ in such a byte alone: they are shown, edited and saved, and stay two."""
+    names = ["00005", "T\udcfcrkei", "T\udcfdrkei"]
+    for name in names:
+        shutil.copy(picture, tmp_path / f"{name}.png")
+    out = tmp_path / "out\udcff"
+    one = Client(tmp_path, out)
+    assert one.get("api/frames").json()["id"] == names
+    assert one.get("api/project").json()["folder"] == str(out)
+    for number in (1, 2):
+        assert one.state(number)["id"] == names[number]
+        assert one.edit("clear", number=number).status_code == 200
+        for label in LINES[: number + 1]:
+            answer = one.edit("mark", number=number, label=label, xy=ends(label))
+            assert (answer.status_code, answer.json()["id"]) == (200, names[number])
+    assert one.post("api/save", {}).json()["saved"] == 3
+    for format in ("soccernet", "labelme", "cvat", "coco", "labelstudio"):
+        written = one.post("api/save_labels", {"format": format})
+        assert written.status_code == 200, written.text
+        shutil.copytree(out, tmp_path / format)
+        path = tmp_path / format / written.json()["file"]
+        with Editor(tmp_path, out=tmp_path / "again" / format, labels=path) as read:
+            assert [len(read[number].marks.pixels) for number in (1, 2)] == [2, 3]
+        shutil.rmtree(tmp_path / format)
+    one.close()
+    assert sorted(line["id"] for line in map(json.loads, (out / "cameras.jsonl").read_text().splitlines())) == names
+    with Editor(tmp_path, out=out) as again:
+        assert [len(again[number].marks.pixels) for number in (1, 2)] == [2, 3]
 
 
 def test_a_field_with_markup_as_a_label(picture, tmp_path):

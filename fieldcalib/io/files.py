@@ -22,6 +22,7 @@ from fieldcalib.io.abandoned import TEMPORARY, locked, remove_abandoned
 from fieldcalib.io.zips import Readable, open_member
 
 HIDDEN = re.compile(r"\.")
+ESCAPE = re.compile(r"\\u(dc[89a-f][0-9a-f])")  # bytes from 128 on in Python's names of files
 YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
@@ -173,6 +174,22 @@ def check_utf8(path: object) -> None:
         raise BrokenFileError(
             f"{path}: videos need names in UTF-8, in all folders of their path: rename it, or make a link to it"
         ) from None
+
+
+def escaped(name: str) -> str:
+    r"""A name for text of others, with escapes for bytes that are not UTF-8, as in what is printed; see `unescaped`.
+
+    Examples
+    --------
+    >>> escaped("T\udcfcrkei"), unescaped(escaped("T\udcfcrkei")) == "T\udcfcrkei"
+    ('T\\udcfcrkei', True)
+    """
+    return name.encode(errors="backslashreplace").decode()
+
+
+def unescaped(name: str) -> str:
+    """The name of which `escaped` made another."""
+    return ESCAPE.sub(lambda found: chr(int(found[1], 16)), name)
 
 
 def native_name(path: Path) -> str:
