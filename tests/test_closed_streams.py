@@ -46,8 +46,19 @@ def test_a_finished_run_is_not_to_be_resumed(frames, tmp_path, redirection):
     out = tmp_path / "out"
     _, error = in_shell(redirection, "calibrate", frames, "--size", "960x540", "--out", out, cwd=tmp_path)
     assert (out / "summary.json").is_file()
+    said = {
+        ">/dev/full": "standard output: no space left on device",
+        "| true": "no reader any more: it closed the pipe",
+    }
+    assert error.splitlines()[-1].endswith(said[redirection])
     assert "--resume" not in error
     assert "Traceback" not in error
+
+
+def test_a_variable_that_numpy_cannot_read_is_named(monkeypatch, capsys):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "x")
+    assert run("evaluate", "a") == 2
+    assert "the environment variable SOURCE_DATE_EPOCH must be a number of seconds, got 'x'" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")

@@ -17,7 +17,11 @@ from other_tools import (
     without_lens_and_principal_point,
 )
 
+from fieldcalib import Camera
 from fieldcalib.cli.export import FORMATS, LOST
+from fieldcalib.io.exports.colmap import colmap_files
+from fieldcalib.io.exports.homography import homography_files
+from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.tvcalib import parse_per_sample_output
 from fieldcalib.results.reading import read
 
@@ -145,6 +149,16 @@ def test_wrong_usage_is_said(calibrated_folder, tmp_path, capsys, options, messa
 def test_a_folder_without_results_is_said(tmp_path, capsys):
     assert run("export", tmp_path, "--format", "csv") == 2
     assert "expected the folder that a run wrote" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("files_of", [table_files, homography_files, colmap_files])
+def test_names_that_are_not_utf8_are_escaped(files_of):
+    """As on stderr: two that differ in such a byte alone stay two."""
+    camera = Camera.from_angles(0.1, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    files = files_of(dict.fromkeys(("T\udcfcrkei", "T\udcfdrkei"), camera))
+    text = "".join(content.decode() for name, content in files.items() if not name.endswith(".npz"))
+    assert "T\\udcfcrkei" in text
+    assert "T\\udcfdrkei" in text
 
 
 def test_an_id_that_leads_elsewhere_is_no_name_of_a_file(calibrated_folder, tmp_path, capsys):

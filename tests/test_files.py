@@ -12,6 +12,8 @@ import pytest
 from fieldcalib.io import files
 from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
 from fieldcalib.io.images import write_image
+from fieldcalib.io.line_log import LineLog
+from fieldcalib.io.videos import VideoReader
 
 # --- finding and reading ---
 
@@ -276,3 +278,41 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         write_image(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_files_that_only_look_regular_are_not_waited_for(tmp_path, monkeypatch):
+    """As ``/proc/kmsg``: by its status a regular file of 0 bytes, and whoever has read all of it waits for more."""
+    os.mkfifo(tmp_path / "x.jpg")
+    writer = os.open(tmp_path / "x.jpg", os.O_RDWR)
+    monkeypatch.setattr(files.stat, "S_ISREG", lambda mode: True)
+    os.write(writer, b"what is there")
+    (file,) = find_files([tmp_path], "image", suffix=".jpg")
+    assert file.read() == b"what is there"
+    assert file.read_beginning(10) == b""
+    os.close(writer)
+    (tmp_path / "x.mp4").write_bytes(b"")
+    with pytest.raises(BrokenFileError, match=r"x\.mp4: is no video"):
+        VideoReader(tmp_path / "x.mp4")
+
+
+@pytest.fixture
+def small_files():
+    """Lets files have no more than ten bytes, as `ulimit -f` does."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="has no limits of files")
+def test_files_that_cannot_grow_are_named(tmp_path, small_files):
+    with LineLog(tmp_path / "lines") as log, pytest.raises(OSError, match=r"File too large: '.*lines'"):
+        log.append("more than ten letters")
+    assert (tmp_path / "lines").read_bytes() == b""
+    with pytest.raises(OSError, match=r"File too large: '.*whole'"):
+        write_bytes(tmp_path / "whole", b"more than ten bytes")
+    assert not (tmp_path / "whole").exists()

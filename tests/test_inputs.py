@@ -256,6 +256,21 @@ def test_a_stream_that_breaks_off_keeps_what_came(know, film, tmp_path, on_stdin
     assert f"standard input: no more frames after {count}" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("side", [0, 5000, 30_000, 65_535])
+def test_a_damaged_frame_of_a_stream_is_left_out(know, picture, tmp_path, on_stdin, capfd, side):
+    """A JPEG whose header states a size that its data cannot have, as from a camera with a bad line."""
+    know([TRUTH] * 6)
+    jpeg = cv2.imencode(".jpg", picture)[1].tobytes()
+    height = jpeg.index(b"\xff\xc0") + 5
+    damaged = jpeg[:height] + side.to_bytes(2, "big") * 2 + jpeg[height + 4 :]
+    (tmp_path / "film.mjpeg").write_bytes(jpeg * 2 + damaged + jpeg * 4)
+    on_stdin(tmp_path / "film.mjpeg")
+    assert run("run", "-", "--out", tmp_path / "out") == 1
+    assert "standard input: 1 of 7 frames cannot be decoded, and were left out\n" in capfd.readouterr().err
+    assert ids_of(tmp_path / "out") == [f"{number:06d}" for number in (0, 1, 3, 4, 5, 6)]
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["cameras"] == 6
+
+
 def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_stdin, monkeypatch, capfd):
     know([TRUTH] * 6)
     on_stdin(film)

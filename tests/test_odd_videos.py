@@ -8,9 +8,10 @@ import av
 import numpy as np
 import pytest
 
+from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.matroska import missing_bytes
-from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter
 from fieldcalib.run_folder.clip_input import ClipInput, VideoClip
 from fieldcalib.run_folder.images import Frame
 
@@ -22,18 +23,25 @@ def picture(number):
     return np.random.default_rng(number).integers(0, 255, (96, 160, 3), dtype=np.uint8)
 
 
-def written(path, times, codec):
-    """A video whose frames are shown at some times, in ms."""
+def written(path, times, codec, pixels="yuv420p", damaged=()):
+    """A video whose frames are shown at some times, in ms; of damaged ones the code is noise."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=25)
-        stream.width, stream.height, stream.pix_fmt = 160, 96, "yuv420p"
+        stream.width, stream.height, stream.pix_fmt = 160, 96, pixels
         stream.codec_context.time_base = MILLISECONDS
         for time in times.tolist():
             frame = av.VideoFrame.from_ndarray(picture(time), format="bgr24")
             frame.pts, frame.time_base = time, MILLISECONDS
-            container.mux(stream.encode(frame))
+            container.mux([_noise(one) if time in damaged else one for one in stream.encode(frame)])
         container.mux(stream.encode(None))
     return path
+
+
+def _noise(packet):
+    noise = av.Packet(np.random.default_rng(packet.size).integers(0, 255, packet.size, dtype=np.uint8).tobytes())
+    noise.pts, noise.dts, noise.time_base, noise.stream = packet.pts, packet.dts, packet.time_base, packet.stream
+    noise.is_keyframe = packet.is_keyframe
+    return noise
 
 
 def loss_of(path):
@@ -54,6 +62,25 @@ def test_matroska_files(tmp_path, name, codec, times):
     assert 40 < count < 60
     assert "its end is missing" in loss or "announces" in loss
     assert missing_bytes(path) == len(content) - int(0.8 * len(content))
+
+
+@pytest.mark.parametrize("first", [0, 10])
+@pytest.mark.parametrize(("name", "codec", "pixels"), [("a.mp4", "mpeg4", "yuv420p"), ("a.mkv", "mjpeg", "yuvj420p")])
+def test_damaged_frames_are_left_out_and_those_after_them_keep_their_numbers(tmp_path, name, codec, pixels, first):
+    lost = [first, first + 1, 30]
+    path = written(tmp_path / name, TIMES["regular"], codec, pixels, damaged=[40 * number for number in lost])
+    left = [number for number in range(60) if number not in lost]
+    with VideoReader(path) as reader:
+        frames = dict(reader.numbered())
+        assert list(frames) == left
+        assert reader.loss() == f"{path}: announces 60 frames, 57 can be read"
+    with VideoReader(path, cut=Cut(Position(frame=0), Position(frame=31), 5)) as reader:
+        assert [number for number, _ in reader.numbered()] == [n for n in range(0, 31, 5) if n not in lost]
+    with FramesByNumber(path) as by_number:
+        for number in (2, 59, 30, 31, 0, 58, 10, 11, 12):
+            image = by_number.read(number)
+            assert (image is None) == (number in lost)
+            assert image is None or np.array_equal(image, frames[number])
 
 
 @pytest.mark.parametrize(

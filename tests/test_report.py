@@ -110,6 +110,12 @@ def test_a_finished_run_gets_its_report_later_and_of_a_clip_with_plots(know, tmp
     assert not (out / "report.html").exists()
 
 
+def test_names_that_are_not_utf8(tmp_path):
+    write_report(labelled(["T\udcfcrkei"]), tmp_path / "report.html", title="folder \udcff")
+    assert Page(tmp_path / "report.html").frames["id"] == ["T\udcfcrkei"]
+    assert "<title>folder \\udcff</title>" in (tmp_path / "report.html").read_text()
+
+
 def test_nothing_is_fetched_and_no_text_becomes_a_tag(tmp_path):
     name = "</script><script>alert(1)</script><!--"
     write_report(labelled([name]), tmp_path / "report.html", title=name)

@@ -68,6 +68,27 @@ def test_a_video_keeps_its_frames(tmp_path, capsys):
     assert main([*command, str(tmp_path / "flat")]) == 2
 
 
+def test_a_damaged_frame_of_a_video_is_left_out(tmp_path, capsys):
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
+    for _ in range(6):
+        writer.write(render_field(BENT, FIELD))
+    writer.release()
+    content = bytearray(path.read_bytes())
+    second = [at for at in range(len(content) - 2) if content[at : at + 3] == b"\xff\xd8\xff"][1]
+    content[second : second + 600] = bytes(600)
+    path.write_bytes(content)
+    cameras = {f"{n:06d}": BENT for n in (0, 2, 3, 4, 5)}  # as `run` writes them
+    out = tmp_path / "a.mp4"
+    command = ["undistort", str(path), "--cameras", results(tmp_path / "out", cameras), "--out", str(out)]
+    assert main(command) == 1
+    said = capsys.readouterr()
+    assert "5 frames without distortion\n" in said.out
+    assert f"{path}: announces 6 frames, 5 can be read" in said.err
+    with VideoReader(out) as reader:
+        assert len(list(reader)) == 5
+
+
 def test_a_picture_of_another_size_is_refused(tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((90, 160, 3), np.uint8))
     command = ["undistort", str(tmp_path / "a.png"), "--cameras", results(tmp_path / "out", {"a": BENT})]

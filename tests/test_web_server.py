@@ -2,8 +2,11 @@
 
 import json
 import shutil
+import signal
+import socket
 import sys
 import threading
+import time
 from pathlib import Path
 
 import cv2
@@ -11,19 +14,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from killed import ended, started
 from starlette.testclient import TestClient
 from waiting import wait_until
 
 import fieldcalib
 from fieldcalib import Camera, soccer
+from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.marks import Marks
+from fieldcalib.editor.stored import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.run_folder.numbered_frames import NumberedVideo
 from fieldcalib.web.app import Page, page_files
+from fieldcalib.web.guard import Hosts
 from fieldcalib.web.state import frame_state
 
 TOKEN = "a-token-of-the-tests"
@@ -314,6 +321,42 @@ def test_a_request_that_is_refused(shown, path, headers, status):
     assert answer.json()["error"]
 
 
+ANYWHERE = Hosts(frozenset({"localhost", "0.0.0.0"}), 8765, any_address=True)
+HERE = Hosts(frozenset({"localhost", "127.0.0.1", "[::1]"}), 8765)
+
+
+@pytest.mark.parametrize(
+    ("hosts", "host", "origin", "is_answered"),
+    [
+        (ANYWHERE, "192.168.1.5:8765", "http://192.168.1.5:8765", True),
+        (ANYWHERE, "[fd00::5]:8765", "http://[fd00::5]:8765", True),
+        (ANYWHERE, "localhost:8765", "http://localhost:8765", True),
+        (ANYWHERE, "evil.example:8765", "http://evil.example:8765", False),
+        (ANYWHERE, "192.168.1.5.evil.example:8765", "http://192.168.1.5.evil.example:8765", False),
+        (ANYWHERE, "192.168.1.5:8765", "http://192.168.1.6:8765", False),
+        (ANYWHERE, "192.168.1.5:8765", "http://192.168.1.5:8766", False),
+        (ANYWHERE, "192.168.1.5:8765", "http://evil.example:8765", False),
+        (ANYWHERE, "192.168.1.5", "http://192.168.1.5", False),
+        (ANYWHERE, "fd00::5:8765", "http://fd00::5:8765", False),
+        (ANYWHERE, "[192.168.1.5]:8765", "http://[192.168.1.5]:8765", False),
+        (ANYWHERE, ":8765", "http://:8765", False),
+        (HERE, "[::1]:8765", "http://[::1]:8765", True),
+        (HERE, "localhost:8765", "http://127.0.0.1:8765", False),
+        (HERE, "192.168.1.5:8765", "http://192.168.1.5:8765", False),
+        (Hosts(frozenset({"127.0.0.1"}), 80), "127.0.0.1", "http://127.0.0.1", True),
+    ],
+)
+def test_the_hosts_of_a_page(shown, hosts, host, origin, is_answered):
+    """Names can be given to any address by whoever owns them; an address in numbers cannot."""
+    http = TestClient(shown.page.application(TOKEN, hosts), base_url=BASE)
+    for answer in (
+        http.get(f"/{TOKEN}/api/project", headers={"Host": host, "Origin": origin}),
+        http.post(f"/{TOKEN}/api/clip/cancel", json={}, headers={"Host": host, "Origin": origin}),
+    ):
+        assert answer.status_code == (200 if is_answered else 403)
+    assert http.post(f"/{TOKEN}/api/clip/cancel", json={}, headers={"Host": host}).status_code == 403
+
+
 @pytest.mark.parametrize(
     ("headers", "content", "status"),
     [
@@ -356,6 +399,37 @@ def test_a_label_is_never_markup(client):
     assert answer.status_code == 400
     assert answer.headers["content-type"] == "application/json"
     assert "unknown label" in answer.json()["error"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_names_that_are_not_utf8(picture, tmp_path):
+    """Two of them that differ in such a byte alone: they are shown, edited and saved, and stay two."""
+    names = ["00005", "T\udcfcrkei", "T\udcfdrkei"]
+    for name in names:
+        shutil.copy(picture, tmp_path / f"{name}.png")
+    out = tmp_path / "out\udcff"
+    one = Client(tmp_path, out)
+    assert one.get("api/frames").json()["id"] == names
+    assert one.get("api/project").json()["folder"] == str(out)
+    for number in (1, 2):
+        assert one.state(number)["id"] == names[number]
+        assert one.edit("clear", number=number).status_code == 200
+        for label in LINES[: number + 1]:
+            answer = one.edit("mark", number=number, label=label, xy=ends(label))
+            assert (answer.status_code, answer.json()["id"]) == (200, names[number])
+    assert one.post("api/save", {}).json()["saved"] == 3
+    for format in ("soccernet", "labelme", "cvat", "coco", "labelstudio"):
+        written = one.post("api/save_labels", {"format": format})
+        assert written.status_code == 200, written.text
+        shutil.copytree(out, tmp_path / format)
+        path = tmp_path / format / written.json()["file"]
+        with Editor(tmp_path, out=tmp_path / "again" / format, labels=path) as read:
+            assert [len(read[number].marks.pixels) for number in (1, 2)] == [2, 3]
+        shutil.rmtree(tmp_path / format)
+    one.close()
+    assert sorted(line["id"] for line in map(json.loads, (out / "cameras.jsonl").read_text().splitlines())) == names
+    with Editor(tmp_path, out=out) as again:
+        assert [len(again[number].marks.pixels) for number in (1, 2)] == [2, 3]
 
 
 def test_a_field_with_markup_as_a_label(picture, tmp_path):
@@ -605,6 +679,52 @@ def test_a_clip_is_solved_in_the_background(tmp_path):
     again.close()
 
 
+def test_a_clip_is_solved_once_at_a_time(tmp_path, monkeypatch):
+    """Of solutions that are cancelled one after the other, each of which notices it late."""
+    solving, most, go_on = [], [], threading.Event()
+
+    def solve(editor, progress):
+        solving.append(1)
+        most.append(len(solving))
+        go_on.wait(30.0)
+        solving.pop()
+        progress(1, 1, "solving")
+
+    monkeypatch.setattr(Editor, "solve", solve)
+    one = Client(video(tmp_path / "clip.avi", [np.zeros((90, 160, 3), np.uint8)] * 3), tmp_path / "out")
+    for _ in range(8):
+        assert one.post("api/clip/solve", {}).json()["state"] == "running"
+        assert one.post("api/clip/cancel", {}).json()["state"] == "none"
+    assert one.post("api/clip/solve", {}).status_code == 200
+    assert one.post("api/clip/solve", {}).status_code == 400
+    assert sum(thread.name == "clip" for thread in threading.enumerate()) == 1
+    go_on.set()
+    wait_until(lambda: one.get("api/clip/job").json()["state"] == "none")
+    assert most == [1, 1]  # the first, and the last
+    wait_until(lambda: all(thread.name != "clip" for thread in threading.enumerate()))
+    one.close()
+
+
+def test_a_page_that_ends_waits_for_what_is_being_saved(client, monkeypatch):
+    labelled(client)
+    begun, save, kept = threading.Event(), Stored.save, []
+
+    def slowly(*arguments, **more):
+        begun.set()
+        time.sleep(0.5)
+        kept.append(save(*arguments, **more))
+        return kept[-1]
+
+    monkeypatch.setattr(Stored, "save", slowly)
+    saving = threading.Thread(target=client.editor.save)
+    saving.start()
+    assert begun.wait(30.0)
+    client.page.close()
+    assert kept
+    saving.join()
+    assert client.editor.unsaved == 0
+
+
 @pytest.mark.slow
 def test_a_mended_frame_holds_in_its_clip(tmp_path):
     """A pan; the labels of one frame by hand, and the frames around it follow."""
@@ -702,3 +822,91 @@ def test_random_edits(tmp_path, picture):
 @pytest.mark.slow
 def test_two_thousand_random_edits(tmp_path, picture):
     check_random_edits(tmp_path, picture, 2000, np.random.default_rng(1))
+
+
+# --- the process that serves it ---
+
+
+@pytest.fixture
+def served(picture, tmp_path):
+    """Starts the command; gives the process, and host, port and token of the address that it prints."""
+    runs = []
+
+    def start(*arguments):
+        runs.append(started("open", picture, "--out", tmp_path / "out", "--no-browser", *arguments))
+        assert runs[0].stdout.readline() == "begun\n"
+        host, _, rest = runs[0].stdout.readline().removeprefix("http://").rpartition(":")
+        port, token, _ = rest.split("/")
+        return runs[0], host, int(port), token
+
+    yield start
+    for run in runs:
+        run.kill()
+        run.communicate()
+
+
+def asked(there, host, port, token, length=2, body=b"{}"):
+    """A connection that has sent a request to drop the solution of the clip."""
+    head = (
+        f"POST /{token}/api/clip/cancel HTTP/1.1\r\nHost: {host}:{port}\r\nOrigin: http://{host}:{port}\r\n"
+        f"Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+    )
+    connection = socket.create_connection((there, port), timeout=30.0)
+    connection.sendall(head.encode() + body)
+    return connection
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 0)])
+def test_the_page_ends_whatever_its_clients_do(served, number, code):
+    """A request without its body, one whose client is gone, half a header, and pictures that nobody reads."""
+    run, host, port, token = served()
+    asked(host, host, port, token, length=100, body=b"{").close()
+    waiting = [asked(host, host, port, token, length=100, body=b"{"), socket.create_connection((host, port))]
+    waiting[1].sendall(b"POST / HT")
+    for _ in range(4):
+        deaf = socket.socket()
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+        deaf.connect((host, port))
+        for _ in range(50):
+            deaf.sendall(f"GET /{token}/image/0 HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
+        waiting.append(deaf)
+    answered = asked(host, host, port, token)
+    assert b"200 OK" in answered.recv(1000)
+    run.send_signal(number)
+    until = time.monotonic() + 20.0  # two seconds where nothing else runs
+    assert ended(run) == (code, "fieldcalib: terminated, nothing more is written\n" if code else "")
+    assert time.monotonic() < until
+    for one in (*waiting, answered):
+        one.close()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "::1", "localhost"])
+def test_where_the_page_listens(served, host):
+    if ":" in host and not has_ipv6():
+        pytest.skip("this machine has no IPv6")
+    _, shown, port, token = served("--host", host)
+    there = shown.strip("[]")
+    assert there not in ("0.0.0.0", "::")
+    for name, status in ((shown, b"200 OK"), ("evil.example", b"403 Forbidden")):
+        with asked(there, name, port, token) as connection:
+            assert status in connection.recv(1000)
+
+
+def has_ipv6():
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (("--port", "70000"), "expected a port from 0 to 65535, got 70000"),
+        (("--host", "a..b"), "expected an address or a name of this machine as the host, got 'a..b'"),
+    ],
+)
+def test_places_where_no_page_can_listen(picture, tmp_path, capsys, arguments, problem):
+    assert main(["open", str(picture), "--out", str(tmp_path / "out"), "--no-browser", *arguments]) == 2
+    assert problem in capsys.readouterr().err

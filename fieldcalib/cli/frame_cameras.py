@@ -14,6 +14,7 @@ from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.files import unescaped
 from fieldcalib.io.results import SOLVER, ResultFile, lines_file
 
 CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
@@ -86,6 +87,7 @@ class Cameras:
 
         The name is its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
         """
+        frame = unescaped(frame)
         name = Path(frame).stem if re.search(r"\.[A-Za-z]", frame) else Path(frame).name
         number = _number(frame if re.fullmatch(r"[-+]?\d+(\.0*)?", frame) else name)
         if offset and number is not None:

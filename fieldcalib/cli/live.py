@@ -52,9 +52,11 @@ def run_stream(request: RunRequest) -> int:
     say_note(path, video)
     if isinstance(end, KeyboardInterrupt):
         raise end
+    if loss := reader.loss():
+        say(loss)
     if end or reader.end():
         say(str(end or reader.end()))
-    return 1 if end else 0
+    return 1 if end or loss else 0
 
 
 def _check(request: RunRequest, stream: Stream) -> None:

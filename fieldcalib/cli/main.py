@@ -5,6 +5,7 @@ Only little is imported before `main` runs: until then an interrupt would end in
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -20,6 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
+    _check_environment()
     one_thread_for_blas()
     given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
@@ -28,6 +30,17 @@ def _run(arguments: Sequence[str] | None) -> int:
         parser = command_parser(given)
     options = parser.parse_args(with_values_joined(given))
     return int(options.run(options))
+
+
+def _check_environment() -> None:
+    """Check a variable that NumPy reads when SciPy is imported; its error would not name it."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    try:
+        int(epoch)
+    except ValueError:
+        raise ValueError(
+            f"the environment variable SOURCE_DATE_EPOCH must be a number of seconds, got {epoch!r}: unset it"
+        ) from None
 
 
 if __name__ == "__main__":

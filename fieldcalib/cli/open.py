@@ -14,7 +14,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Open pictures, a clip or the results of a run in the browser: see the cameras, mend and label frames by "
-        "clicks, save labels and cameras. The address that is printed works on this machine only. Ctrl-C ends it."
+        "clicks, save labels and cameras. The address that is printed works on this machine only, unless --host lets "
+        "others in. Ctrl-C ends it."
     )
     parser.add_argument(
         "source", type=Path, metavar="SOURCE", help="a picture, a folder of pictures, a video, or a folder of results"
@@ -35,7 +36,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(field=None)
     parser.add_argument("--port", type=int, default=0, metavar="N", help="of the address (a free one)")
     parser.add_argument(
-        "--host", default="127.0.0.1", metavar="H", help="address to listen at; others can reach it then (127.0.0.1)"
+        "--host",
+        default="127.0.0.1",
+        metavar="H",
+        help="address to listen at; with 0.0.0.0 or :: others can reach it who have its whole address (127.0.0.1)",
     )
     parser.add_argument(
         "--overwrite", action="store_true", help="replace files in DIR that neither a run nor a page has written"
@@ -50,9 +54,7 @@ def run(options: argparse.Namespace) -> int:
     from fieldcalib.editor.editor import Editor
     from fieldcalib.web.server import serve
 
-    editor = Editor(
-        options.source, options.field, out=options.out, labels=options.labels, overwrite=options.overwrite
-    )
+    editor = Editor(options.source, options.field, out=options.out, labels=options.labels, overwrite=options.overwrite)
     if said := editor.claim():
         print(f"fieldcalib: {said}; until then frames can be looked at, and changes are refused", file=sys.stderr)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)

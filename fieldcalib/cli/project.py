@@ -99,7 +99,7 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
         relative = table.is_relative
         if taken:
             raise ValueError(f"{boxes} has the column {taken[0]!r} already: is it a table that this command wrote?")
-        with whole_file(out) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+        with whole_file(out) as file, io.TextIOWrapper(file, "utf-8", "backslashreplace", "") as text:
             writer = csv.writer(text, lineterminator="\n")
             writer.writerow([*table.columns, *COLUMNS])
             for frame, rows in groupby(table.rows, key=lambda row: row.frame):

@@ -126,7 +126,7 @@ class Views:
             VideoReader(self.input[0], cut=cut) as reader,
             progress_bar(unit="frame", total=len(reader.numbers)) as progress,
         ):
-            for number, image in zip(reader.numbers, reader, strict=False):
+            for number, image in reader.numbered():
                 progress.update()
                 if number in chosen:
                     yield image, self.cameras.camera(numbers[number])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ import numpy as np
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.program import counted, show
+from fieldcalib.console.program import counted, say, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import named_in_errors
@@ -49,13 +50,16 @@ def run(options: argparse.Namespace) -> int:
     """Write the pictures; returns the exit code."""
     cameras = Cameras(options.cameras, IN_ORDER)
     if VIDEOS.recognises(options.input[0]):
-        done, left = _video(options.input, cameras, options.out)
+        done, left, loss = _video(options.input, cameras, options.out)
         rest = f", {counted(left, 'frame')} without an accepted camera left as they are" if left else ""
     else:
         done, left = _pictures(options.input, cameras, options.out, options.most_bytes)
+        loss = ""
         rest = f", {counted(left, 'image')} without an accepted camera left out" if left else ""
     show(f"{options.out}: {counted(done, 'frame')} without distortion{rest}")
-    return 0
+    if loss:
+        say(loss)
+    return 1 if loss else 0
 
 
 def without_lens(image: Image, camera: Camera) -> Image:
@@ -93,8 +97,8 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
     return len(chosen), len(files) - len(chosen)
 
 
-def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, int]:
-    """Write the video; counts the frames with a camera, and the others."""
+def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, int, str]:
+    """Write the video; counts the frames with a camera, and the others; and the message about those that are lost."""
     if len(inputs) > 1:
         raise ValueError(f"expected one video, got {len(inputs)} inputs")
     if out.suffix.lower() != VIDEO:
@@ -104,15 +108,16 @@ def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, in
     accepted = set(cameras.accepted)
     if accepted.isdisjoint(ids.values()):
         raise ValueError(f"expected numbers as the ids of frames in {cameras.path}: are they of this video?")
-    first, *others = sorted(ids)
-    cut = Cut(Position(frame=first), Position(frame=max(ids) + 1), others[0] - first if others else 1)
+    steps = [after - before for before, after in pairwise(sorted(ids))]  # longer ones pass frames without a result
+    cut = Cut(Position(frame=min(ids)), Position(frame=max(ids) + 1), min(steps, default=1))
     done = left = 0
     with VideoReader(inputs[0], cut=cut) as reader, VideoWriter(out, reader.frames_per_second) as video:
-        for number, image in zip(reader.numbers, reader, strict=False):
+        for number, image in reader.numbered():
             if ids.get(number) in accepted:
                 image, done = without_lens(image, cameras.camera(ids[number])), done + 1
             else:
                 left += 1
             video.write(image)
+        loss = reader.loss()
     say_note(out, video)
-    return done, left
+    return done, left, loss

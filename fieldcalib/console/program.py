@@ -89,10 +89,11 @@ def exit_code(work: Callable[[], int]) -> int:
     try:
         with interrupts_reach_the_work(), log_on_stderr():
             code = int(work())
-        sys.stdout.flush()
+        _flush()
         return code
-    except BrokenPipeError:  # the reader has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:
+        say("what was to be printed has no reader any more: it closed the pipe")
+        _drop_output()
         return 1
     except Terminated:
         say("terminated, nothing more is written")
@@ -106,6 +107,22 @@ def exit_code(work: Callable[[], int]) -> int:
     except (OSError, ValueError, ImportError) as error:  # ImportError: an extra is not installed
         say(_message(error))
         return 2
+
+
+def _flush() -> None:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        error.filename = "standard output"
+        _drop_output()
+        raise
+
+
+def _drop_output() -> None:
+    """Let nothing more be printed, which Python would try once more at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _message(error: Exception) -> str:

@@ -16,6 +16,7 @@ from . import image as image
 from . import image_size as image_size
 from . import images as images
 from . import intrinsics as intrinsics
+from . import jpeg as jpeg
 from . import key_points as key_points
 from . import label_studio as label_studio
 from . import labelme as labelme

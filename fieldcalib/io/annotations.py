@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.files import LONGEST_ID, BrokenFileError
+from fieldcalib.io.files import LONGEST_ID, BrokenFileError, escaped, unescaped
 from fieldcalib.problem.labelled_pixels import Pixels
 
 # px: other tools count from the corner of the image, where the centre of the first pixel is at (0.5, 0.5); here that
@@ -140,8 +140,9 @@ def annotation_of(image: Any, shapes: Callable[[], Shapes], what: str) -> Annota
     """
     if not isinstance(image, str):
         raise BrokenFileError(f"{what}: expected the name of the image, got {_short(image)}")
+    image = unescaped(image)
     id = PureWindowsPath(image).stem  # takes both kinds of slashes
-    if not id or not id.isprintable() or len(os.fsencode(id)) > LONGEST_ID:
+    if not id or not escaped(id).isprintable() or len(os.fsencode(id)) > LONGEST_ID:
         raise BrokenFileError(f"{what}: no result could be named after the image {_short(image)}")
     try:
         found = shapes()
@@ -269,7 +270,7 @@ def exported(annotation: Annotation) -> ExportedImage:
             raise ValueError(f"{label!r}: a pixel is not finite")
         if len(xy):
             shapes.append((label, (np.asarray(xy, dtype=float) + CORNER).tolist()))
-    return ExportedImage(annotation.image or annotation.id, annotation.image_size, shapes)
+    return ExportedImage(escaped(annotation.image or annotation.id), annotation.image_size, shapes)
 
 
 def _short(value: Any) -> str:

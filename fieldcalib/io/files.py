@@ -22,9 +22,11 @@ from fieldcalib.io.abandoned import TEMPORARY, locked, remove_abandoned
 from fieldcalib.io.zips import Readable, open_member
 
 HIDDEN = re.compile(r"\.")
+ESCAPE = re.compile(r"\\u(dc[89a-f][0-9a-f])")  # bytes from 128 on in Python's names of files
 YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
+NO_ROOM = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
 READ_AT_ONCE = 4096  # bytes: LZMA unpacks each part as a whole, to 7000 times that at most
 
 # Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
@@ -44,6 +46,17 @@ def named_in_errors(path: object) -> Iterator[None]:
         yield
     except BrokenFileError as error:
         raise BrokenFileError(f"{path}: {error}") from None
+
+
+@contextmanager
+def named_where_full(path: Path) -> Iterator[None]:
+    """Give the path to errors of writing that name no file: where a disk or a quota is full, or files may not grow."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in NO_ROOM and error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 @dataclass(frozen=True)
@@ -94,10 +107,8 @@ class FrameFile:
                 archive, member = self.zipped
                 with open_member(archive, member) as file:
                     return file.read(count)
-            if not stat.S_ISREG(self.path.stat().st_mode):
-                return b""
-            with self.path.open("rb") as file:
-                return file.read(count)
+            with open_regular_file(self.path) as file:
+                return file.read(count) or b""  # None where it would wait
         except Exception:  # `read` reports what is wrong
             return b""
 
@@ -165,6 +176,22 @@ def check_utf8(path: object) -> None:
         ) from None
 
 
+def escaped(name: str) -> str:
+    r"""A name for text of others, with escapes for bytes that are not UTF-8, as in what is printed; see `unescaped`.
+
+    Examples
+    --------
+    >>> escaped("T\udcfcrkei"), unescaped(escaped("T\udcfcrkei")) == "T\udcfcrkei"
+    ('T\\udcfcrkei', True)
+    """
+    return name.encode(errors="backslashreplace").decode()
+
+
+def unescaped(name: str) -> str:
+    """The name of which `escaped` made another."""
+    return ESCAPE.sub(lambda found: chr(int(found[1], 16)), name)
+
+
 def native_name(path: Path) -> str:
     """The name of a file for OpenCV and FFmpeg, which take ``12:30.mp4`` for a protocol.
 
@@ -215,10 +242,15 @@ def open_regular_file(path: Path, most_bytes: float = math.inf) -> Iterator[IO[b
         if not stat.S_ISREG(status.st_mode):  # before it is opened: opening a pipe waits for a writer
             raise BrokenFileError("cannot be read: it is no regular file")
         _check_bytes(status.st_size, most_bytes)
-        with path.open("rb") as file:
+        with open(path, "rb", opener=_open_at_once) as file:
             yield file
     except OSError as error:
         raise BrokenFileError(f"cannot be read: {error}") from error
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Open a file whose reads do not wait: the kernel's log, ``/proc/kmsg``, says that it is a regular file."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _read_all(file: Readable, most_bytes: float) -> bytes:
@@ -406,7 +438,8 @@ def replacement(path: Path) -> Iterator[tuple[int, Path]]:
             os.close(handle)  # another process took it for abandoned before it was locked
         temporary = Path(name)
         try:
-            yield handle, temporary
+            with named_where_full(path):
+                yield handle, temporary
             umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
             os.umask(umask)
             os.chmod(temporary, 0o666 & ~umask)

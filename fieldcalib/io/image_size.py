@@ -5,16 +5,15 @@ A file of a megabyte may state 20,000 x 20,000 pixels, which take more than a gi
 
 from __future__ import annotations
 
-import re
 import struct
 
-PNG, BMP, JPEG = b"\x89PNG\r\n\x1a\n", b"BM", b"\xff\xd8"
+from fieldcalib.io.jpeg import BEGIN as JPEG
+from fieldcalib.io.jpeg import jpeg_size
+
+PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
 TIFF = {b"II": "<", b"MM": ">"}  # byte orders
 TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
 TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
-JPEG_MARKER = re.compile(rb"\xff[^\x00\xff]")
-WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}  # markers of JPEG that stand alone
-START_OF_FRAME = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def stored_size(content: bytes) -> tuple[int, int] | None:
@@ -32,7 +31,7 @@ def stored_size(content: bytes) -> tuple[int, int] | None:
             (header,) = struct.unpack_from("<I", content, 14)
             width, height = struct.unpack_from("<HH" if header == 12 else "<ii", content, 18)
         elif content.startswith(JPEG):
-            width, height = _jpeg_size(content)
+            width, height = jpeg_size(content)
         elif content[:2] in TIFF:
             width, height = _tiff_size(content, TIFF[content[:2]])
         elif content[:4] == b"RIFF" and content[8:12] == b"WEBP":
@@ -42,19 +41,6 @@ def stored_size(content: bytes) -> tuple[int, int] | None:
     except (struct.error, KeyError, OverflowError):  # cut off, or a TIFF without a size or with absurd offsets
         return None
     return abs(width), abs(height)  # the rows of a BMP may run upwards
-
-
-def _jpeg_size(content: bytes) -> tuple[int, int]:
-    """Size in the first frame header; the segments before it say how long they are."""
-    position = 2
-    while marker := JPEG_MARKER.search(content, position):
-        position, kind = marker.end(), marker.group()[1]
-        if kind in START_OF_FRAME:
-            height, width = struct.unpack_from(">HH", content, position + 3)
-            return width, height
-        if kind not in WITHOUT_LENGTH:
-            position += struct.unpack_from(">H", content, position)[0]
-    raise struct.error("no frame header")
 
 
 def _tiff_size(content: bytes, order: str) -> tuple[int, int]:

@@ -6,6 +6,7 @@ its EXIF data says.
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,12 +18,13 @@ import numpy as np
 from fieldcalib.io.files import BrokenFileError, write_bytes
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_size import stored_size
+from fieldcalib.io.jpeg import BEGIN as JPEG
+from fieldcalib.io.jpeg import CodedPixels
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory
 PIXELS_AT_ONCE = 66_000_000  # of all images in memory together: eight of 4K
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
-JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 
 AHEAD = 6  # images that are read while others are worked on
 
@@ -37,8 +39,8 @@ def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
     Raises
     ------
     BrokenFileError
-        If it is no image, a JPEG that is cut off (its lower part would be grey), or has too many pixels, see
-        `check_pixels`.
+        If it is no image, a JPEG that is cut off or has not all pixels (its lower part would be grey), or has too many
+        of them, see `check_pixels`.
 
     Examples
     --------
@@ -47,22 +49,39 @@ def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
         ...
     fieldcalib.io.files.BrokenFileError: is no image that OpenCV can read: expected a JPEG, PNG, BMP, TIFF or WebP
     """
-    import cv2
-
-    # in between there are only coded pixels, in which neither mark can occur
-    if content.startswith(JPEG) and content.rfind(JPEG_END) < content.rfind(JPEG_SCAN):
-        raise BrokenFileError("is cut off: the end of the JPEG is missing")
+    coded = _coded_pixels(content)
     size = stored_size(content)
     if size is None:
         raise BrokenFileError(NO_IMAGE)
     check_pixels(size, most_pixels)
+    image = _decoded(content)
+    if image is None:
+        raise BrokenFileError(NO_IMAGE)
+    if coded is not None and coded.may_be_missing(image):
+        again = _decoded(coded.with_more(content))
+        if again is None or not np.array_equal(image, again):
+            raise BrokenFileError("is damaged: the JPEG has an end, but not all pixels before it")
+    return image
+
+
+def _coded_pixels(content: bytes) -> CodedPixels | None:
+    """The coded pixels of a JPEG; None of other files."""
+    if not content.startswith(JPEG):
+        return None
+    try:
+        return CodedPixels.of(content)
+    except struct.error:
+        raise BrokenFileError("is cut off: the end of the JPEG is missing") from None
+
+
+def _decoded(content: bytes) -> Image | None:
+    import cv2
+
     try:
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:  # dimensions that no image has
-        image = None
-    if image is None:
-        raise BrokenFileError(NO_IMAGE)
-    return np.asarray(image, dtype=np.uint8)
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
 def check_pixels(size: tuple[int, int], most_pixels: float) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from fieldcalib.io.files import named_where_full
+
 BLOCK = 65_536  # bytes that are read at once
 
 
@@ -69,10 +71,11 @@ class LineLog:
         content = memoryview(f"{line}\n".encode())
         size = os.fstat(self._file.fileno()).st_size
         try:
-            while content:
-                content = content[self._file.write(content) :]
-            if self._durable:
-                os.fsync(self._file.fileno())
+            with named_where_full(self.path):
+                while content:
+                    content = content[self._file.write(content) :]
+                if self._durable:
+                    os.fsync(self._file.fileno())
         except BaseException:
             self._file.truncate(size)
             raise

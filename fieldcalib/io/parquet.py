@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from fieldcalib._extras import imported
-from fieldcalib.io.files import BrokenFileError, replacement
+from fieldcalib.io.files import BrokenFileError, escaped, replacement
 
 ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
 TEXT, SOLVER_TEXT = "line", "solver"
@@ -100,7 +100,7 @@ def _row(text: bytes, solver: bytes) -> dict[str, Any]:
     line: Mapping[str, Any] = {**json.loads(text), **json.loads(solver)}
     row = dict(line) | {name: _number(line.get(name)) for name in NUMBERS}
     row |= {TEXT: text.decode().rstrip("\n"), SOLVER_TEXT: solver.decode().rstrip("\n")}
-    row |= {name: line[name].encode(errors="backslashreplace").decode() for name in TEXTS if name in line}
+    row |= {name: escaped(line[name]) for name in TEXTS if name in line}
     errors = line.get("segment_errors_px") or {}
     row["segment_errors_px"] = [(label, _number(error)) for label, error in errors.items()]
     row["suspect_labels"] = [suspect["label"] for suspect in line.get("suspect_labels") or ()]

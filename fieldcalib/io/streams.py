@@ -131,6 +131,16 @@ class StreamReader(FrameReader):
                 raise BrokenFileError(f"{error}; {STREAMABLE}") from None
             raise BrokenFileError(f"{stream} cannot be opened: {why_closed(stream)}") from None
 
+    def loss(self) -> str:
+        """Message about frames that were left out, empty if there are none; to be called after all others were read.
+
+        A live source may have a varying frame rate: its times tell nothing.
+        """
+        passed = len(range(self.numbers.start, self._number + 1, self.numbers.step))
+        lost = max(passed - len(self._times), 0 if self._stream.is_live else self._missed())
+        count = len(self._times) + lost
+        return f"{self._stream}: {lost} of {count} frames cannot be decoded, and were left out" if lost else ""
+
     def end(self) -> str:
         """Message if the stream ended before its cut; empty otherwise."""
         return f"{self._stream}: no more frames after {len(self._times)}" * (len(self._times) < len(self.numbers))

@@ -6,6 +6,7 @@ Frames are images as in `fieldcalib.io.images`, turned as the video's metadata s
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -31,6 +32,8 @@ IRREGULAR = (
 FASTEST = 1000.0  # frames per second: larger frame rates are errors of the file
 LEAST_JUMP = 100  # frames: fewer are decoded rather than jumped over
 DEFAULT_RATE = 25.0  # frames per second, where the file says nothing
+MOST_DAMAGED = 250  # frames in a row, ten seconds: behind more of them nothing is looked for
+LONGEST_WAIT = 20.0  # seconds for a damaged frame: OpenCV waits 30 for a source that sends nothing more
 _OPENING = Lock()  # held while the variable below is set: another thread that opens a video would read it too
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
 NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
@@ -38,6 +41,8 @@ NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
 
 class FrameReader:
     """Frames of whatever OpenCV opens as a video, one after the other; a context manager.
+
+    Frames that cannot be decoded are left out, and those after them keep their numbers.
 
     Parameters
     ----------
@@ -82,9 +87,9 @@ class FrameReader:
             self.frames_per_second = self._rate / cut.step
             if not self._grab(1):
                 raise BrokenFileError(NO_VIDEO)
-            if not self._grab(self.numbers.start):
+            self._frame = self._decoded(self.numbers.start)
+            if self._frame is None:
                 raise BrokenFileError(self._no_start(cut))
-            self._has_frame, self._frame = self._capture.retrieve()
         except BrokenFileError as error:
             self._capture.release()
             raise BrokenFileError(f"{name}: {error}") from None
@@ -99,15 +104,25 @@ class FrameReader:
         self._capture.release()
 
     def __iter__(self) -> Iterator[Image]:
-        for number in self.numbers:
-            if not self._has_frame:
-                return
+        return (image for _, image in self.numbered())
+
+    def numbered(self) -> Iterator[tuple[int, Image]]:
+        """The frames, each with its number in the video."""
+        while self._frame is not None:
             self._times.append(self._time())
-            yield np.asarray(self._frame, dtype=np.uint8)
-            if number + self.numbers.step < self.numbers.stop:
-                self._has_frame = self._grab(self.numbers.step)
-                if self._has_frame:
-                    self._has_frame, self._frame = self._capture.retrieve()
+            yield self._number, self._frame
+            self._frame = self._decoded(self._number + self.numbers.step)
+
+    def _decoded(self, number: int) -> Image | None:
+        """A frame of the cut or, if that is damaged, the next one that is not; None at the end."""
+        while number in self.numbers and self._grab(number - self._number):
+            if self._number == number:
+                is_read, frame = self._capture.retrieve()
+                if is_read:
+                    return np.asarray(frame, dtype=np.uint8)
+            least = max(self._number, number + 1)
+            number = least + (self.numbers.start - least) % self.numbers.step
+        return None
 
     def _no_start(self, cut: Cut) -> str:
         """Message that there is no frame at the start of a cut."""
@@ -119,9 +134,18 @@ class FrameReader:
         return f"{ends_before(cut.start, count, self._rate)}: there is no frame to begin with"
 
     def _grab(self, count: int) -> bool:
-        """Skip `count` frames; return whether there are so many."""
-        self._number += count
-        return all(self._capture.grab() for _ in range(count))
+        """Go on by `count` frames, and past those that are damaged there; return whether there are so many."""
+        number = self._number + count
+        while self._number < number:
+            damaged = _grab_whole(self._capture)
+            if damaged is None:
+                return False
+            self._number += damaged + 1
+        return True
+
+    def _missed(self) -> int:
+        """Number of frames missing between those that were read, by their times; 0 if these are not regular."""
+        return _missed(np.array(self._times), self.frames_per_second)
 
     def _time(self) -> float:
         """Time of the frame that was read last, in seconds."""
@@ -159,6 +183,8 @@ class VideoReader(FrameReader):
 
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected a video")
+        if not path.stat().st_size:  # also of files of the kernel, which may be read without end
+            raise BrokenFileError(f"{path}: {NO_VIDEO}")
         self._path = path
         super().__init__(native_name(path), str(path), most_pixels, cut, threads)
         self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
@@ -166,7 +192,7 @@ class VideoReader(FrameReader):
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
 
     def _grab(self, count: int) -> bool:
-        """Skip `count` frames; many are skipped by a jump, if it arrives at the right frame."""
+        """Go on by `count` frames; by a jump if they are many, and it arrives at the right frame."""
         import cv2
 
         if count < LEAST_JUMP:
@@ -187,8 +213,9 @@ class VideoReader(FrameReader):
 
     def loss(self) -> str:
         """Message if announced frames cannot be read, empty otherwise; to be called after all others were read."""
-        if self.lost_frames() > 0:
-            return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read"
+        if (lost := self.lost_frames()) > 0:
+            announced, read = max(self.count, len(self._times) + lost), len(self._times)
+            return f"{self._path}: announces {announced} frames, {read} can be read"
         if len(self._times) < len(self.numbers) and (missing := missing_bytes(self._path)):
             return f"{self._path}: its end is missing, {missing} bytes: {len(self._times)} frames can be read"
         return ""
@@ -200,7 +227,7 @@ class VideoReader(FrameReader):
         """
         left = self.count - len(self._times)
         if self._path.suffix.lower() not in WITH_COUNT:
-            missed = _missed(np.array(self._times), self.frames_per_second)
+            missed = self._missed()
             after = min(left - missed, self._frames_after())
             return missed + (after if after > LONGEST_SOUND * self.frames_per_second else 0)
         if left <= 0:
@@ -238,14 +265,17 @@ class FramesByNumber:
     """Number of frames, as far as the file says it: the last ones may be missing."""
     frames_per_second: float
     first: Image
-    """The image of the first frame."""
+    """The image of the first frame that can be read."""
+    first_number: int
+    """Its number."""
 
     def __init__(self, path: Path, most_pixels: float = MOST_PIXELS) -> None:
         reader = VideoReader(path, most_pixels)
-        self.frames_per_second, self.first = reader.frames_per_second, np.asarray(reader._frame, dtype=np.uint8)
+        self.frames_per_second = reader.frames_per_second
+        self.first_number, self.first = next(reader.numbered())
         self._path = path
-        self._capture, self._next = reader._capture, 1
-        self._begin = reader._time()  # seconds, of the first frame
+        self._capture, self._next = reader._capture, self.first_number + 1
+        self._begin = reader._time() - self.first_number / self.frames_per_second  # seconds, of frame 0
         self.count = self._counted(reader.count)
 
     def _counted(self, announced: int) -> int:
@@ -272,9 +302,12 @@ class FramesByNumber:
         if number < self._next:
             self._reopen()
         while self._next <= number:
-            if not self._grab():
+            damaged = _grab_whole(self._capture)
+            if damaged is None:
+                self._reopen()
                 return None
-        return self._retrieved()
+            self._next += damaged + 1
+        return self._retrieved() if self._next == number + 1 else None
 
     def _is_at(self, number: int) -> bool:
         """Jump to a frame, and grab it; false if the jump does not arrive there: times are irregular, or no index."""
@@ -291,13 +324,6 @@ class FramesByNumber:
     def _reopen(self) -> None:
         self._capture.release()
         self._capture, self._next = _opened(native_name(self._path), None), 0
-
-    def _grab(self) -> bool:
-        if not self._capture.grab():
-            self._reopen()
-            return False
-        self._next += 1
-        return True
 
     def _time(self) -> float:
         import cv2
@@ -319,6 +345,20 @@ def _opened(location: str, threads: int | None, options: str = "") -> Any:
         return cv2.VideoCapture(location, cv2.CAP_ANY, parameters)
 
 
+def _grab_whole(capture: Any) -> int | None:
+    """Go to the next frame that can be decoded; returns the number of those that cannot before it, None at the end.
+
+    OpenCV gives up at a damaged frame, but goes on behind it when it is asked again.
+    """
+    for damaged in range(MOST_DAMAGED):
+        began = time.monotonic()
+        if capture.grab():
+            return damaged
+        if time.monotonic() - began > LONGEST_WAIT:
+            break
+    return None
+
+
 def _missed(times: Array, rate: float) -> int:
     """Number of frames missing between others, by their times in seconds; 0 if they are not at that rate.
 
@@ -337,7 +377,7 @@ def count_frames(path: Path, threads: int | None = None, options: str = "") -> i
     """Number of frames of a file that can be decoded, with options of FFmpeg; 0 if it is no video."""
     capture = _opened(native_name(path), threads, options)
     count = 0
-    while capture.grab():
+    while _grab_whole(capture) is not None:
         count += 1
     capture.release()
     return count

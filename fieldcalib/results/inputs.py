@@ -322,6 +322,7 @@ class LiveStream:
                 calibration = tracker.update(frame.image)
                 collected.add(frame.id, calibration, basis=str(tracker.basis))
                 bar.update()
+        _warn_of(reader.loss())
         return Results(collected.frames())
 
 

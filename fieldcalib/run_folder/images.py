@@ -162,7 +162,7 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
 
     A BrokenFileError of `check` gets the name of the video.
     """
-    frames = zip(reader.numbers, reader, strict=False)
+    frames = reader.numbered()
     with named_in_errors(name):
         while True:
             with waiting_for(str(name)):

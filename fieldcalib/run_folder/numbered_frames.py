@@ -145,7 +145,7 @@ class NumberedVideo(NumberedFrames):
         super().__init__([f"{number:06d}" for number in self._numbers])
         self.rate = self._video.frames_per_second
         self._path = path
-        if self._numbers and self._numbers[0] == 0:
+        if self._numbers and self._numbers[0] == self._video.first_number:
             self._kept[0] = self._video.first
 
     def _read(self, number: int) -> Image:

@@ -131,7 +131,7 @@ class ResultsWriter:
             )
 
     def restore(self, line: Mapping[str, Any], *, has_camera: bool) -> None:
-        """Count a frame that an earlier part of the run has written; `has_camera` says whether it has a camera's file."""
+        """Count a frame that was written before; `has_camera` says whether its camera has a file."""
         self.restored.append(line["id"])
         self._count(line, is_squashed(line), has_camera)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable, Mapping
+import time
+from collections.abc import Awaitable, Callable, Container, Mapping
 from functools import partial
 from importlib.resources import files
 from typing import Any
@@ -12,8 +13,8 @@ from typing import Any
 import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
 from starlette.routing import Route
 
 from fieldcalib._json import to_json
@@ -44,6 +45,15 @@ TYPES = {
     ".woff2": "font/woff2",
 }
 INDEX = "index.html"
+ENDING = 5.0  # seconds in which threads may finish what they are at
+
+
+class Json(Response):
+    """An answer in JSON, of ASCII only: names of files may hold what is not Unicode."""
+
+    def __init__(self, value: Any, status: int = 200) -> None:
+        super().__init__(json.dumps(value, allow_nan=False), status, media_type="application/json")
+
 
 Answer = Callable[[Request], Awaitable[Response]]
 
@@ -69,7 +79,7 @@ class Page:
         if len(editor):
             self.worker.state(0)  # the first frame is calibrated before the browser asks for it
 
-    def application(self, token: str, hosts: list[str]) -> Guard:
+    def application(self, token: str, hosts: Container[str]) -> Guard:
         """The ASGI application."""
         get, post = partial(Route, methods=["GET"]), partial(Route, methods=["POST"])
         routes = [
@@ -106,10 +116,12 @@ class Page:
         return Guard(app, token, hosts)
 
     def close(self) -> None:
-        """End the threads and close the files."""
-        self.job.close()
-        self.worker.close()
-        self.editor.close()
+        """End the threads and close the files, after a save that is being written."""
+        until = time.monotonic() + ENDING
+        for thread in [*self.job.end(), *self.worker.end()]:
+            thread.join(max(until - time.monotonic(), 0.0))
+        with self.editor.lock:
+            self.editor.close()
 
     async def index(self, request: Request) -> Response:
         """The page."""
@@ -129,7 +141,7 @@ class Page:
     async def project(self, request: Request) -> Response:
         """What is opened."""
         editor = self.editor
-        return JSONResponse(
+        return Json(
             {
                 "title": editor.title,
                 "kind": "clip" if editor.is_clip else "pictures",
@@ -148,15 +160,15 @@ class Page:
 
     async def table(self, request: Request) -> Response:
         """All frames."""
-        return JSONResponse(frames_state(self.editor))
+        return Json(frames_state(self.editor))
 
     async def field(self, request: Request) -> Response:
         """The field."""
-        return JSONResponse({"name": self.editor.field_name, **field_record(self.editor.field)})
+        return Json({"name": self.editor.field_name, **field_record(self.editor.field)})
 
     async def frame(self, request: Request) -> Response:
         """The state of a frame."""
-        return JSONResponse(await self._state(self._number(request)))
+        return Json(await self._state(self._number(request)))
 
     async def _state(self, number: int) -> dict[str, Any]:
         return await asyncio.wrap_future(self.worker.state(number))
@@ -167,35 +179,35 @@ class Page:
         try:
             await run_in_threadpool(apply, self.editor, number, body)
         except StaleEdit as error:
-            return JSONResponse({"error": str(error), "state": await self._state(number)}, 409)
-        return JSONResponse(await asyncio.wrap_future(self.worker.drawn(number)))
+            return Json({"error": str(error), "state": await self._state(number)}, 409)
+        return Json(await asyncio.wrap_future(self.worker.drawn(number)))
 
     async def errors(self, request: Request) -> Response:
         """How far ground points move if the clicks are 2 px off."""
         one = await self._fitted(request)
-        return JSONResponse(await run_in_threadpool(error_map, one))
+        return Json(await run_in_threadpool(error_map, one))
 
     async def ground(self, request: Request) -> Response:
         """The place on the ground at a pixel."""
         one = await self._fitted(request)
         X, sd, rms = ground_point(one.calibration, (_real(request, "x"), _real(request, "y")))
-        return JSONResponse({"X": _rounded(X), "sd": _rounded(sd), "rms": _rounded(rms)})
+        return Json({"X": _rounded(X), "sd": _rounded(sd), "rms": _rounded(rms)})
 
     async def distance(self, request: Request) -> Response:
         """The distance of the places at two pixels."""
         one = await self._fitted(request)
         first, second = ((_real(request, f"x{k}"), _real(request, f"y{k}")) for k in (1, 2))
         metres, sd = distance(one.calibration, first, second)
-        return JSONResponse({"metres": _rounded(metres), "sd": _rounded(sd)})
+        return Json({"metres": _rounded(metres), "sd": _rounded(sd)})
 
     async def offside(self, request: Request) -> Response:
         """The line across the field at a pixel."""
         one = await self._fitted(request)
         found = line_across(one.calibration, one.field, (_real(request, "x"), _real(request, "y")))
         if found is None:
-            return JSONResponse({"line": [], "X": None})
+            return Json({"line": [], "X": None})
         points = [point for curve in found.curves for point in curve.round(1).tolist()]
-        return JSONResponse({"line": points, "X": _rounded(found.x)})
+        return Json({"line": points, "X": _rounded(found.x)})
 
     async def offside_picture(self, request: Request) -> Response:
         """The picture with the line across the field at a pixel."""
@@ -223,7 +235,7 @@ class Page:
         saved = await run_in_threadpool(self.editor.save)
         last = self.editor.last_save
         said = {"folder": str(folder.folder) if folder else "", "history": self._history(), "failed": dict(last.failed)}
-        return JSONResponse({"saved": saved, "by_hand": by_hand, **said})
+        return Json({"saved": saved, "by_hand": by_hand, **said})
 
     def _history(self) -> str:
         """Where files are kept that the last save replaced, in the folder of results; empty if it replaced none."""
@@ -233,7 +245,7 @@ class Page:
     async def likely(self, request: Request) -> Response:
         """Labels for a pixel, the likely ones first."""
         one = await self._fitted(request)
-        return JSONResponse({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
+        return Json({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
 
     async def save_labels(self, request: Request) -> Response:
         """Write the labels by hand in a format."""
@@ -241,48 +253,48 @@ class Page:
         if not isinstance(format, str):
             raise ValueError('expected the name of a format, as {"format": "soccernet"}')
         name = await run_in_threadpool(self.editor.save_labels, format)
-        return JSONResponse({"file": name, "history": self._history()})
+        return Json({"file": name, "history": self._history()})
 
     async def job_report(self, request: Request) -> Response:
         """Where the solution of the clip stands."""
-        return JSONResponse(await run_in_threadpool(self.job.report))
+        return Json(await run_in_threadpool(self.job.report))
 
     async def next_to_mend(self, request: Request) -> Response:
         """The frame to mend next; null if all are good."""
-        return JSONResponse({"number": await run_in_threadpool(self.editor.next_to_mend)})
+        return Json({"number": await run_in_threadpool(self.editor.next_to_mend)})
 
     async def proposed(self, request: Request) -> Response:
         """The camera of a frame in the solution that is not kept yet."""
-        return JSONResponse(await run_in_threadpool(self.job.proposed, self._number(request)))
+        return Json(await run_in_threadpool(self.job.proposed, self._number(request)))
 
     async def solve(self, request: Request) -> Response:
         """Begin to solve the clip."""
         await _body(request)
         self.job.start()
-        return JSONResponse(self.job.report())
+        return Json(self.job.report())
 
     async def cancel(self, request: Request) -> Response:
         """End the solution, or drop it."""
         await _body(request)
         self.job.cancel()
-        return JSONResponse(self.job.report())
+        return Json(self.job.report())
 
     async def draw(self, request: Request) -> Response:
         """Begin to draw files again that show older cameras."""
         await _body(request)
         self.job.draw()
-        return JSONResponse(self.job.report())
+        return Json(self.job.report())
 
     async def keep(self, request: Request) -> Response:
         """Keep the solution."""
         await _body(request)
-        return JSONResponse({"saved": await run_in_threadpool(self.job.keep)})
+        return Json({"saved": await run_in_threadpool(self.job.keep)})
 
     async def undo_keep(self, request: Request) -> Response:
         """Take the solution back that was kept last."""
         await _body(request)
         await run_in_threadpool(self.job.undo_keep)
-        return JSONResponse(await run_in_threadpool(self.job.report))
+        return Json(await run_in_threadpool(self.job.report))
 
     async def cuts(self, request: Request) -> Response:
         """Set the first frames of the shots."""
@@ -290,7 +302,7 @@ class Page:
         if not isinstance(cuts, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in cuts):
             raise ValueError('expected the numbers of frames, as {"cuts": [0, 120]}')
         await run_in_threadpool(self.editor.set_cuts, cuts)
-        return JSONResponse({"cuts": self.editor.cuts})
+        return Json({"cuts": self.editor.cuts})
 
     async def image(self, request: Request) -> Response:
         """A picture."""
@@ -322,6 +334,8 @@ def answered(answer: Answer) -> Answer:
     async def safely(request: Request) -> Response:
         try:
             return await answer(request)
+        except ClientDisconnect:
+            return problem(400, "the request has no end")  # nobody is left to read it
         except NoSuchFrame as error:
             return problem(404, str(error))
         except TooLargeError as error:
@@ -342,7 +356,7 @@ def answered(answer: Answer) -> Answer:
 
 def problem(status: int, message: str) -> Response:
     """An answer that says what is wrong."""
-    return JSONResponse({"error": message}, status)
+    return Json({"error": message}, status)
 
 
 async def _png(image: Image, name: str) -> Response:

@@ -15,6 +15,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from fieldcalib.io.files import escaped
+
 STATIC = Path(__file__).with_name("static")
 IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"\./([\w-]+)\.js";', re.MULTILINE)
 EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const|let) +(\w+))", re.MULTILINE)
@@ -120,7 +122,7 @@ def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> st
     elements = [f'<script type="application/json" id="{id}">{as_json(value)}</script>' for id, value in data.items()]
     return PAGE.format(
         policy=policy,
-        title=escape(title),
+        title=escape(escaped(title)),
         icon=_inlined_address("icon.svg"),
         style=style.replace("</", "<\\/"),
         data="\n".join(elements),

@@ -1,15 +1,18 @@
 """Who may ask: only pages of this server, by a secret in the address, from names that stand for this machine.
 
 A page of another site can send requests to this machine. It does not know the token in the address, it cannot give
-itself the name of this machine (the Host header, against DNS rebinding), and its requests say where they come from (the
-Origin header).
+itself the name of this machine (the Host header, against DNS rebinding; an address in numbers is no name that can be
+given), and its requests say where they come from (the Origin header, which must be the Host).
 """
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import json
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import Awaitable, Callable, Container, MutableMapping
+from dataclasses import dataclass
+from ipaddress import IPv6Address, ip_address
 from typing import Any, TypeAlias
 
 Message: TypeAlias = MutableMapping[str, Any]
@@ -19,6 +22,7 @@ Application: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
 
 MOST_BYTES = 1_000_000  # of the body of a request
 LONGEST_PATH = 300
+HTTP = 80  # the port that addresses do not name
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -32,6 +36,53 @@ HEADERS = (
 )
 
 
+@dataclass(frozen=True)
+class Hosts:
+    """The hosts by which a server may be called, in lower case as the Host header has them.
+
+    Examples
+    --------
+    >>> hosts = Hosts(frozenset({"localhost"}), 8080, any_address=True)
+    >>> "localhost:8080" in hosts, "192.168.1.5:8080" in hosts, "[::1]:8080" in hosts, "evil.example:8080" in hosts
+    (True, True, True, False)
+    """
+
+    names: frozenset[str]
+    """Names and addresses of the server."""
+    port: int
+    any_address: bool = False
+    """Whether every address in numbers is one of the server: it listens at all that the machine has."""
+
+    def __contains__(self, host: object) -> bool:
+        name = str(host).removesuffix(f":{self.port}")
+        if name == host and self.port != HTTP:
+            return False
+        return name in self.names or (self.any_address and _is_address(name))
+
+
+def _is_address(host: str) -> bool:
+    """Whether a host is an address in numbers; one of IPv6 is in brackets."""
+    inner = host.removeprefix("[").removesuffix("]")
+    try:
+        return bracketed(str(ip_address(inner))) == host
+    except ValueError:
+        return False
+
+
+def bracketed(host: str) -> str:
+    """A host as an address has it.
+
+    Examples
+    --------
+    >>> bracketed("::1"), bracketed("127.0.0.1"), bracketed("localhost")
+    ('[::1]', '127.0.0.1', 'localhost')
+    """
+    try:
+        return f"[{host}]" if isinstance(ip_address(host), IPv6Address) else host
+    except ValueError:
+        return host
+
+
 class Guard:
     """Passes requests on to an application only if they may be answered.
 
@@ -41,14 +92,16 @@ class Guard:
         An ASGI application; paths that it gets are without the token.
     token : str
         The first part of the path of every address.
-    hosts : iterable of str
-        Names, with the port, by which this server may be called.
+    hosts : container of str
+        Hosts, with the port, by which this server may be called.
     """
 
-    def __init__(self, application: Application, token: str, hosts: Iterable[str]) -> None:
+    def __init__(self, application: Application, token: str, hosts: Container[str]) -> None:
         self._application = application
         self._token = token.encode()
-        self._hosts = frozenset(host.lower() for host in hosts)
+        self._hosts = hosts
+        self._answering: set[asyncio.Task[Any] | None] = set()
+        self._is_ended = False
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -63,8 +116,23 @@ class Guard:
             return
         _, _, path = scope["path"].lstrip("/").partition("/")
         inner = {**scope, "path": f"/{path}", "raw_path": f"/{path}".encode(errors="replace"), "root_path": ""}
-        body = _Body(receive)
-        await self._application(inner, body, _with_headers(send))
+        task = asyncio.current_task()
+        self._answering.add(task)
+        try:
+            await self._application(inner, _Body(receive), _with_headers(send))
+        except asyncio.CancelledError:
+            if not self._is_ended:
+                raise
+            await _refuse(send, 503, "the page has ended")
+        finally:
+            self._answering.discard(task)
+
+    def end(self) -> None:
+        """End the requests that are being answered: their clients may send nothing more, or wait for long work."""
+        self._is_ended = True
+        for task in self._answering:
+            if task is not None:
+                task.cancel()
 
     def _refusal(self, scope: Message) -> tuple[int, str] | None:
         """Status and message for a request that is not answered."""
@@ -72,10 +140,7 @@ class Guard:
         host, origin = headers.get(b"host", b"").decode("latin-1").lower(), headers.get(b"origin")
         token, slash, _ = scope["path"].lstrip("/").partition("/")
         if host not in self._hosts:
-            return (
-                403,
-                f"expected one of {', '.join(sorted(self._hosts))} as the host: open the address that was printed",
-            )
+            return 403, f"{host[:60]!r} is no host of this page: open the address that was printed"
         if not slash or not hmac.compare_digest(token.encode(errors="replace"), self._token):
             return 404, "there is nothing here: open the address that was printed, with all of its letters"
         if len(scope["path"]) > LONGEST_PATH:
@@ -84,12 +149,14 @@ class Guard:
             return 405, f"expected GET or POST, got {scope['method'][:20]}"
         if scope["method"] == "POST":
             return self._refused_post(headers)
-        if origin is not None and not self._is_own(origin):
+        if origin is not None and not _is_own(origin, host):
             return 403, "requests from pages of other sites are not answered"
         return None
 
-    def _refused_post(self, headers: dict[bytes, bytes]) -> tuple[int, str] | None:
-        if not self._is_own(headers.get(b"origin", b"")):
+    @staticmethod
+    def _refused_post(headers: dict[bytes, bytes]) -> tuple[int, str] | None:
+        host = headers[b"host"].decode("latin-1").lower()
+        if not _is_own(headers.get(b"origin", b""), host):
             return 403, "requests from pages of other sites are not answered"
         if headers.get(b"content-type", b"").split(b";")[0].strip().lower() != b"application/json":
             return 415, "expected a body of application/json"
@@ -98,9 +165,9 @@ class Guard:
             return 413, f"expected a body of at most {MOST_BYTES} bytes"
         return None
 
-    def _is_own(self, origin: bytes) -> bool:
-        scheme, _, host = origin.decode("latin-1").lower().partition("://")
-        return scheme == "http" and host in self._hosts
+
+def _is_own(origin: bytes, host: str) -> bool:
+    return origin.decode("latin-1").lower() == f"http://{host}"
 
 
 class TooLargeError(ValueError):

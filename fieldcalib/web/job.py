@@ -33,6 +33,15 @@ class _Status:
     proposal: Proposal | None = None
 
 
+@dataclass(frozen=True)
+class _Task:
+    """Work that is to be done."""
+
+    status: _Status
+    work: Callable[[Progress], Proposal | None]
+    name: str
+
+
 class ClipJob:
     """Solves or draws the clip of an editor in a thread, one after the other."""
 
@@ -40,7 +49,8 @@ class ClipJob:
         self._editor = editor
         self._status = _Status()
         self._lock = Lock()
-        self._thread: Thread | None = None
+        self._next: _Task | None = None
+        self._thread: Thread | None = None  # while there is something to do
 
     def start(self) -> None:
         """Begin to solve; a ValueError if it is being solved already."""
@@ -59,11 +69,25 @@ class ClipJob:
                 raise ValueError("the clip is being solved or drawn already: wait, or cancel that")
             if self._status.state == "ready" and work == self._drawn:
                 raise ValueError("keep or discard the solution of the clip first")
-            status = self._status = _Status("running")
-        self._thread = Thread(target=self._run, args=(status, work, what), name="clip", daemon=True)
-        self._thread.start()
+            self._status = _Status("running")
+            self._next = _Task(self._status, work, what)  # what was cancelled may take a while to end
+            if self._thread is None:
+                self._thread = Thread(target=self._run, name="clip", daemon=True)
+                self._thread.start()
 
-    def _run(self, status: _Status, work: Callable[[Progress], Proposal | None], what: str) -> None:
+    def _run(self) -> None:
+        while (task := self._taken()) is not None:
+            self._do(task.status, task.work, task.name)
+
+    def _taken(self) -> _Task | None:
+        """Take what is to be done next; the thread ends if that is nothing."""
+        with self._lock:
+            task, self._next = self._next, None
+            if task is None:
+                self._thread = None
+            return task
+
+    def _do(self, status: _Status, work: Callable[[Progress], Proposal | None], what: str) -> None:
         def progress(done: int, total: int, stage: str) -> None:
             if status.is_cancelled:
                 raise _Cancelled
@@ -82,7 +106,7 @@ class ClipJob:
         """End the work as soon as possible, or drop its solution."""
         with self._lock:
             self._status.is_cancelled = True
-            self._status = _Status()
+            self._status, self._next = _Status(), None
 
     def keep(self) -> int:
         """Take the solution; a ValueError if there is none."""
@@ -136,8 +160,8 @@ class ClipJob:
             raise ValueError("this frame is not in the solution")
         return calibration_record(calibration, self._editor.field)
 
-    def close(self) -> None:
-        """End the work."""
+    def end(self) -> list[Thread]:
+        """End the work as soon as possible; returns the thread, if it is still at work."""
         self.cancel()
-        if self._thread is not None:
-            self._thread.join(timeout=5.0)
+        thread = self._thread
+        return [] if thread is None else [thread]

@@ -34,13 +34,12 @@ class Searches:
                 self._thread.start()
             self._changed.notify()
 
-    def close(self) -> None:
-        """End the thread, after the search that it is at."""
+    def end(self) -> list[Thread]:
+        """Let the thread end after the search that it is at; returns it, if there is one."""
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        if self._thread is not None:
-            self._thread.join(timeout=5.0)
+        return [] if self._thread is None else [self._thread]
 
     def _run(self) -> None:
         while (number := self._next()) is not None:

@@ -91,7 +91,8 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
 def _marks(one: FrameEditor) -> list[dict[str, Any]]:
     """The marks of a frame, each with its distance from its marking, and whether the others contradict its label.
 
-    Those whose label the field does not know are suspects. Marks of a network that lie beside it are left out of the camera: pixels are only fitted where they agree with it.
+    Those whose label the field does not know are suspects. Marks of a network that lie beside it are left out of the
+    camera: pixels are only fitted where they agree with it.
     """
     calibration, marks = one.calibration, one.marks
     suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}

@@ -34,7 +34,7 @@ class _Wanted:
 
 
 class Worker:
-    """Fits the cameras of an editor's frames, one after the other; a context manager."""
+    """Fits the cameras of an editor's frames, one after the other."""
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
@@ -63,15 +63,14 @@ class Worker:
             self._changed.notify()
             return wanted.done
 
-    def close(self) -> None:
-        """End the thread; what it has not done is dropped."""
+    def end(self) -> list[Thread]:
+        """Let the threads end after what they are at; the rest is dropped. Returns those that are still at work."""
         with self._changed:
             self._is_closed = True
             for wanted in self._wanted.values():
                 wanted.done.cancel()
             self._changed.notify()
-        self._searches.close()
-        self._thread.join(timeout=5.0)
+        return [self._thread, *self._searches.end()]
 
     def _run(self) -> None:
         while (wanted := self._next()) is not None:

@@ -15,6 +15,7 @@ from fieldcalib.io.exports.frames import (
     lens_coefficients,
     with_cameras,
 )
+from fieldcalib.io.files import escaped
 
 # Coefficients of COLMAP's models in its order, smallest model first.
 MODELS = {
@@ -52,7 +53,7 @@ def colmap_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> dict[s
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[]: none"]
     for number, (id, camera) in enumerate(with_cameras(frames).items(), start=1):
-        name = image_name(image_names, id)
+        name = escaped(image_name(image_names, id))
         if not name or any(letter.isspace() for letter in name):
             raise ValueError(f"COLMAP's names of images have no blanks, got {name!r}: rename the images")
         cameras.append(f"{number} {_intrinsics(id, camera)}")

@@ -13,6 +13,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
+from fieldcalib.io.files import escaped
 
 MATRICES = ("from_undistorted", "from_raw")
 LEFT_BY_LENS = ("rms_px", "largest_px", "rms_m", "largest_m")
@@ -62,7 +63,7 @@ def _table(ids: list[str], rows: list[FieldHomography | None]) -> bytes:
     writer.writerow(["id", *cells, *(f"from_raw_{name}" for name in LEFT_BY_LENS)])
     for id, row in zip(ids, rows, strict=True):
         values = [""] * (len(cells) + len(LEFT_BY_LENS)) if row is None else _cells(row)
-        writer.writerow([id, *values])
+        writer.writerow([escaped(id), *values])
     return text.getvalue().encode()
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS, opencv_vector
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
+from fieldcalib.io.files import escaped
 
 CAMERA_COLUMNS = (
     *("width", "height", "fx", "fy", "cx", "cy"),  # pixels
@@ -53,7 +54,7 @@ def table_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | N
     for id, camera in frames.items():
         known = lines.get(id, {})
         cells = [""] * len(CAMERA_COLUMNS) if camera is None else _camera_cells(camera)
-        writer.writerow([id, *(known.get(name) for name in ABOUT), *cells])
+        writer.writerow([escaped(id), *(known.get(name) for name in ABOUT), *cells])
     return {"cameras.csv": text.getvalue().encode()}
 
 
