@@ -25,6 +25,7 @@ from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
+import yaml
 
 import fieldcalib as fc
 from fieldcalib import fields
@@ -162,8 +163,37 @@ def clips(data: Path) -> Found:
     return found
 
 
+def courts(data: Path) -> Found:
+    """Courts found by search: some frames of clips by themselves, and a piece of one as a clip."""
+    found: Found = []
+    for path in sorted((data / "courts").glob("*.mp4")):
+        field = fields.FIELDS[path.stem.split("-")[0]]()
+        with VideoReader(path) as video:
+            frames = list(islice(video, FRAMES))
+        found += [[path.stem, record(one)] for one in fc.calibrate_from_images(field, frames[::20])]
+        if path.stem == "tennis-4":
+            found += [[f"{path.stem}, clip", record(one)] for one in fc.calibrate_video(field, frames[:24:2])]
+    return found
+
+
+def wild(data: Path) -> Found:
+    """Pictures and the beginnings of clips as people have them, of several fields."""
+    network, found = fc.SegmentationNetwork.load(threads=1), []
+    for name, field_name, *_ in yaml.safe_load((data / "wild" / "expected.yaml").read_text()):
+        path, field = data / "wild" / name, fields.FIELDS[field_name]()
+        chosen = network if field_name == "soccer" else None
+        if path.suffix in (".mp4", ".gif"):
+            with VideoReader(path) as video:
+                frames = list(islice(video, 12))
+            found += [[name, record(one)] for one in fc.calibrate_video(field, frames, chosen)]
+            continue
+        image = cv2.imread(str(path))  # also where the commit refuses the file
+        found += [[name, record(one)] for one in fc.calibrate_from_images(field, [image], chosen)]
+    return found
+
+
 PARTS: dict[str, Callable[[Path], Found]] = {
-    part.__name__: part for part in (one_by_one, batches, sports, points, sequences, pictures, clips)
+    part.__name__: part for part in (one_by_one, batches, sports, points, sequences, pictures, clips, courts, wild)
 }
 
 
