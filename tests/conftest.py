@@ -1,7 +1,7 @@
 """What many tests share: settings of Hypothesis, data beside the checkout, known networks, a calibrated folder.
 
-Property tests have the marker `property`. They draw the same cases on every run, unless `--hypothesis-seed` names others
-or HYPOTHESIS_PROFILE=random leaves them to chance; with HYPOTHESIS_PROFILE=few they are a quarter as many.
+Property tests have the marker `property`. They draw the same cases on every run, unless `--hypothesis-seed` names
+others or HYPOTHESIS_PROFILE=random leaves them to chance; with HYPOTHESIS_PROFILE=few they are a quarter as many.
 """
 
 import os
@@ -29,8 +29,8 @@ settings.register_profile(
 settings.register_profile("same", parent=settings.get_profile("random"), derandomize=True)
 settings.register_profile("few", parent=settings.get_profile("same"), max_examples=5)
 
-# Hypothesis also draws numbers that it reads in the modules of the checkout imported so far: a test's cases would depend on
-# the tests before it, and a seed would not repeat them. There is no setting for it; older versions do not read any.
+# Hypothesis also draws numbers that it reads in the modules of the checkout imported so far: the cases of a test would
+# depend on the tests before it, and a seed would not repeat them. There is no setting for it; older versions read none.
 with suppress(ImportError):
     from hypothesis.internal.conjecture import providers
 

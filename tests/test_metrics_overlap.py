@@ -118,7 +118,7 @@ def test_iou_part_other_overlap():
 
 
 def depth_in(polygon, points):
-    """Distances of points (N, 2) from the nearest side of a convex polygon, or from its line, (N,); negative outside."""
+    """Distances of points (N, 2) to the nearest of the lines of a convex polygon's sides, (N,); negative outside."""
     a = np.array(polygon, dtype=float)
     along = np.roll(a, -1, axis=0) - a
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
