@@ -14,7 +14,7 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import theta_from_camera
 
-DEFAULT_EXAMPLES = settings.get_profile("local").max_examples  # the profiles are in conftest.py
+DEFAULT_EXAMPLES = settings.get_profile("same").max_examples  # the profiles are in conftest.py
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
 

@@ -83,6 +83,21 @@ def test_closest_points_and_their_derivatives(camera, rng, lens):
         np.testing.assert_allclose(compiled.cost, cost, rtol=1e-9)
 
 
+@pytest.mark.parametrize("a1", [-0.38, -0.2])
+def test_closest_points_through_lenses_far_stronger_than_those_of_broadcasts(a1, by_numpy):
+    frames, cameras = random_frames(6, seed=0)
+    layout = Layout.of(SIZE)
+    theta = np.array([layout.theta(camera) for camera in cameras])
+    theta[:, layout.lens_block.start] = a1
+    frames = [observe(FIELD, layout.camera(one)) for one in theta]
+    problem = Problem(pack(FIELD, frames, SIZE), layout, RobustLoss("linear", 1.0))
+    theta[:, :3] += 0.01  # radians: some 10 px
+    compiled, numpy = evaluate(problem, theta), by_numpy(evaluate, problem, theta)
+    seen = problem.observations.label >= 0
+    assert np.median(np.abs(numpy.r[seen])) > 5.0
+    np.testing.assert_allclose(compiled.r[seen], numpy.r[seen], atol=1e-7)
+
+
 @examples(30)
 @given(
     camera=cameras(lens=True, image_sizes=(SIZE,)),

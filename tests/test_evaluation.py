@@ -199,6 +199,23 @@ def test_jacobian_equals_central_differences_column_by_column(lens, data):
     assert max(worst.values()) < 5e-6, worst  # less than of a column that is wrong by 1e-5, see below
 
 
+@pytest.mark.parametrize("lens", ["radial lens", "Brown-Conrady lens"])
+@pytest.mark.parametrize("a1", [-0.38, -0.2])
+def test_closest_points_are_found_through_lenses_far_stronger_than_those_of_broadcasts(lens, a1):
+    """Steps that leave out how the lens bends do not arrive, and derivatives where they end are wrong by up to 90 %."""
+    rng, layout, compared = np.random.default_rng(0), LAYOUTS[lens], 0
+    for distance in 3 * (0.0, 50.0):
+        theta = layout.theta(random_camera(DISTRIBUTIONS["main center"], rng))
+        theta[layout.lens_block.start] = a1
+        frame = beside_the_segments(ALL_KINDS, layout.camera(theta), distance, rng.uniform(-np.pi, np.pi))
+        evaluation = at(theta[None], pack(ALL_KINDS, [frame], SIZE, motion=MOTION), layout)
+        numeric, with_half_steps = (numeric_jacobian(evaluation, steps_by=steps_by) for steps_by in (1.0, 0.5))
+        if column_errors(numeric, with_half_steps, floor=1e-2).max() < 1e-6:  # else there is a kink between the steps
+            compared += 1
+            assert column_errors(jacobian(evaluation), numeric, floor=1e-2).max() < 5e-6
+    assert compared > 3
+
+
 @pytest.mark.parametrize("lens", LAYOUTS)
 def test_jacobian_by_the_size_of_the_field(lens):
     evaluation = random_evaluation("main center", lens, 3, with_size=True)

@@ -78,6 +78,14 @@ def test_push_and_pull_are_the_derivative_and_its_transpose(lens, data, s, turn)
 
 
 @members
+@given(data=st.data(), s=offsets(), turn=angle(np.pi))
+def test_bend_is_the_second_derivative_along_a_step(lens, data, s, turn):
+    b, step = data.draw(drawn(lens)), np.array([np.cos(turn), np.sin(turn)])
+    expected = central_differences(lambda t: lens.push(s + t * step, b, step)[1], np.zeros(1), RHO * 1e-3)[:, 0]
+    np.testing.assert_allclose(lens.bend(s, b, step), expected, rtol=0.0, atol=1e-10)  # of up to 1e-2 / px
+
+
+@members
 @given(data=st.data(), s=offsets(), direction=angle(np.pi))
 def test_pull_coefficients_is_the_derivative(lens, data, s, direction):
     b = data.draw(drawn(lens))

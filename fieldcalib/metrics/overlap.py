@@ -53,7 +53,8 @@ def iou_part(
     field : Field, optional
         By default a soccer field of 105 x 68 m.
     cell : float
-        Metres: size of the raster's cells. Others count cells of a yard.
+        Metres: size of the raster's cells. Others count cells of a yard. The result differs from that of exact areas by
+        up to 0.005 where views have more than 100 square metres, and by up to 0.01 where they have 50.
 
     Returns
     -------

@@ -41,6 +41,7 @@ class Limits(NamedTuple):
     curve_steps: int = by_numpy.CURVE_STEPS
     curve_step: float = by_numpy.CURVE_STEP
     largest_curve_step: float = by_numpy.LARGEST_TURN
+    least_bend: float = by_numpy.LEAST_BEND
     least_length: float = by_numpy.LEAST_LENGTH
     least_depth: float = by_numpy.LEAST_DEPTH
     undistorting_steps: int = UNDISTORTING_STEPS
@@ -157,6 +158,24 @@ def _push(view: CameraView, gain: float, slope: float, sx: float, sy: float, x: 
 
 
 @inlined
+def _bend(view: CameraView, slope: float, sx: float, sy: float, x: float, y: float) -> tuple[float, float]:
+    """The second derivative of the real offset along (x, y), at an ideal offset s."""
+    along = sx * x + sy * y
+    radial = slope * (x * x + y * y) + 8.0 * view.a2 * (along * view.per_rho2) ** 2
+    return radial * sx + 2.0 * slope * along * x, view.aspect * (radial * sy + 2.0 * slope * along * y)
+
+
+@inlined
+def _newton_step(
+    ox: float, oy: float, Tx: float, Ty: float, dTx: float, dTy: float, largest: float, limits: Limits
+) -> float:
+    """Newton's step along a curve to the point closest to where an offset leads, at most `largest`."""
+    TT = Tx * Tx + Ty * Ty + limits.least_length
+    step = (ox * Tx + oy * Ty) / max(TT - (ox * dTx + oy * dTy), limits.least_bend * TT)
+    return min(max(step, -largest), largest)
+
+
+@inlined
 def _unit(x: float, y: float, limits: Limits) -> tuple[float, float]:
     scale = 1.0 / (math.sqrt(x * x + y * y) + limits.least_length)
     return x * scale, y * scale
@@ -192,9 +211,9 @@ def on_line(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: 
         for _ in range(view.limits.line_steps):
             gain, slope = _gain(view, sx, sy)
             Tx, Ty = _push(view, gain, slope, sx, sy, -ny, nx)
+            dTx, dTy = _bend(view, slope, sx, sy, -ny, nx)
             ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
-            step = (ox * Tx + oy * Ty) / (Tx * Tx + Ty * Ty + view.limits.least_length)
-            step = min(max(step, -view.rho), view.rho)  # bounded where the lens folds back
+            step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, view.rho, view.limits)  # bounded where the lens folds back
             sx, sy, along = sx - step * ny, sy + step * nx, along + step
             if abs(step) < view.limits.line_step:
                 break
@@ -231,10 +250,11 @@ def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: i
         gain, slope = _gain(view, sx, sy)
         Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
         dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
+        if not view.is_pinhole:
+            bend_x, bend_y = _bend(view, slope, sx, sy, dsx, dsy)
+            dTx, dTy = dTx + bend_x, dTy + bend_y
         ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
-        TT = Tx * Tx + Ty * Ty + limits.least_length
-        step = (ox * Tx + oy * Ty) / max(TT - (ox * dTx + oy * dTy), 0.1 * TT)
-        step = min(max(step, -limits.largest_curve_step), limits.largest_curve_step)
+        step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, limits.largest_curve_step, limits)
         if abs(step) < limits.curve_step:
             break
         c, s = _unit(c - step * s, s + step * c, limits)

@@ -104,6 +104,11 @@ class Projection:
             return s, *steps
         return tuple(np.array([x, self.aspect * y]) for x, y in self.layout.lens.push(s, self.lens, *steps))
 
+    def bend(self, s: Array, step: Array) -> Array:
+        """Second derivatives (2, B, N) of the real offsets of s along `step`."""
+        x, y = self.layout.lens.bend(s, self.lens, step)
+        return np.array([x, self.aspect * y])
+
     def pull(self, s: Array, n: Array) -> Array:
         """Real normals n (2, B, N) as derivatives by ideal offsets: ``n dd_ds``, the transpose of `push`."""
         if self.is_pinhole:

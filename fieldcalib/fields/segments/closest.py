@@ -19,8 +19,9 @@ LEAST_LENGTH = 1e-300  # added to the length of a vector: no division by zero
 LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not raise an error
 # A batch iterates until all of its frames have converged. Further steps must be within rounding: otherwise a camera
 # would depend on the other frames of its batch.
-LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
-CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
+LINE_STEPS, LINE_STEP = 20, 1e-9  # px; five steps at 50 px and a broadcast lens, up to 20 near the fold of a strong one
+CURVE_STEPS, CURVE_STEP = 20, 1e-8  # of the curve's parameter
+LEAST_BEND = 0.1  # of the second derivative of half the squared distance, in squared lengths of the tangent
 LARGEST_TURN = 0.5  # of a step on a circle, radians
 
 
@@ -50,6 +51,9 @@ class View(Protocol):
 
     def push(self, s: Array, /, *steps: Array) -> tuple[Array, ...]:
         """Real offsets of ideal ones, and derivatives of the real offsets along `steps`."""
+
+    def bend(self, s: Array, step: Array, /) -> Array:
+        """Second derivatives of the real offsets along `step`."""
 
 
 class ClosestPoints(NamedTuple):
@@ -115,11 +119,9 @@ class CurveSearch:
         ds = (tangent[:2] - s * tangent[2]) * inverse_depth
         dds = (curvature[:2] - s * curvature[2] - 2.0 * ds * tangent[2]) * inverse_depth
         real, T, dT = self.view.push(s, ds, dds)
-        offset = self.observed - real
-        TT = dot(T, T) + LEAST_LENGTH
-        # the second derivative of half the squared distance, kept positive: never towards a maximum
-        step = dot(offset, T) / np.maximum(TT - dot(offset, dT), 0.1 * TT)
-        step = np.minimum(np.maximum(step, -largest), largest)  # np.clip is slower on small arrays
+        if not self.view.is_pinhole:
+            dT = dT + self.view.bend(s, ds)
+        step = newton_step(self.observed - real, T, dT, largest)
         self.moved = float((np.abs(step) * self.seen).max(initial=0.0))
         self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], curvature[2], step
         return step
@@ -133,6 +135,15 @@ class CurveSearch:
         s = s + step * (ds + 0.5 * step * dds)
         inverse_depth = inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth)
         return ClosestPoints(dot(normal, self.observed - self.view.real_offset(s)), s, inverse_depth, normal)
+
+
+def newton_step(offset: Array, T: Array, dT: Array, largest: float) -> Array:
+    """Newton's step, at most `largest`, along a curve with tangent T and its derivative dT to the point closest to
+    where `offset` leads."""
+    TT = dot(T, T) + LEAST_LENGTH
+    # the second derivative of half the squared distance, kept positive: never towards a maximum
+    step = dot(offset, T) / np.maximum(TT - dot(offset, dT), LEAST_BEND * TT)
+    return np.asarray(np.minimum(np.maximum(step, -largest), largest))  # np.clip is slower on small arrays
 
 
 def at_points(view: View, xy: Array, X: Array) -> list[ClosestPoints]:

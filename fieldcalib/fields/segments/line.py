@@ -16,6 +16,7 @@ from fieldcalib.fields.segments.closest import (
     View,
     cross,
     left_normal,
+    newton_step,
 )
 from fieldcalib.fields.segments.rows import Ends, Rows
 from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored_point, steps, vector
@@ -44,8 +45,7 @@ class LineRows(Rows):
             seen, reach = self.label >= 0, view.reach
             for _ in range(LINE_STEPS):
                 real, T = view.push(s, tangent)
-                step = dot(d - real, T) / (dot(T, T) + LEAST_LENGTH)
-                step = np.minimum(np.maximum(step, -reach), reach)  # bounded where the lens folds back
+                step = newton_step(d - real, T, view.bend(s, tangent), reach)  # bounded where the lens folds back
                 s, along = s + step * tangent, along + step
                 if (np.abs(step) * seen).max(initial=0.0) < LINE_STEP:
                     break

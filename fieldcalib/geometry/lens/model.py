@@ -13,6 +13,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS, POWERS, opencv_vector, shortest_opencv_vector
 
 FOLD = 0.46  # a little above 9/20
+TINY = 1e-100  # of a complex step, whose square is lost in rounding
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,10 @@ class Lens(ABC):
     @abstractmethod
     def push(self, s: Array, b: Array, *steps: Array) -> tuple[Array, ...]:
         """`distort`, and the images ``J step`` of small steps (2, ...) from s."""
+
+    def bend(self, s: Array, b: Array, step: Array) -> Array:
+        """Second derivatives (2, ...) of `distort` along `step`: those of `push`, by a complex step."""
+        return np.asarray(np.imag(self.push(s + TINY * 1j * step, b, step)[1]) / TINY)
 
     @abstractmethod
     def pull(self, s: Array, b: Array, n: Array) -> Array:

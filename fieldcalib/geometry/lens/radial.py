@@ -42,6 +42,13 @@ class RadialLens(Lens):
         gain, slope = self._gain(s, b)
         return gain * s, *(gain * step + slope * dot(s, step) * s for step in steps)
 
+    def bend(self, s: Array, b: Array, step: Array) -> Array:
+        """``(slope |step|^2 + 8 a2 / rho^4 (s . step)^2) s + 2 slope (s . step) step``."""
+        _, slope = self._gain(s, b)
+        along = dot(s, step)
+        by_slope = (8.0 / self.rho**4 * self.corner(b)[1]) * along * along
+        return np.asarray((slope * dot(step, step) + by_slope) * s + (2.0 * slope * along) * step)
+
     def pull(self, s: Array, b: Array, n: Array) -> Array:
         """``J n``, as in `push`: J is symmetric."""
         gain, slope = self._gain(s, b)
