@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import LARGEST, expect
 from fieldcalib._types import Array
 
 
@@ -47,17 +48,41 @@ def _is_whole(value: float) -> bool:
 def from_json(values: Any) -> Array:
     """The inverse of `to_json`, as an array.
 
+    Raises
+    ------
+    ValueError, TypeError, OverflowError
+        If they are no numbers, or finite ones beyond `fieldcalib._checks.LARGEST`.
+
     Examples
     --------
     >>> from_json([1.0, None, "-inf"])
     array([  1.,  nan, -inf])
     """
-    return np.array(values, dtype=float)
+    array = np.array(values, dtype=float)
+    size = np.abs(array)
+    if np.any((size > LARGEST) & (size < np.inf)):
+        raise ValueError(f"expected numbers up to {LARGEST:g}, got {np.max(size[size < np.inf]):g}")
+    return array
+
+
+def texts_from_json(values: Any) -> tuple[str, ...]:
+    """The texts of a list in JSON.
+
+    Examples
+    --------
+    >>> texts_from_json(["a", 1])
+    Traceback (most recent call last):
+        ...
+    ValueError: expected a str, as "text", got an int
+    """
+    return tuple(expect(one, str, '"text"') for one in expect(values, list, '["text"]'))
 
 
 @contextmanager
 def reading(record: Mapping[str, Any], what: str, version: int) -> Iterator[None]:
     """Read a record in the block: its faults become a ValueError that names `what` was expected.
+
+    So does a result beyond the range of floats, of which NumPy would warn.
 
     Examples
     --------
@@ -75,8 +100,9 @@ def reading(record: Mapping[str, Any], what: str, version: int) -> Iterator[None
             f"use that or calibrate again"
         )
     try:
-        yield
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
     except KeyError as error:
         raise ValueError(f"is no {what}: the key {error} is missing") from None
-    except (TypeError, AttributeError, ValueError) as error:
+    except (TypeError, AttributeError, ValueError, IndexError, ArithmeticError) as error:
         raise ValueError(f"is no {what}: {error}") from error

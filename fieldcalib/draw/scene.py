@@ -281,15 +281,20 @@ def draw_text(picture: Image, text: str, place: tuple[int, int], scale: float, c
     """Write text in place; its lower left corner is at `place`, and `scale` is that of OpenCV's font."""
     import cv2
 
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, _in_utf8(text), place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
 
 
 def text_size(text: str, scale: float) -> tuple[int, int, int]:
     """Width of a text, and its height above and below the base line, pixels."""
     import cv2
 
-    (width, above), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    (width, above), below = cv2.getTextSize(_in_utf8(text), cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
     return width, above, below
+
+
+def _in_utf8(text: str) -> str:
+    """A text with a "?" for each byte of a file's name that is not in UTF-8: OpenCV ends the process at these."""
+    return text.encode(errors="replace").decode()
 
 
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
