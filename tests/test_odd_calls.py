@@ -1,12 +1,14 @@
 """Odd calls of everything public, made from the signatures: each works, or says in words of its own what is wrong."""
 
+import signal
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from odd_calls import ODD, is_told, right_calls
+from odd_calls import LIMIT, ODD, is_told, right_calls
 
 from fieldcalib import Editor, Tracker
 from fieldcalib.fields import field_named
@@ -48,12 +50,30 @@ def test_right_calls_work():
             call()
 
 
+@contextmanager
+def limited(seconds):
+    """End the block with a TimeoutError if it takes longer."""
+
+    def late(*_):
+        raise TimeoutError(f"more than {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def told_or_made(call, replaced):
     """Make a call with some arguments replaced; raises what it raises, unless the library tells it."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy warns of numbers beyond its range
+        warnings.simplefilter("ignore", UserWarning)  # that the library tells
+        warnings.simplefilter("ignore", DeprecationWarning)
         try:
-            made = call(**replaced)
+            with limited(LIMIT):
+                made = call(**replaced)
             if isinstance(made, Tracker | Editor):
                 made.close()
         except Exception as error:

@@ -161,7 +161,9 @@ class KnownErrors(Estimate):
         layout = layout_from_record(record["layout"])
         theta = sized(record["theta"], (layout.size,), "'theta'")
         check_parameters(layout, theta)
-        covariance = sized(record["covariance"], (layout.size, layout.size), "'covariance'")
+        covariance = from_json(record["covariance"])
+        if covariance.shape != (layout.size, layout.size):
+            raise ValueError(f"'covariance': expected that of {layout.size} parameters, got shape {covariance.shape}")
         check_covariances(covariance, "'covariance'")
         return cls(layout, theta, covariance, float(from_json(record["dof"])))
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._checks import expect, whole_number
+from fieldcalib._checks import LARGEST, expect, whole_number
 from fieldcalib._json import from_json, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
@@ -234,7 +234,10 @@ def array_from_record(record: Mapping[str, Any]) -> NDArray[Any]:
     kind = np.dtype(expect(record["type"], str, '"<f8"'))
     if kind.kind not in "fiu":
         raise ValueError(f"expected an array of numbers, got one of {kind}")
-    return from_json(record["values"]).astype(kind).reshape(record["shape"])
+    values = from_json(record["values"])
+    if np.any(np.abs(values[np.isfinite(values)]) > LARGEST):
+        raise ValueError(f"expected numbers up to {LARGEST:g}, got {np.max(np.abs(values[np.isfinite(values)])):g}")
+    return values.astype(kind).reshape(record["shape"])
 
 
 def named_array_from_record(record: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[Any]:

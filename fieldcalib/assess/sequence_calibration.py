@@ -37,7 +37,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
-from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record
+from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized
 
 if TYPE_CHECKING:
     import pandas
@@ -71,7 +71,7 @@ class SequenceCalibration(FrameSequence):
     _codecs: ClassVar[Mapping[str, Codec]] = {
         "frames": Codec(FrameTable.to_dict, FrameTable.from_dict),
         "names": Codec(list, texts_from_json),
-        "values": Codec(to_json, from_json),
+        "values": Codec(to_json, lambda values: sized(values, (len(values),), "'values'")),
         "covariance": Codec(to_json, lambda rows: from_json(rows).reshape(2 * (len(rows),))),
         "field": Codec(field_to_record, field_from_record).or_none,
         "together": Codec(int, partial(whole_number, name="together")),

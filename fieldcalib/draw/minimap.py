@@ -274,9 +274,10 @@ def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) ->
     shares = 0.15 + 0.85 * (steps + 1) / max(len(trail) - 1, 1)
     for index in np.flatnonzero(np.all(low < high, axis=1)).tolist():
         (left, top), (right, bottom), share = low[index], high[index], float(shares[index])
+        first, last = ends[index].tolist()
         around = picture[top:bottom, left:right]
         layer = around.copy()
-        cv2.line(layer, *ends[index].tolist(), colour, thickness, cv2.LINE_AA, SHIFT)
+        cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
         around[:] = cv2.addWeighted(layer, share, around, 1.0 - share, 0.0)
 
 

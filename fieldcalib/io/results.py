@@ -161,7 +161,7 @@ def _check_numbers(line: Mapping[str, Any]) -> None:
 
 def _is_number(value: object) -> bool:
     """Whether it is what stands for a number in JSON, see `fieldcalib._json`."""
-    return value is None or value in INFINITIES or (is_number(value) and not abs(value) > LARGEST)
+    return value is None or value in INFINITIES or is_number(value)
 
 
 def _check_camera(line: Mapping[str, Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import positive
+from fieldcalib._checks import are_finite, positive
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
@@ -24,6 +24,7 @@ from fieldcalib.problem.prior import GaussianPrior
 
 LARGEST_PARAMETER = 1e9  # of a camera: metres, pixels or radians
 NOT_POSITIVE = 1e-6  # least eigenvalue of a matrix of correlations: rounding
+LEAST_RHO = 0.5  # pixels
 LARGEST_LOG = 20.0  # of a focal length in pixels
 SIZES = ("given", "sigma", "limits", "probabilities", "sigmas")  # arrays of a `SizeBlock`
 
@@ -65,8 +66,8 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
 
 def sized(values: Any, shape: tuple[int, ...], name: str) -> Array:
     """Numbers of a record in an array of a shape; a ValueError if they are of another one, or not finite."""
-    array = np.asarray(from_json(values), dtype=float)
-    if array.shape != shape or not np.all(np.isfinite(array)):
+    array = from_json(values)
+    if array.shape != shape or not are_finite(array):
         raise ValueError(f"{name}: expected finite numbers of shape {shape}, got {array.shape}: {values!s:.50}")
     return array
 
@@ -80,11 +81,11 @@ def check_parameters(layout: Layout, theta: Array) -> None:
 
 
 def check_covariances(covariances: Array, name: str) -> None:
-    """Check that matrices (..., n, n) of a record are covariances, or NaN; a ValueError if they are not."""
+    """Check that those matrices (..., n, n) of a record that are finite are covariances; a ValueError if not."""
     known = covariances[np.all(np.isfinite(covariances), axis=(-2, -1))]
     variances = np.diagonal(known, axis1=-2, axis2=-1)
-    if np.any(variances < 0.0):
-        raise ValueError(f"{name}: expected a covariance, got a variance of {np.min(variances):g}")
+    if not are_finite(known) or np.any(variances < 0.0):
+        raise ValueError(f"{name}: expected a covariance, got a matrix up to {np.max(np.abs(known)):g}")
     sigma = np.where(variances > 0.0, np.sqrt(variances), 1.0)
     correlations = known / sigma[..., :, None] / sigma[..., None, :]
     if known.size and np.min(np.linalg.eigvalsh(correlations)) < -NOT_POSITIVE:
@@ -131,13 +132,13 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
             raise ValueError(f"'geometry': expected {one.rows.vectors} vectors of {one.rows.name}")
     frame = {label: _vectors(part["xy"], "'xy'", 2) for label, part in labels.items()}
     weights = {label: _weights(part["weight"], len(frame[label])) for label, part in labels.items()}
-    motions = [part["motion"] for part in labels.values()]
+    moving = [part["motion"] for part in labels.values()]
     found = Observations(
         tuple(labels),
         image_size,
         (),
         *packed(PixelTable.of(labels, [frame], [weights]), stored),
-        None if None in motions else from_json(motions),
+        None if None in moving else sized(moving, np.shape(moving), "'motion'"),
     )
     if not ends["label"]:
         return found
@@ -179,7 +180,10 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
 
 def layout_from_record(record: Mapping[str, Any]) -> Layout:
     """The inverse of `layout_to_record`."""
-    lens = LENSES[record["lens"]["name"]](positive(record["lens"]["rho"], "'rho'"))
+    rho = positive(record["lens"]["rho"], "'rho'")
+    if not LEAST_RHO <= rho <= LARGEST_PARAMETER:
+        raise ValueError(f"'rho': expected half the diagonal of an image, got {rho}")
+    lens = LENSES[record["lens"]["name"]](rho)
     size = None if record["field_size"] is None else _size_from_record(record["field_size"])
     law = record.get("zoom_law")
     zoom_law = None if law is None else ZoomLaw(float(sized(law, (), "'zoom_law'")))
