@@ -216,6 +216,7 @@ WRONG = {
     ),
     "a set of pictures": (lambda _: contact_sheet({1}, ["a"]), "expected pictures, a list, got a set"),
     "many coefficients": (lambda _: of_segments(dist_coeffs=np.zeros((540, 960))), "dist_coeffs must be .{,300}$"),
+    "a wide line": (lambda _: render_field(CAMERA, soccer(), line_width=1e308), "line_width must be at most"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }
 
@@ -254,6 +255,14 @@ def test_paths_that_no_file_can_have_are_told(tmp_path, monkeypatch, call, path,
 def test_captions_may_have_bytes_of_other_encodings():
     """Names of files that are not in UTF-8 have surrogates, at which OpenCV ends the process."""
     assert contact_sheet([IMAGE], ["T\udcfcrkei"], title="\udcfc").shape[2] == 3
+    assert len(label_colour("\udcfc")) == 3
+
+
+def test_points_at_infinity_are_left_out():
+    far = [(np.inf, 0.0), (1e308, 1.0), (0.0, -np.inf)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(draw_players(IMAGE, CAMERA, far), IMAGE)
 
 
 def test_predictions_that_are_no_list():

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, FIELD, expect, listed, real_array
+from fieldcalib._checks import CAMERA, FIELD, LARGEST, expect, listed, real_array
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
@@ -245,7 +245,7 @@ def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
     X = real_array(points)
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
-    on_ground = np.column_stack([X[:, :2], np.zeros(len(X))])
+    on_ground = np.column_stack([np.where(np.abs(X[:, :2]) <= LARGEST, X[:, :2], np.nan), np.zeros(len(X))])
     return np.where(camera.depth(on_ground)[:, None] > 0.0, camera.project(on_ground), np.nan)
 
 

@@ -24,6 +24,7 @@ from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image
 
 WHITE: Colour = (242, 248, 244)
+WIDEST = 1000.0  # m, of a line
 BOARDS = (6.5, 0.95)  # m: distance behind the lines, height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
 STAND: Colour = (58, 48, 44)
@@ -67,6 +68,8 @@ def render_field(
     width, height = expect(camera, (Camera, RationalCamera), CAMERA).image_size
     expect(field, Field, FIELD)
     line_width = field.lines.width if line_width is None else number(line_width, "line_width")
+    if line_width > WIDEST:
+        raise ValueError(f"line_width must be at most {WIDEST:g} m, got {line_width}")
     if rng is not None:
         expect(rng, np.random.Generator, "numpy.random.default_rng(0)")
     ray = rays(camera)
