@@ -95,6 +95,10 @@ WRONG = {
     "large weights of points": (lambda _: calibrate_from_points(X, XY, SIZE, weights=1e200), "expected a weight up to"),
     "a text as flags": (lambda _: of_segments(flags="CALIB_FIX_K1"), "flags must be a combination"),
     "a float as flags": (lambda _: of_segments(flags=1.5), "flags must be a combination"),
+    "flags of a clip whose camera is turned": (
+        lambda _: calibrate_video(soccer(), [IMAGE, IMAGE], flags=-0.5, rvec=np.zeros(3)),
+        "flags must be a combination",
+    ),
     "a list as flags": (
         lambda _: calibrate_from_points(X, XY, SIZE, flags=[1]),
         "flags must be a combination",
