@@ -99,6 +99,10 @@ WRONG = {
         lambda _: calibrate_video(soccer(), [IMAGE, IMAGE], flags=-0.5, rvec=np.zeros(3)),
         "flags must be a combination",
     ),
+    "arrays for a truth": (
+        lambda _: calibrate_video(soccer(), [IMAGE, IMAGE], estimate_aspect=np.zeros(2)),
+        "estimate_aspect must be True or False",
+    ),
     "a list as flags": (
         lambda _: calibrate_from_points(X, XY, SIZE, flags=[1]),
         "flags must be a combination",

@@ -83,7 +83,7 @@ class ShapeEstimator:
     def finds_squash(self) -> bool:
         """Whether frames may be found to be squashed."""
         is_free = self.options.given.camera_matrix is None and self.options.prior is not None
-        return self.estimate_aspect and is_free
+        return truth(self.estimate_aspect, "estimate_aspect") and is_free
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
         """The shape of the frames of a clip; None without borders if they were not squashed."""
