@@ -312,7 +312,7 @@ ODD = [
     *({"a": 1}, {1: [[1, 2]]}, {"x": XY}, [PIXELS], [None, PIXELS], [CAMERA, None], [IMAGE, None], [np.eye(3)] * 2),
     *({"Side line left": value} for value in (None, 5, [], [[1, 2]], [[1, 2], [3, 4]], "a")),
     *({**PIXELS, "Circle left": PIXELS["Circle left"] * scale} for scale in (np.nan, np.inf, 1e300, 1j)),
-    *(IMAGE, CAMERA, FIELD, PIXELS, X, XY, H),
+    *(IMAGE, CAMERA, FIELD, dict(PIXELS), X, XY, H),  # a copy: calibrate_video writes to its `parts`
     *(10**400, -(10**400), -1e308, 2**63, -(2**63), np.datetime64("NaT"), "é" * 300, Path("é" * 300), "\ud800", "-"),
     *(np.full(shape, value) for shape in ((3, 3), (7, 2), (4, 3)) for value in (1e308, -1e308)),
     *(
