@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterable, Mapping
@@ -13,6 +14,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 
+LARGEST = 1e50  # of finite numbers: products of several of them are still floats
 FIELD, CAMERA = "fieldcalib.soccer()", "calibration.camera"  # examples for messages
 
 
@@ -39,6 +41,17 @@ def real_array(values: Any) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"expected numbers: {error}") from None
+
+
+def are_finite(values: Array) -> bool:
+    """Whether all numbers are finite, and none is beyond `LARGEST`.
+
+    Examples
+    --------
+    >>> are_finite(np.array([1.0, -2.0])), are_finite(np.array([np.nan])), are_finite(np.array([1e300]))
+    (True, False, False)
+    """
+    return bool(np.all(np.abs(values) <= LARGEST))
 
 
 def is_number(value: object) -> bool:
@@ -134,6 +147,8 @@ def truth(value: Any, name: str) -> bool:
 def file_path(value: Any, what: str) -> Path:
     """A path if the value is one, or the text of one; a ValueError that says what it should lead to if not.
 
+    So is a text that can be no path: with a null character, of bytes that no file's name has, or too long.
+
     Examples
     --------
     >>> file_path(3, "a folder of results")
@@ -146,6 +161,13 @@ def file_path(value: Any, what: str) -> Path:
     path = Path(value)
     if "\0" in str(path):
         raise ValueError(f"expected the path of {what}, got one with a null character, {str(path)!r}")
+    try:
+        path.lstat()
+    except UnicodeEncodeError:
+        raise ValueError(f"expected the path of {what}, got one that no file can have, {short(str(path))}") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise ValueError(f"expected the path of {what}, got one that is too long, {short(str(path))}") from None
     return path
 
 
@@ -161,7 +183,7 @@ def listed(values: Any, what: str) -> Any:
     """
     is_array = isinstance(values, np.ndarray) and values.ndim > 0
     is_list = isinstance(values, Iterable) and hasattr(values, "__len__") and not isinstance(values, np.ndarray)
-    if not (is_array or is_list) or isinstance(values, str | bytes | Mapping):
+    if not (is_array or is_list) or isinstance(values, str | bytes | Mapping | set | frozenset):
         raise ValueError(f"expected {what}, a list, got {named(values)}")
     return values
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import expect
 from fieldcalib._types import Array
 
 
@@ -55,9 +56,24 @@ def from_json(values: Any) -> Array:
     return np.array(values, dtype=float)
 
 
+def texts_from_json(values: Any) -> tuple[str, ...]:
+    """The texts of a list in JSON.
+
+    Examples
+    --------
+    >>> texts_from_json(["a", 1])
+    Traceback (most recent call last):
+        ...
+    ValueError: expected a str, as "text", got an int
+    """
+    return tuple(expect(one, str, '"text"') for one in expect(values, list, '["text"]'))
+
+
 @contextmanager
 def reading(record: Mapping[str, Any], what: str, version: int) -> Iterator[None]:
     """Read a record in the block: its faults become a ValueError that names `what` was expected.
+
+    So does a result beyond the range of floats, of which NumPy would warn.
 
     Examples
     --------
@@ -75,8 +91,9 @@ def reading(record: Mapping[str, Any], what: str, version: int) -> Iterator[None
             f"use that or calibrate again"
         )
     try:
-        yield
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
     except KeyError as error:
         raise ValueError(f"is no {what}: the key {error} is missing") from None
-    except (TypeError, AttributeError, ValueError) as error:
+    except (TypeError, AttributeError, ValueError, IndexError, ArithmeticError) as error:
         raise ValueError(f"is no {what}: {error}") from error

@@ -42,6 +42,7 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.draw import overhead_camera
+from fieldcalib.draw.scene import render_field
 from fieldcalib.images.matches import Matches
 from fieldcalib.localize import BACKGROUND, Localization
 from fieldcalib.metrics import Confusion, ProjectionError, evaluate_segments
@@ -63,6 +64,7 @@ XY = CAMERA.project(X)
 H = CAMERA.homography
 CLASSES = (BACKGROUND, *whole_circle_markings(FIELD))
 IMAGE = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+LIMIT = 60.0  # seconds of a call: most take milliseconds
 
 
 @cache
@@ -78,6 +80,12 @@ def sequence():
 @cache
 def video():
     return calibrate_video(FIELD, [IMAGE, IMAGE], Blind())
+
+
+@cache
+def scene():
+    """A picture of the field by the camera."""
+    return render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
 
 
 @cache
@@ -113,13 +121,13 @@ def right_arguments():
         "frames": [PIXELS, PIXELS],
         "calibration": calibration(),
         "calibrations": [calibration()],
-        "image": IMAGE,
+        "image": scene(),
         "images": [IMAGE, IMAGE],
         "pictures": [IMAGE],
         "captions": ["one"],
         "views": [(IMAGE, CAMERA)],
-        "first": IMAGE,
-        "second": IMAGE,
+        "first": scene(),
+        "second": np.roll(scene(), 3, axis=1),
         "network": Blind(),
         "wait": True,
         "progress": lambda *_: None,
@@ -304,5 +312,20 @@ ODD = [
     *({"a": 1}, {1: [[1, 2]]}, {"x": XY}, [PIXELS], [None, PIXELS], [CAMERA, None], [IMAGE, None], [np.eye(3)] * 2),
     *({"Side line left": value} for value in (None, 5, [], [[1, 2]], [[1, 2], [3, 4]], "a")),
     *({**PIXELS, "Circle left": PIXELS["Circle left"] * scale} for scale in (np.nan, np.inf, 1e300, 1j)),
-    *(IMAGE, CAMERA, FIELD, PIXELS, X, XY, H),
+    *(IMAGE, CAMERA, FIELD, dict(PIXELS), X, XY, H),  # a copy: calibrate_video writes to its `parts`
+    *(10**400, -(10**400), -1e308, 2**63, -(2**63), np.datetime64("NaT"), "é" * 300, Path("é" * 300), "\ud800", "-"),
+    *(np.full(shape, value) for shape in ((3, 3), (7, 2), (4, 3)) for value in (1e308, -1e308)),
+    *(
+        [10**400],
+        [b""],
+        [""],
+        [[]] * 3,
+        [[1e308, 1e308]] * 3,
+        np.full((3, 2), 10**400, object),
+        {None: 1},
+        {(1, 2): XY},
+    ),
+    *(np.zeros((540, 960, 3)), np.full((5, 5, 3), np.nan), np.zeros((270, 480, 3), bool), np.zeros((3, 0))),
+    *(np.zeros((270, 480, 3), "M8[D]"), np.array([IMAGE, None], object), np.zeros(3, [("a", int)]), np.ma.masked),
+    *({"Side line left": {"a": 1}}, {"": XY}, frozenset([1]), [IMAGE, IMAGE[:5]], IMAGE[:, ::-2], memoryview(b"abc")),
 ]

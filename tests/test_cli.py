@@ -298,6 +298,20 @@ def test_no_memory_left_is_one_line(annotated_folder, tmp_path, monkeypatch, cap
     assert list(tmp_path.iterdir()) == []
 
 
+def test_no_memory_for_a_library_is_said(annotated_folder, tmp_path, monkeypatch, capsys):
+    """Where memory is limited, as by ulimit -v, there is no room for libraries; llvmlite hides it in a cause."""
+
+    def unloaded(*arguments, **options):
+        try:
+            raise OSError("libllvmlite.so: failed to map segment from shared object")
+        except OSError as error:
+            raise OSError("Could not find/load shared object file") from error
+
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", unloaded)
+    assert calibrate(tmp_path, annotated_folder / "a.json") == 2
+    assert capsys.readouterr().err.startswith("fieldcalib: there is not enough memory: libllvmlite.so: failed")
+
+
 @pytest.mark.parametrize("command", ["calibrate", "run", "localize"])
 def test_an_unset_variable_is_no_input(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

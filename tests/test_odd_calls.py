@@ -1,13 +1,16 @@
 """Odd calls of everything public, made from the signatures: each works, or says in words of its own what is wrong."""
 
+import signal
 import warnings
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from odd_calls import ODD, is_told, right_calls
+from odd_calls import LIMIT, NOT_CALLED, ODD, is_told, right_arguments, right_calls
 
+import fieldcalib
 from fieldcalib import Editor, Tracker
 from fieldcalib.fields import field_named
 
@@ -40,6 +43,8 @@ def test_right_calls_work():
     """Otherwise odd ones would be refused for another reason."""
     calls = right_calls()
     assert {"calibrate", "Camera.project", "draw.draw_field", "metrics.iou_part"} <= set(calls)
+    public = {name for name in dir(fieldcalib) if callable(getattr(fieldcalib, name)) and not name.startswith("_")}
+    assert public - NOT_CALLED <= set(calls)
     for name, call in calls.items():
         if name in TOLD:
             with pytest.raises((ValueError, OSError), match=TOLD[name]):
@@ -48,12 +53,30 @@ def test_right_calls_work():
             call()
 
 
+@contextmanager
+def limited(seconds):
+    """End the block with a TimeoutError if it takes longer."""
+
+    def late(*_):
+        raise TimeoutError(f"more than {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def told_or_made(call, replaced):
     """Make a call with some arguments replaced; raises what it raises, unless the library tells it."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # NumPy warns of numbers beyond its range
+        warnings.simplefilter("ignore", UserWarning)  # that the library tells
+        warnings.simplefilter("ignore", DeprecationWarning)
         try:
-            made = call(**replaced)
+            with limited(LIMIT):
+                made = call(**replaced)
             if isinstance(made, Tracker | Editor):
                 made.close()
         except Exception as error:
@@ -67,8 +90,14 @@ def odd_call(data):
     calls = right_calls()
     name = data.draw(st.sampled_from(sorted(name for name in calls if calls[name].parameters)), "function")
     names = data.draw(st.lists(st.sampled_from(calls[name].parameters), min_size=1, max_size=2, unique=True), "which")
-    replaced = {parameter: data.draw(VALUES, parameter) for parameter in names}
+    replaced = {parameter: data.draw(value_of(parameter), parameter) for parameter in names}
     told_or_made(calls[name], replaced)
+
+
+def value_of(parameter):
+    """Odd values of a parameter, and a right one where one is known: of an option, it leads further into the call."""
+    known = right_arguments()
+    return st.one_of(VALUES, st.just(known[parameter])) if parameter in known else VALUES
 
 
 ODDLY = settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)

@@ -10,21 +10,28 @@ from commands import run
 from fieldcalib import (
     DISTRIBUTIONS,
     Camera,
+    Editor,
     Field,
     Point,
     PointCloud,
     Processes,
     RobustLoss,
+    SegmentationNetwork,
     calibrate,
     calibrate_from_homography,
     calibrate_from_points,
     calibrate_from_segments,
     calibrate_sequence,
+    calibrate_video,
     camera_from_homography,
     field,
     field_homography,
     key_points,
     locate_on_ground,
+    match_background,
+    match_far,
+    read,
+    read_annotations,
     refine_on_image,
     soccer,
 )
@@ -47,7 +54,8 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.label_studio import parse_label_studio
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoWriter
-from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole
+from fieldcalib.localize import ridge_points
+from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -57,6 +65,7 @@ X = np.array([point.X for name, point in soccer().points.items() if name.startsw
 XY = CAMERA.project(X)
 H = CAMERA.homography
 IMAGE = np.zeros((540, 960, 3), np.uint8)
+HUGE = np.full((3, 3), 1e308)
 
 
 def of_segments(pixels=PIXELS, size=SIZE, **keywords):
@@ -86,6 +95,14 @@ WRONG = {
     "large weights of points": (lambda _: calibrate_from_points(X, XY, SIZE, weights=1e200), "expected a weight up to"),
     "a text as flags": (lambda _: of_segments(flags="CALIB_FIX_K1"), "flags must be a combination"),
     "a float as flags": (lambda _: of_segments(flags=1.5), "flags must be a combination"),
+    "flags of a clip whose camera is turned": (
+        lambda _: calibrate_video(soccer(), [IMAGE, IMAGE], flags=-0.5, rvec=np.zeros(3)),
+        "flags must be a combination",
+    ),
+    "arrays for a truth": (
+        lambda _: calibrate_video(soccer(), [IMAGE, IMAGE], estimate_aspect=np.zeros(2)),
+        "estimate_aspect must be True or False",
+    ),
     "a list as flags": (
         lambda _: calibrate_from_points(X, XY, SIZE, flags=[1]),
         "flags must be a combination",
@@ -179,6 +196,35 @@ WRONG = {
         "expected a Line.* the field comes first, as soccer.*then the pixels",
     ),
     "an endless step": (lambda _: calibrate(IMAGE, step=np.inf, progress=False), "step must be a whole number"),
+    "a start beyond floats": (
+        lambda _: match_background(IMAGE, IMAGE, start=HUGE),
+        "start: a number of the homography",
+    ),
+    "a homography beyond floats": (lambda _: calibrate_from_homography(HUGE, SIZE), "is not finite, or beyond 1e"),
+    "a camera beyond floats": (lambda _: Camera(1e300 * CAMERA.K, CAMERA.R, CAMERA.C, SIZE), "K must be a finite"),
+    "a lens beyond floats": (
+        lambda _: Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, [1e308, 0]),
+        "k must be|must be a fin",
+    ),
+    "pixels beyond floats": (lambda _: soccer()["Circle left"].order([[1e308, 1e308]] * 3), "expected finite pixels"),
+    "negative squares": (lambda _: RobustLoss("cauchy", 3.0).evaluate(-1.0), "must not be negative"),
+    "arrays of matches": (lambda _: match_far(IMAGE, IMAGE, moving=np.zeros(2)), "moving must be True or False"),
+    "a long integer for points": (lambda _: key_points(-(10**400)), "expected a result with `keypoints`"),
+    "a long integer for a camera": (lambda _: iou_part(-(10**400), CAMERA, SIZE), "expected a Camera"),
+    "a long integer to evaluate": (lambda _: projection_error(-(10**400), CAMERA, SIZE), "expected a Camera"),
+    "a complex homography to evaluate": (lambda _: iou_whole(1j * np.eye(3), CAMERA, SIZE), "expected a Camera"),
+    "long integers for pixels": (
+        lambda _: evaluate_segments([CAMERA], [{"Middle line": [[10**400, 1]]}], SIZE),
+        "expected finite pixels",
+    ),
+    "arrays of classes": (lambda _: ridge_points(np.zeros((2, 9, 16)), np.eye(2), soccer(), SIZE), "expected a str"),
+    "a picture for trails": (
+        lambda _: draw_players(IMAGE, CAMERA, X, trails=np.zeros((540, 960, 3))),
+        "expected trails of at most 100000 places",
+    ),
+    "a set of pictures": (lambda _: contact_sheet({1}, ["a"]), "expected pictures, a list, got a set"),
+    "many coefficients": (lambda _: of_segments(dist_coeffs=np.zeros((540, 960))), "dist_coeffs must be .{,300}$"),
+    "a wide line": (lambda _: render_field(CAMERA, soccer(), line_width=1e308), "line_width must be at most"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }
 
@@ -189,6 +235,42 @@ def test_wrong_arguments_are_told(found, call, message):
         warnings.simplefilter("error")  # NumPy warns of what it drops
         with pytest.raises(ValueError, match=message):
             call(found)
+
+
+PATHS = {
+    "read": read,
+    "read_annotations": lambda path: list(read_annotations(path)),
+    "SegmentationNetwork.load": SegmentationNetwork.load,
+    "calibrate": lambda path: calibrate(path, progress=False),
+    "calibrate, of several": lambda path: calibrate([path], progress=False),
+    "calibrate_video": lambda path: calibrate_video(soccer(), path),
+    "Editor": Editor,
+    "Editor, out": lambda path: Editor([IMAGE], out=path),
+    "Editor, labels": lambda path: Editor([IMAGE], labels=path),
+    "Results.save": lambda path: calibrate(PIXELS, image_size=SIZE, progress=False).save(path),
+}
+
+
+@pytest.mark.parametrize("call", PATHS.values(), ids=PATHS)
+@pytest.mark.parametrize(("path", "said"), [("é" * 300, "too long"), ("\ud800", "no file can have"), ("\0", "a null")])
+def test_paths_that_no_file_can_have_are_told(tmp_path, monkeypatch, call, path, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=f"expected the path of .*{said}"):
+        call(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_captions_may_have_bytes_of_other_encodings():
+    """Names of files that are not in UTF-8 have surrogates, at which OpenCV ends the process."""
+    assert contact_sheet([IMAGE], ["T\udcfcrkei"], title="\udcfc").shape[2] == 3
+    assert len(label_colour("\udcfc")) == 3
+
+
+def test_points_at_infinity_are_left_out():
+    far = [(np.inf, 0.0), (1e308, 1.0), (0.0, -np.inf)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.array_equal(draw_players(IMAGE, CAMERA, far), IMAGE)
 
 
 def test_predictions_that_are_no_list():

@@ -17,7 +17,7 @@ from fieldcalib.assess.probability import probability_by_covariance
 from fieldcalib.assess.whole_picture import Picture
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.records import layout_from_record, layout_to_record
+from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized
 
 
 class CameraErrors(Protocol):
@@ -158,8 +158,14 @@ class KnownErrors(Estimate):
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> KnownErrors:
         """The inverse of `to_dict`."""
-        theta, covariance, dof = (from_json(record[key]) for key in ("theta", "covariance", "dof"))
-        return cls(layout_from_record(record["layout"]), theta, covariance, float(dof))
+        layout = layout_from_record(record["layout"])
+        theta = sized(record["theta"], (layout.size,), "'theta'")
+        check_parameters(layout, theta)
+        covariance = from_json(record["covariance"])
+        if covariance.shape != (layout.size, layout.size):
+            raise ValueError(f"'covariance': expected that of {layout.size} parameters, got shape {covariance.shape}")
+        check_covariances(covariance, "'covariance'")
+        return cls(layout, theta, covariance, float(from_json(record["dof"])))
 
     def __reduce__(self) -> tuple[Callable[..., KnownErrors], tuple[dict[str, Any]]]:
         return KnownErrors.from_dict, (self.to_dict(),)

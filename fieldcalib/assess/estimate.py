@@ -38,7 +38,8 @@ class GroundError:
     @property
     def rms(self) -> Array:
         """Root mean square distance to the true point, (...,) metres."""
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+        variance = np.trace(self.covariance, axis1=-2, axis2=-1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # rounding may make it less than 0
 
     def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
         """The ellipse that contains the true point with the probability `level`.

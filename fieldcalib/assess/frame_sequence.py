@@ -50,6 +50,10 @@ class FrameSequence(Sequence[Calibration]):
         """The calibration of frame t."""
 
     @abstractmethod
+    def _check(self) -> None:
+        """Check attributes that were read; a ValueError if they do not fit together."""
+
+    @abstractmethod
     def _at(self, index: IntArray) -> Self:
         """A sequence of some of the frames, in that order."""
 
@@ -69,7 +73,9 @@ class FrameSequence(Sequence[Calibration]):
         new: Callable[..., Self] = cls
         with reading(record, f"calibration of {cls._what}", cls._version):
             complete = {**dict.fromkeys(cls._added), **record}
-            return new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
+            found = new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
+            found._check()
+        return found
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
-from typing import Any
+from reprlib import repr as short
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._json import from_json, to_json
+from fieldcalib._checks import LARGEST, expect, whole_number
+from fieldcalib._json import from_json, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
@@ -37,6 +39,8 @@ class Basis(StrEnum):
 
 
 BASES = tuple(Basis)
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,26 +186,42 @@ class FrameTable:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> FrameTable:
-        """The inverse of `to_dict`."""
+        """The inverse of `to_dict`; a ValueError if its columns are not of the same frames."""
+        labels = texts_from_json(record["labels"])
+        T, n = record["theta"]["shape"]
+        o, S = record["following"]["shape"][1:]
+        shapes = {"theta": (T, n), "own": (T, o, o), "following": (T, o, S)}
+        shapes |= dict.fromkeys(("label_errors", "label_counts"), (T, len(labels)))
+        shapes |= dict.fromkeys(("status", "basis", "rms", "ground_error", "misfit"), (T,))
         arrays: dict[str, Any] = {
-            name: array_from_record(value) for name, value in record.items() if isinstance(value, dict)
+            name: named_array_from_record(record[name], name, shape) for name, shape in shapes.items()
         }
-        suspects = {
-            t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
-            for t, found in record["suspects"]
-        }
+        for name, words in (("status", STATUSES), ("basis", BASES)):
+            check_indices(arrays[name], len(words), name)
+
+        def by_frame(name: str, read: Callable[[Any], Value]) -> dict[int, Value]:
+            return {whole_number(t, "the number of a frame"): read(value) for t, value in record.get(name, ())}
+
         return cls(
             **arrays,
-            labels=tuple(record["labels"]),
-            notes=dict(record["notes"]),
-            suspects=suspects,
-            markings={t: tuple(MarkingInView(**one) for one in found) for t, found in record.get("markings", ())},
-            doubts=dict(record.get("doubts", ())),
+            labels=labels,
+            notes=by_frame("notes", _text),
+            suspects=by_frame("suspects", lambda found: tuple(_suspect(*one) for one in found)),
+            markings=by_frame("markings", lambda found: tuple(MarkingInView(**one) for one in found)),
+            doubts=by_frame("doubts", _text),
         )
 
     @property
     def _columns(self) -> dict[str, Any]:
         return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+def _text(value: Any) -> str:
+    return expect(value, str, '"no labelled pixels"')  # type: ignore[no-any-return]
+
+
+def _suspect(label: Any, fits: Any, error_px: Any) -> SuspectLabel:
+    return SuspectLabel(label, fits, float(from_json(error_px)))
 
 
 def array_to_record(array: NDArray[Any]) -> dict[str, Any]:
@@ -211,4 +231,24 @@ def array_to_record(array: NDArray[Any]) -> dict[str, Any]:
 
 def array_from_record(record: Mapping[str, Any]) -> NDArray[Any]:
     """The inverse of `array_to_record`."""
-    return np.array(from_json(record["values"])).astype(record["type"]).reshape(record["shape"])
+    kind = np.dtype(expect(record["type"], str, '"<f8"'))
+    if kind.kind not in "fiu":
+        raise ValueError(f"expected an array of numbers, got one of {kind}")
+    values = from_json(record["values"])
+    if np.any(np.abs(values[np.isfinite(values)]) > LARGEST):
+        raise ValueError(f"expected numbers up to {LARGEST:g}, got {np.max(np.abs(values[np.isfinite(values)])):g}")
+    return values.astype(kind).reshape(record["shape"])
+
+
+def named_array_from_record(record: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    """An array of a record; a ValueError with its name if it is of another shape."""
+    array = array_from_record(record)
+    if array.shape != shape:
+        raise ValueError(f"{name!r}: expected shape {shape}, got {array.shape}")
+    return array
+
+
+def check_indices(index: NDArray[Any], count: int, name: str, least: int = 0) -> None:
+    """Check indices of a record into `count` things; `least` is -1 where that stands for none."""
+    if index.dtype.kind not in "iu" or np.any((index < least) | (index >= count)):
+        raise ValueError(f"{name!r}: expected whole numbers from {least} to {count - 1}, got {short(index.tolist())}")

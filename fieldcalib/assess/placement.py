@@ -14,10 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldcalib._checks import expect, whole_number
+from fieldcalib._json import texts_from_json
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import Pixels
+
+LARGEST_CORNER = 1_000_000  # pixels
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,15 @@ class Shape:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Shape:
         """The inverse of `to_dict`."""
-        (a, b), (c, d) = record["size"], record["display_size"]
-        part = None if record["crop"] is None else Crop(*(tuple(pair) for pair in record["crop"]))
-        return cls(Placement((a, b), (c, d), part), record["message"], tuple(record["complaints"]))
+        size, display_size = (checked_image_size(record[name]) for name in ("size", "display_size"))
+        part = None if record["crop"] is None else _crop_from_record(*record["crop"])
+        return cls(
+            Placement(size, display_size, part),
+            expect(record["message"], str, '"without borders"'),
+            texts_from_json(record["complaints"]),
+        )
+
+
+def _crop_from_record(frame_size: Any, corner: Any) -> Crop:
+    x, y = (whole_number(one, "the corner of a crop", -LARGEST_CORNER) for one in corner)
+    return Crop(checked_image_size(frame_size), (x, y))

@@ -149,8 +149,9 @@ class Calibration:
         """
         if not self.pixel_counts:
             return float("nan")
-        squares = [count * self.per_segment_errors[label] ** 2 for label, count in self.pixel_counts.items()]
-        return float(np.sqrt(sum(squares) / sum(self.pixel_counts.values())))
+        with np.errstate(over="ignore"):  # infinite errors are possible too
+            squares = [count * np.square(self.per_segment_errors[label]) for label, count in self.pixel_counts.items()]
+            return float(np.sqrt(sum(squares) / sum(self.pixel_counts.values())))
 
     def __bool__(self) -> bool:
         """Whether there is a camera to use: the verdict is good or check."""

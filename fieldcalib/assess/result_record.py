@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fieldcalib._json import from_json, reading, to_json
+from fieldcalib._checks import expect, whole_number
+from fieldcalib._json import from_json, reading, texts_from_json, to_json
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.solved import Solved
@@ -52,22 +53,23 @@ def calibration_to_record(calibration: Calibration, complaints: Sequence[str]) -
 def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of the `Calibration` of a record; a ValueError as that of `Calibration.from_dict`."""
     with reading(record, "calibration", VERSION):
-        size, suspects = record["image_size"], record["suspect_labels"]
+        size = record["image_size"]
         return {
             "camera": None if size is None else _camera_from_record(record, size),
             "status": Status(record["status"]),
-            "message": record["message"],
+            "message": expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
             "rms": float(from_json(record.get("rms_px"))),
             "loss_ndc": float(from_json(record.get("loss_ndc"))),
             "per_segment_errors": {
                 label: float(from_json(error)) for label, error in record["segment_errors_px"].items()
             },
             "suspect_labels": tuple(
-                SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in suspects
+                SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
+                for one in record["suspect_labels"]
             ),
             "alternatives": tuple(_camera_from_record(other, size) for other in record["alternatives"]),
-            "_complaints": tuple(record["complaints"]),
-            "pixel_counts": dict(record["pixel_counts"]),
+            "_complaints": texts_from_json(record["complaints"]),
+            "pixel_counts": _pixel_counts_from_record(record),
             "field": None if record["field"] is None else field_from_record(record["field"]),
             "errors": _errors_from_record(record),
             "markings": tuple(MarkingInView(**one) for one in record.get("markings", ())),
@@ -88,6 +90,15 @@ def _camera_to_record(camera: Camera) -> dict[str, Any]:
 
 def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
     return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])
+
+
+def _pixel_counts_from_record(record: Mapping[str, Any]) -> dict[str, int]:
+    counts = {
+        label: whole_number(count, f"the count of {label!r}", 1) for label, count in record["pixel_counts"].items()
+    }
+    if not counts.keys() <= record["segment_errors_px"].keys():
+        raise ValueError("expected 'segment_errors_px' of all labels of 'pixel_counts'")
+    return counts
 
 
 def _errors_from_record(record: Mapping[str, Any]) -> CameraErrors:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
+from functools import partial
 from reprlib import repr as short
 from typing import TYPE_CHECKING, ClassVar
 
@@ -13,7 +14,7 @@ import numpy as np
 from fieldcalib._checks import expect, listed, real_array, whole_number
 from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
-from fieldcalib._json import from_json, to_json
+from fieldcalib._json import from_json, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
 from fieldcalib.assess.frame_sequence import Codec, FrameSequence
@@ -36,7 +37,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
-from fieldcalib.problem.records import layout_from_record, layout_to_record
+from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized
 
 if TYPE_CHECKING:
     import pandas
@@ -69,11 +70,11 @@ class SequenceCalibration(FrameSequence):
     _version: ClassVar[int] = 3
     _codecs: ClassVar[Mapping[str, Codec]] = {
         "frames": Codec(FrameTable.to_dict, FrameTable.from_dict),
-        "names": Codec(list, tuple),
-        "values": Codec(to_json, from_json),
+        "names": Codec(list, texts_from_json),
+        "values": Codec(to_json, lambda values: sized(values, (len(values),), "'values'")),
         "covariance": Codec(to_json, lambda rows: from_json(rows).reshape(2 * (len(rows),))),
         "field": Codec(field_to_record, field_from_record).or_none,
-        "together": Codec(int, int),
+        "together": Codec(int, partial(whole_number, name="together")),
         "layout": Codec(layout_to_record, layout_from_record).or_none,
         "considered": Codec(array_to_record, array_from_record),
         "alternatives": Codec(array_to_record, array_from_record),
@@ -121,6 +122,25 @@ class SequenceCalibration(FrameSequence):
             errors=errors or NoErrors(),
             markings=frames.markings.get(t, ()),
         )
+
+    def _check(self) -> None:
+        count, frames, layout = len(self.names), self.frames, self.layout
+        if self.values.shape != (count,) or self.covariance.shape != (count, count):
+            raise ValueError(f"expected 'values' and 'covariance' of {count} shared parameters")
+        for name, matrices in (
+            ("covariance", self.covariance),
+            ("considered", self.considered),
+            ("own", frames.own),
+        ):
+            check_covariances(matrices, repr(name))
+        if self.alternatives.ndim != 2 or self.alternatives.shape[1] != 3:
+            raise ValueError(f"'alternatives': expected positions, got shape {self.alternatives.shape}")
+        if layout is None:
+            return
+        check_parameters(layout, frames.theta)
+        S = int(np.count_nonzero(layout.considered))
+        if self.considered.shape != (S, S) or frames.following.shape[1:] != (np.count_nonzero(layout.free), S):
+            raise ValueError(f"expected 'considered', 'own' and 'following' of the parameters of {layout}")
 
     def _complaints(self, t: int) -> tuple[str, ...]:
         """Evidence against the camera of frame t, in words."""

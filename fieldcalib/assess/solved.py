@@ -18,7 +18,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.records import problem_from_record, problem_to_record, sized
+from fieldcalib.problem.records import check_parameters, problem_from_record, problem_to_record, sized
 
 
 class Solved:
@@ -133,6 +133,7 @@ class Solved:
         """The inverse of `to_dict`: the closest points are searched again."""
         problem = problem_from_record(record["problem"])
         theta, unit = (sized(record[name], (problem.layout.size,), repr(name))[None] for name in ("theta", "unit"))
+        check_parameters(problem.layout, theta)
         return cls(evaluate(problem, theta), unit)
 
     def __reduce__(self) -> tuple[Callable[..., Solved], tuple[dict[str, Any]]]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from fieldcalib._checks import expect, listed
 from fieldcalib._extras import imported
+from fieldcalib._json import texts_from_json
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import Codec, FrameSequence
-from fieldcalib.assess.frame_table import Basis
+from fieldcalib.assess.frame_table import Basis, check_indices
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
@@ -64,7 +65,7 @@ class VideoCalibration(FrameSequence):
         "shots": Codec(lambda shots: list(map(list, shots)), lambda records: tuple(Shot(*shot) for shot in records)),
         "tripod": Codec(np.ndarray.tolist, partial(np.array, dtype=np.intp)),
         "number": Codec(np.ndarray.tolist, partial(np.array, dtype=np.intp)),
-        "notes": Codec(list, tuple),
+        "notes": Codec(list, texts_from_json),
         "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
         "is_side_open": Codec(bool, bool),
     }
@@ -113,6 +114,19 @@ class VideoCalibration(FrameSequence):
 
     def __len__(self) -> int:
         return len(self.tripod)
+
+    def _check(self) -> None:
+        check_indices(self.tripod, len(self.tripods), "tripod", NO_TRIPOD)
+        check_indices(np.array([one.tripod for one in self.shots], np.intp), len(self.tripods), "shots", NO_TRIPOD)
+        if self.tripod.ndim != 1 or self.number.shape != self.tripod.shape:
+            raise ValueError(
+                f"expected 'tripod' and 'number' of the same frames, got {self.tripod.shape} and {self.number.shape}"
+            )
+        for index, tripod in enumerate(self.tripods):
+            check_indices(self.number[self.tripod == index], len(tripod), "number")
+        ends = [0, *(one.stop for one in self.shots)]
+        if [one.start for one in self.shots] != ends[:-1] or ends[-1] != len(self) or ends != sorted(ends):
+            raise ValueError(f"'shots': expected shots that follow one another, of {len(self)} frames")
 
     def _frame(self, t: int) -> Calibration:
         if self.tripod[t] == NO_TRIPOD:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 
-from fieldcalib._checks import expect
+from fieldcalib._checks import expect, number
 from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, PICTURE
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
@@ -79,6 +79,18 @@ class SuspectLabel:
     error_px: float
     """Root mean square distance of the pixels to the (infinite) line or circle of the given label: small if that runs
     through the pixels, but the segment itself is elsewhere on it."""
+
+    def __post_init__(self) -> None:
+        """Check what may come from a file.
+
+        Raises
+        ------
+        ValueError
+            If something is of a wrong type.
+        """
+        expect(self.label, str, '"Goal left post left"')
+        expect(self.fits, (str, type(None)), '"Goal left post right"')
+        number(self.error_px, "error_px")
 
     def __str__(self) -> str:
         fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"

@@ -20,6 +20,9 @@ from fieldcalib.processes.streams import open_closed_streams
 if TYPE_CHECKING:
     import argparse
 
+NO_MEMORY = "there is not enough memory"
+UNLOADED = "failed to map segment"  # what the loader says of a shared library for which there is no memory
+
 
 def printable(text: str) -> str:
     """Text for a terminal: control characters, as names of files may have, are escaped; ends of lines and tabs stay.
@@ -102,7 +105,7 @@ def exit_code(work: Callable[[], int]) -> int:
         say("interrupted, nothing more is written")
         return 130
     except MemoryError:
-        say("there is not enough memory")
+        say(NO_MEMORY)
         return 2
     except (OSError, ValueError, ImportError) as error:  # ImportError: an extra is not installed
         say(_message(error))
@@ -128,13 +131,20 @@ def _drop_output() -> None:
 def _message(error: Exception) -> str:
     """Text of an error; of the operating system's without its number, after the file.
 
+    Of a library that could not be loaded it says that memory is short.
+
     Examples
     --------
     >>> _message(FileNotFoundError(2, "No such file or directory", "none.yaml"))
     'none.yaml: no such file or directory'
     >>> _message(ValueError("expected a camera"))
     'expected a camera'
+    >>> _message(ImportError("/lib/_fblas.so: failed to map segment from shared object"))
+    'there is not enough memory: /lib/_fblas.so: failed to map segment from shared object'
     """
+    unloaded = [one for one in (error, error.__cause__, error.__context__) if UNLOADED in str(one)]
+    if unloaded:
+        return f"{NO_MEMORY}: {unloaded[0]}"
     if not isinstance(error, OSError) or not error.strerror:
         return str(error)
     said = error.strerror[0].lower() + error.strerror[1:]

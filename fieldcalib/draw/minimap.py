@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, FIELD, expect, listed, real_array
+from fieldcalib._checks import CAMERA, FIELD, LARGEST, expect, listed, real_array
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
@@ -23,6 +22,7 @@ from fieldcalib.io.image import Image, checked_image
 
 DARK: Colour = (24, 24, 24)
 LARGEST_MAP = 4096  # px
+MOST_PLACES = 100_000  # of all trails: they take a second
 POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
 UNSEEN = 0.62  # brightness of the ground that a camera does not see
@@ -145,6 +145,8 @@ def draw_players(
     picture = np.array(checked_image(image, camera.image_size), order="C")
     places = _on_image(camera, points)
     past = [_on_image(camera, trail) for trail in listed(trails, "trails of points")]
+    if sum(map(len, past)) > MOST_PLACES:
+        raise ValueError(f"expected trails of at most {MOST_PLACES} places in all, got {sum(map(len, past))}")
     shades = _each_colour(colours, max(len(places), len(past)))
     width = camera.image_size[0]
     for trail, shade in zip(past, shades, strict=False):
@@ -243,7 +245,7 @@ def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
     X = real_array(points)
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
-    on_ground = np.column_stack([X[:, :2], np.zeros(len(X))])
+    on_ground = np.column_stack([np.where(np.abs(X[:, :2]) <= LARGEST, X[:, :2], np.nan), np.zeros(len(X))])
     return np.where(camera.depth(on_ground)[:, None] > 0.0, camera.project(on_ground), np.nan)
 
 
@@ -263,19 +265,19 @@ def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) ->
     import cv2
 
     size, margin = np.array(picture.shape[1::-1]), thickness + 2
-    for step, (start, end) in enumerate(pairwise(trail), 1):
-        if not np.all(np.abs([start, end]) < 1e6):  # NaN, or beyond OpenCV's integers
-            continue
-        low, high = np.minimum(start, end).astype(int) - margin, np.maximum(start, end).astype(int) + margin + 1
-        left, top = np.clip(low, 0, size).tolist()
-        right, bottom = np.clip(high, 0, size).tolist()
-        if left >= right or top >= bottom:
-            continue
+    lines = np.stack([trail[:-1], trail[1:]], axis=1)
+    steps = np.flatnonzero(np.all(np.abs(lines) < 1e6, axis=(1, 2)))  # not NaN, and within OpenCV's integers
+    lines = lines[steps]
+    low = np.clip(lines.min(axis=1).astype(int) - margin, 0, size)
+    high = np.clip(lines.max(axis=1).astype(int) + margin + 1, 0, size)
+    ends = fixed_point(lines - low[:, None])
+    shares = 0.15 + 0.85 * (steps + 1) / max(len(trail) - 1, 1)
+    for index in np.flatnonzero(np.all(low < high, axis=1)).tolist():
+        (left, top), (right, bottom), share = low[index], high[index], float(shares[index])
+        first, last = ends[index].tolist()
         around = picture[top:bottom, left:right]
         layer = around.copy()
-        first, last = (tuple(fixed_point(xy - (left, top)).tolist()) for xy in (start, end))
         cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
-        share = 0.15 + 0.85 * step / (len(trail) - 1)
         around[:] = cv2.addWeighted(layer, share, around, 1.0 - share, 0.0)
 
 

@@ -192,7 +192,9 @@ def label_colour(label: str) -> Colour:
     >>> label_colour("Goal left post left ") == label_colour("Goal left post left")
     True
     """
-    return PALETTE[crc32(expect(label, str, "'Middle line'").strip().encode(), PALETTE_SALT) % len(PALETTE)]
+    return PALETTE[
+        crc32(expect(label, str, "'Middle line'").strip().encode(errors="replace"), PALETTE_SALT) % len(PALETTE)
+    ]
 
 
 def draw_calibration(image: Image, calibration: Calibration, field: Field, *, show_paint: bool = False) -> Image:

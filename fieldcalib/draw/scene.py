@@ -24,6 +24,7 @@ from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image
 
 WHITE: Colour = (242, 248, 244)
+WIDEST = 1000.0  # m, of a line
 BOARDS = (6.5, 0.95)  # m: distance behind the lines, height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
 STAND: Colour = (58, 48, 44)
@@ -67,6 +68,8 @@ def render_field(
     width, height = expect(camera, (Camera, RationalCamera), CAMERA).image_size
     expect(field, Field, FIELD)
     line_width = field.lines.width if line_width is None else number(line_width, "line_width")
+    if line_width > WIDEST:
+        raise ValueError(f"line_width must be at most {WIDEST:g} m, got {line_width}")
     if rng is not None:
         expect(rng, np.random.Generator, "numpy.random.default_rng(0)")
     ray = rays(camera)
@@ -281,15 +284,20 @@ def draw_text(picture: Image, text: str, place: tuple[int, int], scale: float, c
     """Write text in place; its lower left corner is at `place`, and `scale` is that of OpenCV's font."""
     import cv2
 
-    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, _in_utf8(text), place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
 
 
 def text_size(text: str, scale: float) -> tuple[int, int, int]:
     """Width of a text, and its height above and below the base line, pixels."""
     import cv2
 
-    (width, above), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    (width, above), below = cv2.getTextSize(_in_utf8(text), cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
     return width, above, below
+
+
+def _in_utf8(text: str) -> str:
+    """A text with a "?" for each byte of a file's name that is not in UTF-8: OpenCV ends the process at these."""
+    return text.encode(errors="replace").decode()
 
 
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:

@@ -61,7 +61,8 @@ def contact_sheet(
     """
     import cv2
 
-    if not len(listed(pictures, "pictures")) or len(pictures) != len(listed(captions, "captions")):
+    pictures, captions = list(listed(pictures, "pictures")), list(listed(captions, "captions"))
+    if not pictures or len(pictures) != len(captions):
         raise ValueError(f"expected pictures with a caption each, got {len(pictures)} and {len(captions)} captions")
     for text in (title, legend, *captions):
         expect(text, str, '"00:12"')

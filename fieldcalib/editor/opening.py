@@ -25,12 +25,12 @@ def places_of(
     folder = None if out is None else file_path(out, "a folder of results")
     if not isinstance(source, str | os.PathLike):
         return None, folder
-    path = Path(source)
+    path = file_path(source, "a picture, a folder, a video or results of a run")
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: expected a picture, a folder, a video or results of a run")
     if path.is_dir() and Stored.has_results(path):
         return source_of(path), path if folder is None else folder
-    return [path], _beside(path) if folder is None else folder
+    return [path], file_path(_beside(path), "a folder of results") if folder is None else folder
 
 
 def _beside(path: Path) -> Path:

@@ -74,10 +74,15 @@ class ShapeEstimator:
     take_off_borders: bool = True
     estimate_aspect: bool = True
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError if one of the two is neither True nor False."""
+        for name in ("take_off_borders", "estimate_aspect"):
+            truth(getattr(self, name), name)
+
     @property
     def finds_borders(self) -> bool:
         """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
-        return truth(self.take_off_borders, "take_off_borders") and self.options.given.camera_matrix is None
+        return self.take_off_borders and self.options.given.camera_matrix is None
 
     @property
     def finds_squash(self) -> bool:

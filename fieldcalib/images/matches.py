@@ -164,7 +164,7 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
     """
     import cv2
 
-    one, two = pair(first, second)
+    one, two, moving = *pair(first, second), truth(moving, "moving")
     (p, a), (q, b) = one.descriptors, two.descriptors
     if min(len(a), len(b)) < LEAST_POINTS:
         return None

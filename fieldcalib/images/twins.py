@@ -33,7 +33,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.solve.given_camera import GivenCamera
-from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, checked_prior
+from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, checked_flags, checked_prior
 
 _F = CalibrationFlags
 
@@ -102,7 +102,7 @@ class CameraSide:
             if side is not None:
                 raise ValueError(f"side={side!r} is of a field that looks the same from both sides: leave it out")
             return cls(None, is_said=False)
-        told = _told(field, given, flags, prior)
+        told = _told(field, given, checked_flags(flags), prior)
         if None not in (side, told) and side != told:
             raise ValueError(f"side={side!r}, but the camera or its prior is on the {told} side: leave one of them out")
         said = side or told
@@ -128,7 +128,7 @@ class CameraSide:
         return calibration if field is None or not self.is_open else with_twin(calibration, field)
 
 
-def _told(field: Field, given: GivenCamera, flags: int, prior: Prior) -> Side | None:
+def _told(field: Field, given: GivenCamera, flags: CalibrationFlags, prior: Prior) -> Side | None:
     """The side of the given position or rotation, or of all stands of a prior; None if these do not tell it."""
     if given.tvec is not None and flags & (_F.CALIB_FIX_POSITION | _F.CALIB_USE_EXTRINSIC_GUESS):
         return side_of(given.camera((2, 2)).C, field)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._checks import file_path
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image, size_of
@@ -30,7 +31,7 @@ def clip_reader(source: object) -> Callable[[], AbstractContextManager[Iterable[
         As `find_files` of a folder or a zip, and as `VideoReader` when a video is opened.
     """
     if isinstance(source, str | os.PathLike):
-        path = Path(source)
+        path = file_path(source, "a video or of a folder of images")
         if path.is_dir() or path.suffix.lower() == ".zip":
             images = ImageFiles(path)
             return lambda: nullcontext(images)

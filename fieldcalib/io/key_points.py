@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, listed, number
+from fieldcalib._checks import FIELD, expect, listed, number, real_array
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
@@ -221,7 +221,7 @@ def _surest(result: Any) -> tuple[Array, Array]:
 def _of_array(values: Any) -> tuple[Array, Array]:
     try:
         points = _array(values)
-    except (TypeError, ValueError):
+    except ValueError:
         points = np.empty(())
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         shape = f" of shape {points.shape}" if points.ndim else ""
@@ -236,4 +236,4 @@ def _of_array(values: Any) -> tuple[Array, Array]:
 
 def _array(values: Any) -> Array:
     """A NumPy array of what may be a tensor on another device."""
-    return np.asarray(values.cpu() if hasattr(values, "cpu") else values, dtype=float)
+    return real_array(values.cpu() if hasattr(values, "cpu") else values)

@@ -63,7 +63,9 @@ def read_parquet(path: Path) -> Iterator[tuple[bytes, bytes]]:
             for batch in file.iter_batches(ROW_GROUP, columns=columns):
                 for row in batch.to_pylist():
                     yield row[TEXT].encode(), row.get(SOLVER_TEXT, "").encode()
-    except pyarrow.ArrowException as error:
+    except BrokenFileError:
+        raise
+    except (pyarrow.ArrowException, OSError, ValueError, AttributeError) as error:  # of damaged bytes, and no texts
         raise BrokenFileError(f"{path}: cannot be read as Parquet: {error}") from error
 
 

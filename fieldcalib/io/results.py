@@ -15,7 +15,9 @@ from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
+from fieldcalib._checks import LARGEST, is_number
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file
 from fieldcalib.io.line_log import whole_lines
@@ -30,6 +32,13 @@ MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
     *("K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
     *("probability_right_0.5m", "probability_right_1m"),
 )
+NAMED_NUMBERS = {  # of cameras.jsonl, by the key of their object
+    "field": ("length", "width"),
+    "angles_degrees": ("pan", "tilt", "roll"),
+    "standard_deviations": ("focal_length_px",),
+}
+NUMBERS = ("rms_px", "loss_ndc", "probability_right_0.5m", "probability_right_1m")
+INFINITIES = ("inf", "-inf")
 SIZE_KEYS = ("length", "width", "size_known")  # of a field that has no builder, in cameras.jsonl
 BEGINNING = re.compile(rb'\{"id": ("(?:[^"\\]|\\.)*"), "status": ("(?:[^"\\]|\\.)*")')
 
@@ -120,6 +129,8 @@ def parse_main(text: bytes) -> dict[str, Any]:
         raise BrokenFileError(f"'image_size': expected two numbers of pixels, got {size!s:.100}")
     if line.get("K") is not None:
         _check_camera(line)
+    _check_words(line)
+    _check_numbers(line)
     version = line.get("version")
     if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
         raise BrokenFileError(
@@ -129,10 +140,36 @@ def parse_main(text: bytes) -> dict[str, Any]:
     return line
 
 
+def _check_words(line: Mapping[str, Any]) -> None:
+    """Raise a BrokenFileError if a status or a verdict is none."""
+    for key, known in (("status", (BROKEN, *Status)), ("verdict", tuple(Verdict))):
+        if key in line and line[key] not in known:
+            raise BrokenFileError(f"{key!r}: expected one of {', '.join(known)}, got {line[key]!r:.100}")
+
+
+def _check_numbers(line: Mapping[str, Any]) -> None:
+    """Raise a BrokenFileError if one of the numbers with a name is none."""
+    for key, names in NAMED_NUMBERS.items():
+        values = line.get(key)
+        whole = isinstance(values, dict) and all(one in values and _is_number(values[one]) for one in names)
+        if values is not None and not whole:
+            raise BrokenFileError(f"{key!r}: expected numbers of {', '.join(names)}, got {values!s:.100}")
+    for key in NUMBERS:
+        if not _is_number(line.get(key)):
+            raise BrokenFileError(f"{key!r}: expected a number, got {line[key]!s:.100}")
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is what stands for a number in JSON, see `fieldcalib._json`."""
+    return value is None or value in INFINITIES or is_number(value)
+
+
 def _check_camera(line: Mapping[str, Any]) -> None:
     """Raise a BrokenFileError if the camera of a line is not whole."""
     matrices = [line.get(name) for name in ("K", "R")]
-    whole = all(isinstance(rows, list) and len(rows) == 3 and all(map(_is_triple, rows)) for rows in matrices)
+    whole = isinstance(line.get("angles_degrees"), dict) and all(
+        isinstance(rows, list) and len(rows) == 3 and all(map(_is_triple, rows)) for rows in matrices
+    )
     if not (whole and _is_triple(line.get("C"))):
         raise BrokenFileError("a camera needs 'K' and 'R', each three rows of three numbers, and 'C', three numbers")
     if not _are_numbers(line.get("dist")) or line.get("image_size") is None:
@@ -144,7 +181,7 @@ def _is_triple(values: object) -> bool:
 
 
 def _are_numbers(values: object) -> TypeGuard[list[float]]:
-    return isinstance(values, list) and all(type(value) in (int, float) for value in values)
+    return isinstance(values, list) and all(is_number(value) and abs(value) <= LARGEST for value in values)
 
 
 def _is_count(value: object) -> bool:
@@ -198,15 +235,14 @@ class ResultFile:
     def _add(self, number: int, text: bytes) -> None:
         """Take the id and the status of a frame."""
         found = BEGINNING.match(text)
-        if found is not None and text.rstrip().endswith(b"}"):
-            id, status = json.loads(found[1]), json.loads(found[2])
-        else:
-            with self._named(number):
+        with self._named(number):
+            if found is not None and text.rstrip().endswith(b"}"):
+                id, status = json.loads(found[1]), json.loads(found[2])
+            else:
                 line = parse_main(text)
                 id, status = line["id"], line["status"]
-        first = self._numbers.setdefault(id, number)
-        if first != number:
-            with self._named(number):
+            first = self._numbers.setdefault(id, number)
+            if first != number:
                 raise BrokenFileError(f"frame {id!r} is there already, in line {first + 1}")
         self.ids.append(id)
         if status == BROKEN:
@@ -317,6 +353,6 @@ class _Lines:
 def _is_json(text: bytes) -> bool:
     try:
         json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return True

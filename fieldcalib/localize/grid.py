@@ -64,7 +64,8 @@ def check_classes(probability: Float32, classes: Sequence[str], object_segments:
     """Raise a ValueError unless there is one map per class and each class is a segment or the background."""
     check_object(object_segments)
     expect(probability, np.ndarray, "what a network returns")
-    listed(classes, "names of classes")
+    for name in listed(classes, "names of classes"):
+        expect(name, str, '"Middle line"')
     if probability.ndim != 3 or len(probability) != len(classes):
         raise ValueError(
             f"expected probabilities of shape ({len(classes)}, height, width), one per class, got {probability.shape}"

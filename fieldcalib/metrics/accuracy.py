@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, is_number, listed, truth
+from fieldcalib._checks import FIELD, are_finite, expect, is_number, listed, real_array, truth
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
@@ -313,12 +313,12 @@ def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
                 f"{given!r} is not an evaluated segment; expected SoccerNet's labels, the centre circle as a whole"
             )
         try:
-            xy = np.asarray(values, dtype=float)
-        except (TypeError, ValueError):
+            xy = real_array(values)
+        except ValueError:
             xy = np.full(2, np.nan)
         if xy.size == 0:
             continue
-        if xy.ndim != 2 or xy.shape[1] != 2 or not np.all(np.isfinite(xy)):
+        if xy.ndim != 2 or xy.shape[1] != 2 or not are_finite(xy):
             raise ValueError(f"{given!r}: expected finite pixels of shape (n, 2), got {values!r}")
         if label in pixels:
             raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")

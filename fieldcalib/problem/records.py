@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fieldcalib._checks import are_finite, positive
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, packed
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 
+LARGEST_PARAMETER = 1e9  # of a camera: metres, pixels or radians
+NOT_POSITIVE = 1e-6  # least eigenvalue of a matrix of correlations: rounding
+LEAST_RHO = 0.5  # pixels
+LARGEST_LOG = 20.0  # of a focal length in pixels
 SIZES = ("given", "sigma", "limits", "probabilities", "sigmas")  # arrays of a `SizeBlock`
 
 
@@ -42,25 +49,47 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
     layout, prior = layout_from_record(record["layout"]), record["prior"]
     if prior is not None:
         mean, sigma = (sized(prior[name], (layout.size,), f"'prior', {name!r}")[None] for name in ("mean", "sigma"))
+        if not np.all(sigma > 0.0):
+            raise ValueError(f"'prior', 'sigma': expected positive numbers, got {np.min(sigma)}")
     considered, count = record.get("considered"), int(np.count_nonzero(layout.considered))
     return Problem(
         _observations_from_record(record["observations"], layout.image_size),
         layout,
         RobustLoss(record["loss"]["name"], float(from_json(record["loss"]["scale"]))),
-        float(from_json(record["noise"])),
+        positive(record["noise"], "'noise'"),
         None if prior is None else GaussianPrior(mean, sigma),
         paint=float(from_json(record["paint"])),
         considered=None if considered is None else sized(considered, (count, count), "'considered'"),
-        scale=float(from_json(record["scale"])),
+        scale=positive(record["scale"], "'scale'"),
     )
 
 
 def sized(values: Any, shape: tuple[int, ...], name: str) -> Array:
-    """Numbers of a record in an array of a shape; a ValueError if they are of another one."""
-    array = np.asarray(from_json(values), dtype=float)
-    if array.shape != shape:
-        raise ValueError(f"{name}: expected numbers of shape {shape}, got {array.shape}")
+    """Numbers of a record in an array of a shape; a ValueError if they are of another one, or not finite."""
+    array = from_json(values)
+    if array.shape != shape or not are_finite(array):
+        raise ValueError(f"{name}: expected finite numbers of shape {shape}, got {array.shape}: {values!s:.50}")
     return array
+
+
+def check_parameters(layout: Layout, theta: Array) -> None:
+    """Check that parameter vectors (..., n) of a record are those of cameras; a ValueError if they are not."""
+    if theta.shape[-1] != layout.size:
+        raise ValueError(f"'theta': expected {layout.size} parameters of a camera, got {theta.shape[-1]}")
+    if np.any(np.abs(theta) > LARGEST_PARAMETER) or np.any(np.abs(theta[..., LOG_F]) > LARGEST_LOG):
+        raise ValueError(f"'theta': expected parameters of a camera, got {np.nanmax(np.abs(theta)):g}")
+
+
+def check_covariances(covariances: Array, name: str) -> None:
+    """Check that those matrices (..., n, n) of a record that are finite are covariances; a ValueError if not."""
+    known = covariances[np.all(np.isfinite(covariances), axis=(-2, -1))]
+    variances = np.diagonal(known, axis1=-2, axis2=-1)
+    if not are_finite(known) or np.any(variances < 0.0):
+        raise ValueError(f"{name}: expected a covariance, got a matrix up to {np.max(np.abs(known)):g}")
+    sigma = np.where(variances > 0.0, np.sqrt(variances), 1.0)
+    correlations = known / sigma[..., :, None] / sigma[..., None, :]
+    if known.size and np.min(np.linalg.eigvalsh(correlations)) < -NOT_POSITIVE:
+        raise ValueError(f"{name}: expected a covariance, got a matrix that is not positive semidefinite")
 
 
 def _observations_to_record(observations: Observations, frame: int) -> dict[str, Any]:
@@ -97,22 +126,39 @@ class _Stored(NamedTuple):
 
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
     labels, ends, kinds = record["labels"], record["ends"], {kind.name: kind for kind in ROWS}
-    stored = [_Stored(kinds[part["kind"]], from_json(part["geometry"])) for part in labels.values()]
-    frame = {label: from_json(part["xy"]) for label, part in labels.items()}
-    weights = {label: np.broadcast_to(from_json(part["weight"]), len(frame[label])) for label, part in labels.items()}
-    motions = [part["motion"] for part in labels.values()]
+    stored = [_Stored(kinds[part["kind"]], _vectors(part["geometry"], "'geometry'")) for part in labels.values()]
+    for one in stored:
+        if len(one.vectors) < one.rows.vectors:
+            raise ValueError(f"'geometry': expected {one.rows.vectors} vectors of {one.rows.name}")
+    frame = {label: _vectors(part["xy"], "'xy'", 2) for label, part in labels.items()}
+    weights = {label: _weights(part["weight"], len(frame[label])) for label, part in labels.items()}
+    moving = [part["motion"] for part in labels.values()]
     found = Observations(
         tuple(labels),
         image_size,
         (),
         *packed(PixelTable.of(labels, [frame], [weights]), stored),
-        None if None in motions else from_json(motions),
+        None if None in moving else sized(moving, np.shape(moving), "'motion'"),
     )
     if not ends["label"]:
         return found
     label = np.array([found.labels.index(one) for one in ends["label"]])
-    xy, weight, geometry = (from_json(ends[name])[None] for name in ("xy", "weight", "geometry"))
-    return found.with_ends(EndRows(xy, weight, label[None], geometry))
+    xy = sized(ends["xy"], (len(label), 2), "'ends', 'xy'")
+    geometry = sized(ends["geometry"], (len(label), EndRows.vectors, 3), "'ends', 'geometry'")
+    return found.with_ends(EndRows(xy[None], _weights(ends["weight"], len(label))[None], label[None], geometry[None]))
+
+
+def _vectors(values: Any, name: str, length: int = 3) -> Array:
+    """Pixels or world points of a record, one or more."""
+    return sized(values, (max(len(values), 1), length), name)
+
+
+def _weights(values: Any, count: int) -> Array:
+    """Weights of some pixels, or the one of all."""
+    weights = np.broadcast_to(sized(values, np.shape(values), "'weight'"), count)
+    if not np.all(weights > 0.0):
+        raise ValueError(f"'weight': expected positive numbers, got {np.min(weights)}")
+    return weights
 
 
 def layout_to_record(layout: Layout) -> dict[str, Any]:
@@ -134,13 +180,27 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
 
 def layout_from_record(record: Mapping[str, Any]) -> Layout:
     """The inverse of `layout_to_record`."""
-    width, height = record["image_size"]
-    lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
-    size = record["field_size"]
-    if size is not None:
-        given, sigma, limits, *possible = (from_json(size[name]) for name in SIZES)
-        crown = size.get("crown")  # older files have none
-        size = SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown and Crown(**crown))
+    rho = positive(record["lens"]["rho"], "'rho'")
+    if not LEAST_RHO <= rho <= LARGEST_PARAMETER:
+        raise ValueError(f"'rho': expected half the diagonal of an image, got {rho}")
+    lens = LENSES[record["lens"]["name"]](rho)
+    size = None if record["field_size"] is None else _size_from_record(record["field_size"])
     law = record.get("zoom_law")
-    zoom_law = None if law is None else ZoomLaw(float(from_json(law)))
-    return Layout((width, height), lens, np.array(record["roles"]), size, zoom_law)
+    zoom_law = None if law is None else ZoomLaw(float(sized(law, (), "'zoom_law'")))
+    usual = Layout.of(checked_image_size(record["image_size"]), lens, size, zoom_law)
+    roles = np.array([Role(one) for one in record["roles"]])
+    if len(roles) != usual.size or np.any((roles == Role.CONSIDERED)[usual.is_crown] != 1):
+        raise ValueError(f"'roles': expected those of {', '.join(usual.names)}, got {record['roles']!s:.100}")
+    return replace(usual, roles=roles)
+
+
+def _size_from_record(record: Mapping[str, Any]) -> SizeBlock:
+    count = len(record["probabilities"])
+    shapes = ((2,), (2,), (2, 2), (count,), (count, 2))
+    given, sigma, limits, *possible = (
+        sized(record[name], shape, repr(name)) for name, shape in zip(SIZES, shapes, strict=True)
+    )
+    crown = record.get("crown")  # older files have none
+    if crown is not None:
+        crown = Crown(**{name: float(sized(one, (), repr(name))) for name, one in crown.items()})
+    return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown)

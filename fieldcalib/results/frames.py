@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
@@ -52,6 +52,20 @@ class FrameStore(Protocol):
         """The best camera of such a frame; None where there is none."""
 
 
+class Cached(Generic[Value]):
+    """A function of the numbers of frames whose last `CACHED` values are kept; a pickle has none of them."""
+
+    def __init__(self, function: Callable[[int], Value]) -> None:
+        self._function, self._cached = function, lru_cache(CACHED)(function)
+
+    def __call__(self, number: int) -> Value:
+        """The value of a frame."""
+        return self._cached(number)
+
+    def __reduce__(self) -> tuple[Callable[..., Cached[Value]], tuple[Callable[[int], Value]]]:
+        return Cached, (self._function,)
+
+
 class KeptFrames:
     """Frames that were calibrated now.
 
@@ -77,8 +91,8 @@ class KeptFrames:
         self.ids, self.broken, self._calibrations, self._details = ids, broken, calibrations, details
         readable = (number for number, id in enumerate(ids) if id not in broken)
         self._by_number = dict(zip(readable, range(len(calibrations)), strict=True))
-        self._calibration = lru_cache(CACHED)(self._made_calibration)
-        self._line = lru_cache(CACHED)(self._made_line)
+        self._calibration = Cached(self._made_calibration)
+        self._line = Cached(self._made_line)
 
     def main(self, number: int) -> Mapping[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
@@ -158,7 +172,7 @@ class StoredFrames:
 
     def __init__(self, file: ResultFile) -> None:
         self.file, self.ids = file, file.ids
-        self._calibration = lru_cache(CACHED)(file.calibration)
+        self._calibration = Cached(file.calibration)
 
     @cached_property
     def broken(self) -> Mapping[str, str]:

@@ -8,13 +8,16 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from fieldcalib._checks import file_path
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
@@ -119,7 +122,7 @@ def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
     if isinstance(source, np.ndarray):
         return _arrays([source] if source.ndim < 4 else list(source), cut, clip)
     if isinstance(source, Sequence) and len(source) and all(isinstance(one, str | os.PathLike) for one in source):
-        return _files([Path(one) for one in source], cut, clip)
+        return _files([file_path(one, "a picture") for one in source], cut, clip)
     if isinstance(source, Sequence):
         return _arrays(source, cut, clip)
     if not isinstance(source, Iterable):
@@ -153,7 +156,7 @@ def _paths(source: str | os.PathLike[str]) -> list[Path]:
     """The paths that a path or a pattern means."""
     if not os.fspath(source):
         raise ValueError("the path is empty: expected that of a picture, a folder or a video; '.' is this folder")
-    path = Path(source)
+    path = file_path(source, "a picture, a folder or a video")
     if path.exists() or not glob.has_magic(str(source)):
         return [path]
     found = sorted(map(Path, glob.glob(str(source), recursive=True)))
@@ -293,7 +296,12 @@ class Clip:
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
-        return Results(kept, self.pictures, lambda: (found, source.frames_per_second))
+        return Results(kept, self.pictures, partial(_with_rate, found, source.frames_per_second))
+
+
+def _with_rate(found: VideoCalibration, frames_per_second: float) -> tuple[VideoCalibration, float]:
+    """`Results.clip` of a clip that was calibrated now; a function of a module, so that results can be pickled."""
+    return found, frames_per_second
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,10 @@ class Pictures:
     is_clip: bool = False
     """Whether the images of files are in the order of the numbers in their names."""
 
+    def __reduce__(self) -> tuple[type[Pictures], tuple[object, ...]]:
+        """Pickle for other processes, which open files themselves."""
+        return Pictures, (self.paths, self.images, self.cut, self.is_clip)
+
     @property
     def is_video(self) -> bool:
         """Whether they are the frames of a video."""

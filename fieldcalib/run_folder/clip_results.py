@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from fieldcalib._checks import number
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
@@ -187,9 +188,16 @@ def read_clip(path: Path) -> tuple[VideoCalibration, float]:
     try:
         with open_regular_file(path) as file:
             head, *tripods = (parse_json_object(line, "a clip") for line in file)
-        return VideoCalibration.from_dict({**head, "tripods": tripods}), float(head["frames_per_second"])
+        return VideoCalibration.from_dict({**head, "tripods": tripods}), _rate(head)
     except WRONG_RECORD as error:
         raise BrokenFileError(f"{path}: is no calibration of a clip: {error}") from error
+
+
+def _rate(head: Mapping[str, Any]) -> float:
+    rate = number(head["frames_per_second"], "frames_per_second")
+    if not 0.0 <= rate < np.inf:
+        raise ValueError(f"frames_per_second must be a number of at least 0, got {rate}")
+    return float(rate)
 
 
 def tripods_in_words(found: VideoCalibration, frames_per_second: float = DEFAULT_RATE) -> dict[str, Any]:

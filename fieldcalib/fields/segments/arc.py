@@ -173,7 +173,8 @@ class Arc(Segment):
         length = self.radius * abs(self.stop - self.start)
         steps(length, bent)  # raises
         count = int(length / bent)
-        phi = self.start + np.arange(count + 1) * np.copysign(bent / self.radius, self.stop - self.start)
+        step = np.copysign(min(bent, length) / self.radius, self.stop - self.start)
+        phi = self.start + np.arange(count + 1) * step
         closed = np.isclose(abs(self.stop - self.start), 2.0 * np.pi)
         return self.at(phi[:-1] if closed else np.append(phi, self.stop))
 

@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fieldcalib._checks import is_number, real_array
+from fieldcalib._checks import are_finite, is_number, real_array
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.rows import Rows
 
@@ -156,8 +156,8 @@ def middles(length: float, longest: float) -> Array:
 def some_pixels(xy: Array) -> Array:
     """Pixels (N, 2), N > 0, or a ValueError."""
     array = real_array(xy)
-    if array.ndim != 2 or array.shape[1] != 2 or not array.size:
-        raise ValueError(f"expected pixels (N, 2), at least one, got an array of shape {array.shape}")
+    if array.ndim != 2 or array.shape[1] != 2 or not array.size or not are_finite(array):
+        raise ValueError(f"expected finite pixels (N, 2), at least one, got an array of shape {array.shape}")
     return array
 
 
@@ -167,7 +167,7 @@ def vector(values: Iterable[float], what: str) -> Vector:
         array = real_array(values)
     except ValueError as error:
         raise ValueError(f"{what}: {error}") from None
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
+    if array.shape != (3,) or not are_finite(array):
         raise ValueError(f"{what} needs three finite coordinates in metres, got {values!r}")
     x, y, z = array.tolist()
     return x, y, z
