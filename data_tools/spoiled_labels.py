@@ -372,7 +372,7 @@ def good_frames(
         if len(chosen) == number:
             break
         if found[t].verdict is Verdict.GOOD:
-            another = names[int(rng.integers(len(names) - 1))]
+            another = names[int(rng.integers(max(len(names) - 1, 1)))]
             another = names[-1] if another == names[t] else another
             chosen.append(Frame(names[t], frames[names[t]], found[t].required_camera, frames[another]))
     return chosen
