@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from strategies import examples, generators
 
-from data_tools import wrong_labels
-from data_tools.random_frames import SIZE, confused_labels, mislabelled, random_frame
+from data_tools import spoiled_labels, wrong_labels
+from data_tools.random_frames import SIZE, confused_labels, mislabelled, noisy_pixels, random_frame
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.problem.simulated import observe, pan_over_field
@@ -67,3 +67,26 @@ def test_replaced_labels_are_found_on_annotations(tmp_path, capsys):
     assert row["frames"] == row["replaced"] > 3
     assert row["recall"] == row["precision"] == 100.0
     assert row["accused_as_they_are"] == [0, 12]
+
+
+def test_spoiled_labels_are_compared_with_what_the_changed_picture_shows(tmp_path, capsys):
+    """The true camera of an enlarged quarter is 0 m off; a focal length given 20 % wrong is not good."""
+    (camera,) = pan_over_field(1)
+    right, rng = observe(camera, FIELD, np.random.default_rng(0), noise=0.5), np.random.default_rng(1)
+    frame = spoiled_labels.Frame("0", right, camera, right)
+    quarter = spoiled_labels.WAYS["upper left quarter enlarged"](frame, rng)
+    truth = camera.cropped((0, 0), (480, 270)).scaled((960, 540))
+    assert max(spoiled_labels.metres_off(truth, frame, quarter.shown)) < 1e-6
+    assert all(np.all((xy >= 0.0) & (xy <= (959.0, 539.0))) for xy in quarter.pixels.values())
+    assert spoiled_labels.metres_off(camera, frame, quarter.shown)[0] > 5.0
+    for k, one in enumerate(pan_over_field(9)):
+        labels = noisy_pixels(one, FIELD, np.random.default_rng(k), 0.5, 1.0)
+        (tmp_path / f"{k}.json").write_text(format_annotation(labels, SIZE))
+    words = ["unchanged", "focal", "y swapped"]
+    assert spoiled_labels.main([str(tmp_path), "--size", "960x540", "--frames", "1", "--ways", *words]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    counts = {line[:38].strip(): list(map(int, line[38:].split()[:7])) for line in lines[1:]}
+    assert counts["unchanged"] == [1, 0, 1, 0, 0, 0, 0]
+    assert counts["x and y swapped"][2] == 0
+    assert counts["focal length given 20 % too long"][2] == counts["focal length given 20 % too short"][2] == 0
+    assert counts["all but 3"][0] == 3

@@ -8,12 +8,13 @@ import pytest
 from commands import lines_of, run
 from networks import FIELD, KnownCameras
 from pictures import picture
+from synthetic import observe
 from views import camera
 
 import fieldcalib
 from data_tools.sides import PLACES, frame_from, is_right, summary
-from fieldcalib import Calibration, Tracker, calibrate_from_images
-from fieldcalib.assess.words import OTHER_SIDE_FITS, UP_TO_SIDE
+from fieldcalib import Calibration, Tracker, calibrate_from_images, calibrate_from_segments
+from fieldcalib.assess.words import OTHER_SIDE_FITS, SEEN_FROM_OPPOSITE, UP_TO_SIDE
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand
@@ -66,6 +67,27 @@ def test_the_user_decides_the_side(where):
         assert is_right(found.camera, truth, FIELD)
         assert is_right(found.uncertainty.camera, truth, FIELD)
     assert from_picture(SEEN[where], side="main").alternatives == ()
+
+
+@pytest.mark.parametrize("where", SEEN)
+def test_labels_of_the_opposite_side_leave_the_camera_that_names_the_ends_as_it_sees_them(where):
+    """As for pictures: the image is the same; the verdict and the probability are up to the side."""
+    main, turned = SEEN[where], turned_camera(SEEN[where])
+    frame = observe(FIELD.markings, main)
+    swapped = {FIELD.symmetric[label]: xy for label, xy in frame.items()}
+    known, found = (calibrate_from_segments(FIELD, pixels, main.image_size) for pixels in (frame, swapped))
+    assert (known.verdict, known.alternatives) == ("good", ())
+    assert is_right(found.camera, turned, FIELD)
+    (other,) = found.alternatives
+    assert is_right(other, main, FIELD)
+    assert found.verdict == "good"
+    assert SEEN_FROM_OPPOSITE in found.reason
+    assert found.probability() == pytest.approx(known.probability(), abs=0.05)
+    for said in ({"prior": OPPOSITE[where]}, at(turned)):
+        told = calibrate_from_segments(FIELD, swapped, main.image_size, **said)
+        assert is_right(told.camera, turned, FIELD)
+        assert told.alternatives == ()
+        assert SEEN_FROM_OPPOSITE not in told.reason
 
 
 def test_the_opposite_side_is_the_main_one_turned():

@@ -9,10 +9,22 @@ from fieldcalib.problem.prior import is_whole_shape
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
 CONTRADICTED = 5.0  # standard deviations between a fixed value and the labels' one: up to 4.4 on annotated frames
+# Standard deviations between a given value and the labels' one. Of 2,768 random frames (data_tools.random_frames) with
+# right values and otherwise good, 2 are beyond.
+CONTRADICTS_GIVEN = 3.0
 LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field
+# Errors of given values: the least one that is worth a word, and the standard deviation of wrong values. In radians,
+# log focal length, metres, shares of the width of the picture, and relative displacement at the corner.
+WRONG_GIVEN = {
+    **dict.fromkeys(("pan", "tilt", "roll"), (0.01, 0.1)),
+    "log f": (0.03, 0.3),
+    **dict.fromkeys("xyz", (0.5, 10.0)),
+    **dict.fromkeys(("cx", "cy"), (0.01, 0.1)),
+    "a1": (LEAST_LENS, 0.1),
+}
 SQUASHED = "the pixels are not square: was the picture squashed?"
 NAMES = {
     "log f": "the focal length is unusual",
@@ -56,8 +68,52 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
         if abs(offset) > max(least, CONTRADICTED * sigma):
             found[words] = None
+    contradicted = _contradicted(uncertainty)
+    if contradicted is not None:
+        found[wanted(contradicted, uncertainty.off_given[contradicted][0])] = None
     given = problem.layout.field_size
     if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
         length, width = np.clip(given.given + uncertainty.size.mean, *given.limits)
         found[f"the field is more probably of another size, about {length:.0f} x {width:.0f} m"] = None
     return tuple(found)
+
+
+def _contradicted(uncertainty: Uncertainty) -> str | None:
+    """The given value that the labels contradict most; None if they agree with all of them.
+
+    One wrong value pulls all others with it: each is freed alone, under a prior around what was given. The score is
+    the root of twice the fall of the cost.
+    """
+    scores = {}
+    for name, (offset, sigma) in uncertainty.off_given.items():
+        unit = uncertainty.layout.image_size[0] if name in ("cx", "cy") else 1.0
+        least, wrong = (unit * value for value in WRONG_GIVEN[name])
+        if abs(offset) > least:
+            scores[name] = abs(offset) * wrong / (sigma * np.hypot(sigma, wrong))
+    most = max(scores, key=lambda name: scores[name], default=None)
+    return most if most is not None and scores[most] > CONTRADICTS_GIVEN else None
+
+
+def wanted(name: str, offset: float) -> str:
+    """Words for a given parameter that the labels want to be larger by `offset`.
+
+    Examples
+    --------
+    >>> wanted("log f", -0.22)
+    'the labels want a focal length 20 % shorter than the given one'
+    >>> wanted("x", 5.2)
+    'the labels want a position 5.2 m from the given one (along x)'
+    """
+    match name:
+        case "log f":
+            share = 100.0 * abs(np.expm1(offset))
+            than = f"a focal length {share:.0f} % {'longer' if offset > 0.0 else 'shorter'} than the given one"
+        case "pan" | "tilt" | "roll":
+            than = f"a {name} {np.degrees(abs(offset)):.1f} degrees from the given one"
+        case "x" | "y" | "z":
+            than = f"a position {abs(offset):.1f} m from the given one (along {name})"
+        case "cx" | "cy":
+            than = f"a principal point {abs(offset):.0f} px from the given one (along {name[1]})"
+        case _:
+            than = "another lens than the given one"
+    return f"the labels want {than}"

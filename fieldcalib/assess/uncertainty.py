@@ -22,7 +22,7 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -38,12 +38,13 @@ from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout, Role
 
 # Number of equations as which the noise of other frames counts. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
 # pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); here it is less, as annotators differ.
 OTHER_FRAMES = 5.0
 TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed, in the order of theta
+GIVEN = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "a1")  # that users give, in the order of theta
 TOUCHED = 1e-6  # share of a derivative along open directions: less is rounding
 
 
@@ -98,6 +99,9 @@ class Uncertainty(Estimate):
     offsets: Mapping[str, tuple[float, float]]
     """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
     standard deviation."""
+    off_given: Mapping[str, tuple[float, float]]
+    """Parameters that were given: by how much, to first order, the labels want to move one of them if it alone is
+    freed, and the standard deviation of that. The size of the field is as uncertain as it is a priori."""
     field: Field | None = None
     """The field in view; None if the object is not a `Field`, or unknown."""
 
@@ -224,8 +228,10 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     variance, dof = _variance(evaluation, noise, directions)
     sigma, kappa = size_and_curvature(problem.loss, variance)
 
-    tested = [name for name in TESTED if name in layout.names and not free[layout.names.index(name)]]
-    by_tested = evaluation.derivatives(np.isin(layout.names, tested))
+    is_given = _is_given(evaluation)
+    is_tested = np.any(is_given, axis=0) | (np.isin(layout.names, TESTED) & ~free)
+    tested = [name for name, is_one in zip(layout.names, is_tested, strict=True) if is_one]
+    by_tested = evaluation.derivatives(is_tested)
     by_kept = np.concatenate([evaluation.derivatives(layout.considered), by_tested], axis=1)
     rows = np.concatenate([directions.JT, by_kept], axis=1)
     noisy = variance[:, None, None] * noise.covariance(rows)
@@ -241,6 +247,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     units, along = np.zeros_like(evaluation.theta), np.zeros((len(problem), layout.size, P))
     units[:, free], along[:, free] = scale, directions.theta
     level, crowned = _size_evidence(problem, kept)
+    usual = [(i, name) for i, name in enumerate(tested, sizes) if name in TESTED]
     columns: dict[str, Any] = {
         "sigma": sigma.tolist(),
         "robust_sigma": np.sqrt(variance).tolist(),
@@ -254,7 +261,8 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
         "by_considered": by_true_value,
         "size": level,
         "with_crown": crowned,
-        "offsets": [{name: kept.offset(t, i) for i, name in enumerate(tested, sizes)} for t in range(len(problem))],
+        "offsets": [{name: kept.offset(t, i) for i, name in usual} for t in range(len(problem))],
+        "off_given": _off_given(evaluation, kept, is_given, tested, sizes),
     }
     return [
         Uncertainty(
@@ -344,6 +352,55 @@ class _Kept(NamedTuple):
         """Error of parameter i by the labels of frame t, to first order, and its standard deviation."""
         information = max(self.information[t, i, i], FAINT)
         return float(-self.gradient[t, i] / information), float(np.sqrt(max(self.spread[t, i, i], 0.0)) / information)
+
+    def offset_with(self, t: int, i: int, S: Array) -> tuple[float, float]:
+        """`offset` if the first c parameters are estimated together with it, whose covariance a priori is S (c, c)."""
+        c, information = len(S), self.information[t]
+        # a = -(I + S^-1)^-1 I_i of these parameters, written for an S that may be singular: a = -S b
+        b = np.linalg.solve(np.eye(c) + information[:c, :c] @ S, information[:c, i])
+        row = np.eye(len(information))[i]
+        row[:c] -= S @ b
+        curvature = max(float(row @ information[:, i]), FAINT)
+        variance = float(row @ self.spread[t] @ row + b @ S @ b)
+        return float(-row @ self.gradient[t]) / curvature, float(np.sqrt(max(variance, 0.0))) / curvature
+
+
+def _is_given(evaluation: Evaluation) -> BoolArray:
+    """Mask (B, n) of the parameters of `GIVEN` that were given.
+
+    Pose and zoom are kept only at given values; roll, principal point and lens at 0 and the middle of the picture too,
+    as simplifications, which labels often contradict and which harm little.
+    """
+    layout = evaluation.problem.layout
+    simplest = np.zeros(layout.size)
+    simplest[POSE_AND_ZOOM] = np.nan
+    simplest[ROLL], simplest[PRINCIPAL_POINT] = 0.0, np.divide(layout.image_size, 2.0)
+    is_fixed = np.isin(layout.names, GIVEN) & (layout.roles == Role.FIXED)
+    return np.asarray(is_fixed & (evaluation.theta != simplest))
+
+
+def _off_given(
+    evaluation: Evaluation, kept: _Kept, is_given: BoolArray, tested: Sequence[str], sizes: int
+) -> list[Mapping[str, tuple[float, float]]]:
+    """`Uncertainty.off_given` of each frame; `tested` are the parameters of `kept` behind the first `sizes`."""
+    if not np.any(is_given):
+        return [{}] * len(is_given)
+    names, S = evaluation.problem.layout.names, _prior_moment(evaluation.problem)
+    columns = {name: i for i, name in enumerate(tested, sizes)}
+    return [
+        {names[k]: kept.offset_with(t, columns[names[k]], S) for k in np.flatnonzero(is_given[t]).tolist()}
+        for t in range(len(is_given))
+    ]
+
+
+def _prior_moment(problem: Problem) -> Array:
+    """Covariance (c, c) of the considered parameters a priori."""
+    layout = problem.layout
+    if problem.considered is not None or layout.field_size is None:
+        return np.zeros((0, 0)) if problem.considered is None else problem.considered
+    probability, sigma = layout.field_size.possibilities_with_crown
+    index = np.flatnonzero(layout.considered) - layout.field_size_block.start
+    return np.diag(probability @ np.square(sigma[:, index]))
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:

@@ -12,6 +12,10 @@ from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, PI
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
+SEEN_FROM_OPPOSITE = (
+    "it is on the opposite side of the field, if the labels name the ends as seen from the main side; otherwise it is "
+    "the camera turned by 180 degrees, in alternatives"
+)
 
 UP_TO_SIDE = (
     "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "

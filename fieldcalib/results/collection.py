@@ -25,6 +25,7 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
+from fieldcalib.fields.sides import MAIN, side_of
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.io.image import Image, checked_image
@@ -123,7 +124,10 @@ class Results(Mapping[str, Calibration]):
         degrees about the centre mark. The first good frame tells it.
         """
         good = next((id for id, verdict in self.verdicts.items() if verdict is Verdict.GOOD), None)
-        return good is not None and bool(self[good].alternatives)
+        if good is None or not self[good].alternatives:
+            return False
+        found = self[good]  # of labels, which tell the side, only a camera on the opposite one has an alternative
+        return found.field is not None and side_of(found.required_camera.C, found.field) == MAIN
 
     @property
     def notes(self) -> tuple[str, ...]:

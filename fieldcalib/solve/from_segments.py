@@ -24,9 +24,9 @@ from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
-from fieldcalib.assess.words import OTHER_SIDE_FITS, Status, SuspectLabel
+from fieldcalib.assess.words import OTHER_SIDE_FITS, SEEN_FROM_OPPOSITE, Status, SuspectLabel
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.fields.sides import turned_camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
@@ -49,7 +49,7 @@ from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.options import DEFAULT_CRITERIA, Criteria, Options, Prior
 from fieldcalib.solve.search import find_cameras
-from fieldcalib.solve.symmetry import other_side, repeats
+from fieldcalib.solve.symmetry import is_against_convention, other_side, repeats
 from fieldcalib.solve.task import Task
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
@@ -273,9 +273,10 @@ def _judged(frames: _Frames) -> list[Calibration]:
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
         status, message = verdict(evidence, options.tau)
-        is_open = options.side is None and other.fits[t]
-        alternatives = (options.layout.camera(other.theta[t]),) if is_open else ()
-        notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * len(alternatives)]
+        is_open = options.side is None and bool(other.fits[t])
+        is_turned = not is_open and is_against_convention(cameras[t].C, options)
+        alternatives = (turned_camera(cameras[t]),) if is_open or is_turned else ()
+        notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * is_open, *[SEEN_FROM_OPPOSITE] * is_turned]
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
@@ -289,7 +290,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,
-            _complaints=_complaints(errors, suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
+            _complaints=_complaints(errors, suspects, evidence.far, is_open=is_open) + _misfit(evidence.rms, options),
             pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
             errors=Solved(evaluation, relabelled.prior.sigma, t),
@@ -334,14 +335,14 @@ def _evidence(frames: _Frames) -> list[Evidence]:
 
 
 def _complaints(
-    errors: Mapping[str, float], suspects: Sequence[SuspectLabel], alternatives: Sequence[Camera], far: float
+    errors: Mapping[str, float], suspects: Sequence[SuspectLabel], far: float, *, is_open: bool
 ) -> tuple[str, ...]:
     """Evidence of one frame's labels against a camera that agrees with most of them."""
     suspected = {suspect.label for suspect in suspects}
     missed = [label for label, error in errors.items() if error > far and label not in suspected]
     found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []
     found += [f"{len(missed)} of {len(errors)} labels lie far off"] if missed else []
-    return (*found, *[OTHER_SIDE_FITS] * len(alternatives))
+    return (*found, *[OTHER_SIDE_FITS] * is_open)
 
 
 def _misfit(rms: float, options: Options) -> tuple[str, ...]:

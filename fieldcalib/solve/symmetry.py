@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE
+from fieldcalib.fields.sides import OPPOSITE, looks_the_same_turned, side_of, side_of_stand
 from fieldcalib.problem.layout import CENTER, PAN, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
@@ -61,6 +61,19 @@ def on_main_side(
         return theta, prior
     mean, sigma = np.where(turn, other.prior.mean, prior.mean), np.where(turn, other.prior.sigma, prior.sigma)
     return np.where(turn, other.theta, theta), GaussianPrior(mean, sigma)
+
+
+def is_against_convention(C: Array, options: Options) -> bool:
+    """Whether labels put a camera at C (3,) on the opposite side of the field, and nothing else tells its side.
+
+    Labels name the ends as seen from the main side. If they name them as the camera itself sees them, it is the one
+    turned by 180 degrees: its image is the same, and most cameras are on the main side.
+    """
+    field, is_told = options.field, not np.isnan(options.known[CENTER]).any() or not options.layout.free[PAN]
+    if field is None or options.side is not None or is_told or side_of(C, field) != OPPOSITE:
+        return False
+    sides = {side_of_stand(stand, field) for stand in options.distributions}
+    return len(sides) > 1 and looks_the_same_turned(field)
 
 
 def repeats(labels: Iterable[str], options: Options) -> bool:
