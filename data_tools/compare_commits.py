@@ -188,7 +188,9 @@ def wild(data: Path) -> Found:
             found += [[name, record(one)] for one in fc.calibrate_video(field, frames, chosen)]
             continue
         image = cv2.imread(str(path))  # also where the commit refuses the file
-        found += [[name, record(one)] for one in fc.calibrate_from_images(field, [image], chosen)]
+        if image is None:
+            raise ValueError(f"{path} cannot be read")
+        found += [[name, record(one)] for one in fc.calibrate_from_images(field, [np.asarray(image, np.uint8)], chosen)]
     return found
 
 

@@ -22,7 +22,7 @@ from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
-from fieldcalib.editor.frame_states import BeforeKeep, FrameState, Spilled, basis_of
+from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
 from fieldcalib.editor.given_labels import GivenLabels, LabelWarning, given_labels
 from fieldcalib.editor.journal import (
     JOURNAL,
@@ -38,7 +38,7 @@ from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, sa
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.opening import field_of, frames_of, places_of
-from fieldcalib.editor.stored import LastSave, NewRun, Saved, Stored, is_by_hand
+from fieldcalib.editor.stored import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.editor.versions import Announce, Announced
 from fieldcalib.fields.field import Field

@@ -2,82 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import pickle
-from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import count
-from tempfile import TemporaryFile
-from threading import Lock
-from typing import Any
-from weakref import finalize
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import Proposal
 from fieldcalib.editor.frame import Edit
 from fieldcalib.editor.journal import FrameHistory
 from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO
+from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO, Spilled
 from fieldcalib.editor.table import Row
-
-MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
-
-
-class Spilled:
-    """Values by keys of its own: those that were asked for last in memory, all others in a file without a name.
-
-    Parameters
-    ----------
-    most : int
-        Number of values in memory.
-
-    Examples
-    --------
-    >>> spilled = Spilled(most=1)
-    >>> keys = [spilled.add(value) for value in "abc"]
-    >>> [spilled[key] for key in keys]
-    ['a', 'b', 'c']
-    """
-
-    def __init__(self, most: int = MOST_IN_MEMORY) -> None:
-        self._most = most
-        self._near: OrderedDict[int, Any] = OrderedDict()
-        self._far = TemporaryFile()  # noqa: SIM115 - it lasts as long as this
-        finalize(self, self._far.close)
-        self._places: dict[int, tuple[int, int]] = {}
-        self._keys = count()
-        self._lock = Lock()
-
-    def add(self, value: Any) -> int:
-        """Take a value; returns its key."""
-        with self._lock:
-            key = next(self._keys)
-            self._near[key] = value
-            self._spill()
-            return key
-
-    def __getitem__(self, key: int) -> Any:
-        with self._lock:
-            if key in self._near:
-                self._near.move_to_end(key)
-                return self._near[key]
-            offset, size = self._places[key]
-            self._far.seek(offset)
-            value = pickle.loads(self._far.read(size))
-            self._near[key] = value
-            self._spill()
-            return value
-
-    def _spill(self) -> None:
-        """Write values to the file, once each, until few are left in memory."""
-        while len(self._near) > self._most:
-            key, value = self._near.popitem(last=False)
-            if key not in self._places:
-                content = pickle.dumps(value)
-                self._places[key] = self._far.seek(0, os.SEEK_END), len(content)
-                self._far.write(content)
 
 
 class FrameState:

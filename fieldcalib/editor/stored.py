@@ -9,13 +9,20 @@ where they do not.
 from __future__ import annotations
 
 import json
+import os
+import pickle
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
+from itertools import count
 from pathlib import Path
+from tempfile import TemporaryFile
+from threading import Lock
 from types import MappingProxyType
 from typing import Any
+from weakref import finalize
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
@@ -62,9 +69,65 @@ HISTORY = "history"
 COMMAND = "open"
 OF_CLIP = (TRIPODS, CLIP)
 SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
+MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
 DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # they show cameras: when these change they are moved to the history
 MOVED = {name: f"{name} showed cameras that have changed since: it was moved to {HISTORY}" for name in DRAWN}
 """Notes by the name of the file."""
+
+
+class Spilled:
+    """Values by keys of its own: those that were asked for last in memory, all others in a file without a name.
+
+    Parameters
+    ----------
+    most : int
+        Number of values in memory.
+
+    Examples
+    --------
+    >>> spilled = Spilled(most=1)
+    >>> keys = [spilled.add(value) for value in "abc"]
+    >>> [spilled[key] for key in keys]
+    ['a', 'b', 'c']
+    """
+
+    def __init__(self, most: int = MOST_IN_MEMORY) -> None:
+        self._most = most
+        self._near: OrderedDict[int, Any] = OrderedDict()
+        self._far = TemporaryFile()  # noqa: SIM115 - it lasts as long as this
+        finalize(self, self._far.close)
+        self._places: dict[int, tuple[int, int]] = {}
+        self._keys = count()
+        self._lock = Lock()
+
+    def add(self, value: Any) -> int:
+        """Take a value; returns its key."""
+        with self._lock:
+            key = next(self._keys)
+            self._near[key] = value
+            self._spill()
+            return key
+
+    def __getitem__(self, key: int) -> Any:
+        with self._lock:
+            if key in self._near:
+                self._near.move_to_end(key)
+                return self._near[key]
+            offset, size = self._places[key]
+            self._far.seek(offset)
+            value = pickle.loads(self._far.read(size))
+            self._near[key] = value
+            self._spill()
+            return value
+
+    def _spill(self) -> None:
+        """Write values to the file, once each, until few are left in memory."""
+        while len(self._near) > self._most:
+            key, value = self._near.popitem(last=False)
+            if key not in self._places:
+                content = pickle.dumps(value)
+                self._places[key] = self._far.seek(0, os.SEEK_END), len(content)
+                self._far.write(content)
 
 
 @dataclass(frozen=True)
@@ -297,7 +360,7 @@ class Stored:
         self.versions.check([RECORD, LINES, SOLVER, TABLE, SUMMARY])  # they are read too
         is_whole = self._file is None or not is_unfinished(self.folder)
         with self.versions.replacing(announce, beside=[RECORD]) as staged:
-            changed: dict[str, Texts] = {}
+            changed, texts = dict[str, int](), Spilled()
             has_changed = False
             for one in frames:
                 self._expect(one.id)
@@ -306,7 +369,7 @@ class Stored:
                 for name, content in {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}.items():
                     staged.put(name, content)
                 main, solver = (json.dumps(part).encode() for part in split_line(outcome.line))
-                changed[one.id] = main, solver
+                changed[one.id] = texts.add((main, solver))
             for name, content in more.items():
                 staged.put(name, content)
             clip = self._as_edited(has_changed, cuts) if clip is None else clip
@@ -315,7 +378,9 @@ class Stored:
             self._draw_motion(staged, clip, new.rate)
             if self.record is None:
                 new.record(self.folder, len(order)).write(staged.folder)
-            _write_lines(staged.folder, self._lines(changed, order), as_table=lines_file(self.folder).name == TABLE)
+            _write_lines(
+                staged.folder, self._lines(changed, texts, order), as_table=lines_file(self.folder).name == TABLE
+            )
             if clip is not None:
                 write_clip(staged.folder, clip, new.rate)
             if is_whole:
@@ -362,12 +427,12 @@ class Stored:
         if is_gone and clip is not None and BESIDE not in clip.notes:
             staged.put(MOTION, encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix))
 
-    def _lines(self, changed: Mapping[str, Texts], order: Sequence[str]) -> Iterator[Texts]:
+    def _lines(self, changed: Mapping[str, int], texts: Spilled, order: Sequence[str]) -> Iterator[Texts]:
         """The lines of all frames, as they are or changed: in their order, if all have one, else as given."""
         ids = order if self._numbers.keys() <= set(order) else (*self.ids, *order)
         for id in dict.fromkeys(ids):
             if id in changed:
-                yield changed[id]
+                yield texts[changed[id]]
             elif self._file is not None and id in self._numbers:
                 yield _texts(self._file, self._numbers[id])
 
