@@ -319,10 +319,11 @@ def calibrated(frames: Sequence[Frame], spoiled: Sequence[Spoiled]) -> list[Cali
 
 
 def metres_off(camera: Camera, frame: Frame, shown: Map) -> tuple[float, float]:
-    """Median and 95 % quantile, metres, of the distances between the places that a pixel shows."""
+    """Median and 95 % quantile, metres, of the distances between the places that a pixel of the picture shows."""
     width, height = frame.camera.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
     xy = np.stack([x, y], axis=-1).reshape(-1, 2)
+    xy = xy[np.all((shown(xy) >= 0.0) & (shown(xy) <= np.subtract(camera.image_size, 1.0)), axis=1)]
     X = frame.camera.image_to_field(xy)
     on_field = np.all(np.abs(X[:, :2]) <= np.array([FIELD.length, FIELD.width]) / 2.0, axis=1)  # false for NaN
     off = np.linalg.norm(camera.image_to_field(shown(xy[on_field])) - X[on_field], axis=1)

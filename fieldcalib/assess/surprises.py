@@ -82,14 +82,17 @@ def _contradicted(uncertainty: Uncertainty) -> str | None:
     """The given value that the labels contradict most; None if they agree with all of them.
 
     One wrong value pulls all others with it: each is freed alone, under a prior around what was given. The score is
-    the root of twice the fall of the cost.
+    the root of twice the fall of the cost, with the noise that is left after it (a t statistic): a wrong value makes
+    the noise look larger than it is.
     """
+    dof = uncertainty.dof
     scores = {}
     for name, (offset, sigma) in uncertainty.off_given.items():
         unit = uncertainty.layout.image_size[0] if name in ("cx", "cy") else 1.0
         least, wrong = (unit * value for value in WRONG_GIVEN[name])
         if abs(offset) > least:
-            scores[name] = abs(offset) * wrong / (sigma * np.hypot(sigma, wrong))
+            fall = abs(offset) * wrong / (sigma * np.hypot(sigma, wrong))
+            scores[name] = fall * np.sqrt((dof - 1.0) / max(dof - fall**2, 1.0))
     most = max(scores, key=lambda name: scores[name], default=None)
     return most if most is not None and scores[most] > CONTRADICTS_GIVEN else None
 
