@@ -319,7 +319,7 @@ def test_solutions_that_do_not_fit_together_are_named(made, tmp_path, change, na
     line = json.loads(first)
     change(line["solved"])
     (out / "solver.jsonl").write_text("".join([json.dumps(line) + "\n", *others]))
-    with pytest.raises(BrokenFileError, match=rf"cameras\.jsonl, line 1: .*{name}: expected numbers of shape"):
+    with pytest.raises(BrokenFileError, match=rf"cameras\.jsonl, line 1: .*{name}: expected finite numbers of shape"):
         read(out)["0"]
 
 

@@ -196,16 +196,7 @@ WRONG = {
         "expected a Line.* the field comes first, as soccer.*then the pixels",
     ),
     "an endless step": (lambda _: calibrate(IMAGE, step=np.inf, progress=False), "step must be a whole number"),
-    "a start beyond floats": (
-        lambda _: match_background(IMAGE, IMAGE, start=HUGE),
-        "start: a number of the homography",
-    ),
-    "a homography beyond floats": (lambda _: calibrate_from_homography(HUGE, SIZE), "is not finite, or beyond 1e"),
-    "a camera beyond floats": (lambda _: Camera(1e300 * CAMERA.K, CAMERA.R, CAMERA.C, SIZE), "K must be a finite"),
-    "a lens beyond floats": (
-        lambda _: Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, [1e308, 0]),
-        "k must be|must be a fin",
-    ),
+    "a camera beyond floats": (lambda _: Camera(1e300 * CAMERA.K, CAMERA.R, CAMERA.C, SIZE), "K must be"),
     "pixels beyond floats": (lambda _: soccer()["Circle left"].order([[1e308, 1e308]] * 3), "expected finite pixels"),
     "negative squares": (lambda _: RobustLoss("cauchy", 3.0).evaluate(-1.0), "must not be negative"),
     "arrays of matches": (lambda _: match_far(IMAGE, IMAGE, moving=np.zeros(2)), "moving must be True or False"),
@@ -227,6 +218,12 @@ WRONG = {
     "a wide line": (lambda _: render_field(CAMERA, soccer(), line_width=1e308), "line_width must be at most"),
     "a frame rate": (lambda _: VideoWriter("a.mp4", 1e12), "expected at most 1000 frames per second"),
 }
+
+
+def test_a_homography_beyond_floats_is_no_camera():
+    """Its scale is free, but here all numbers are alike."""
+    assert match_background(IMAGE, IMAGE, start=HUGE) is None
+    assert calibrate_from_homography(HUGE, SIZE).camera is None
 
 
 @pytest.mark.parametrize(("call", "message"), WRONG.values(), ids=WRONG)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import are_finite, is_number, number, real_array
+from fieldcalib._checks import is_number, number, real_array
 from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
@@ -401,7 +401,7 @@ def finite_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         array = np.array(real_array(values))
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    if array.shape != shape or not are_finite(array):
+    if array.shape != shape or not np.all(np.isfinite(array)):
         expected = f"a finite array of shape {shape}" if shape else "a finite number"
         raise ValueError(f"{name} must be {expected}, got {np.asarray(values)!r}")
     array.flags.writeable = False

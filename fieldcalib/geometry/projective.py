@@ -7,7 +7,7 @@ A line l and the points x on it satisfy ``l . x = 0``. A homography H maps point
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import LARGEST, are_finite, real_array
+from fieldcalib._checks import LARGEST, real_array
 from fieldcalib._types import Array
 
 TINY = 1e-300  # smallest divisor, where weights or lengths may all be 0
@@ -39,9 +39,10 @@ def finite_homography(H: ArrayLike, *, batch: bool = False, name: str = "") -> A
     if array.shape[-2:] != (3, 3) or not (batch or array.ndim == 2):
         shape = "(..., 3, 3)" if batch else "(3, 3)"
         raise ValueError(f"{whose}expected a homography, three rows of three numbers: shape {shape}, got {array.shape}")
-    if not are_finite(array):
-        raise ValueError(f"{whose}a number of the homography is not finite, or beyond {LARGEST:g}")
-    return array
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{whose}a number of the homography is not finite")
+    scale = np.max(np.abs(array), axis=(-2, -1), keepdims=True)
+    return np.where(scale > LARGEST, array / np.maximum(scale, 1.0), array)  # the scale of a homography is free
 
 
 def homogenize(x: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._checks import are_finite, real_array
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
@@ -36,7 +36,7 @@ def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Predi
         H = real_array(prediction)
     except ValueError:
         H = np.zeros(0)
-    if H.shape != (3, 3) or not are_finite(H):
+    if H.shape != (3, 3) or not np.all(np.isfinite(H)):
         came = f"an array of shape {H.shape}" if isinstance(prediction, np.ndarray) else type(prediction).__name__
         raise ValueError(
             f"expected a Camera, a RationalCamera or a homography as a finite array of shape (3, 3), got {came}; "

@@ -7,7 +7,7 @@ from reprlib import repr as short
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import are_finite, real_array
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")  # OpenCV's order
@@ -30,7 +30,7 @@ def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> A
            0.  ])
     """
     dist = np.zeros(2) if dist_coeffs is None else real_array(dist_coeffs).ravel()
-    if dist.size not in LENGTHS or not are_finite(dist):
+    if dist.size not in LENGTHS or not np.all(np.isfinite(dist)):
         raise ValueError(
             f"{name} must be a finite array of {', '.join(map(str, LENGTHS[:-1]))} or {LENGTHS[-1]} coefficients "
             f"(k1, k2, p1, p2, k3, ...), got {short(dist.tolist())}"
