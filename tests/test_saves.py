@@ -1,12 +1,14 @@
 """What a save of the editor replaces, and that it goes on after whatever ends it: nothing is lost or locked."""
 
+import http.client
 import json
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
+import threading
+import urllib.request
 import warnings
 from pathlib import Path
 
@@ -534,41 +536,65 @@ def test_a_damaged_journal_whose_numbers_are_no_numbers(journal):
 
 # --- the server ---
 
-EDITING = """
-import sys
-from fieldcalib import Editor
-editor = Editor(sys.argv[1], "tennis", out=sys.argv[2])
-print("ready", flush=True)
-for k in range(100_000):
-    editor[k % 2] = editor[k % 2].mark("Net top", (float(k % 90), 1.0), snap=False)
-    print(k % 2, len(editor[k % 2].marks), flush=True)
-    if k % 5 == 4:
-        editor.save()
-"""
+
+class Served:
+    """The page of a folder, in a process of its own."""
+
+    def __init__(self, pictures, out):
+        environment = {**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])}
+        command = [sys.executable, "-m", "fieldcalib", "open", str(pictures), "--field", "tennis", "--out", str(out)]
+        self.run = subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, env=environment, text=True)
+        self.address = self.run.stdout.readline().strip()
+        self.origin = "/".join(self.address.split("/")[:3])
+
+    def post(self, path, body):
+        headers = {"Origin": self.origin, "Content-Type": "application/json"}
+        request = urllib.request.Request(self.address + path, json.dumps(body).encode(), headers)
+        with urllib.request.urlopen(request, timeout=20.0) as answer:
+            return json.load(answer)
+
+    def kill(self):
+        self.run.kill()
+        self.run.wait()
+        self.run.stdout.close()
 
 
 def check_kills(pictures, out, count, rng):
-    """Kill a process that marks and saves; what it said to be set is there, and can be saved, afterwards."""
-    environment = {**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])}
+    """Kill the server while it marks and saves; what it answered is there afterwards, and can be saved."""
     for _ in range(count):
-        command = [sys.executable, "-c", EDITING, str(pictures), str(out)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as run:
-            for _ in range(2 + rng.randrange(30)):
-                run.stdout.readline()
-            run.send_signal(signal.SIGKILL)
-            said = dict(map(int, line.split()) for line in run.stdout.read().splitlines() if len(line.split()) == 2)
+        served, revisions, marks = Served(pictures, out), {}, {}
+        killer = threading.Timer(rng.uniform(0.1, 1.5), served.kill)
+        try:
+            for number in (0, 1):
+                with urllib.request.urlopen(f"{served.address}api/frame/{number}", timeout=20.0) as answer:
+                    state = json.load(answer)
+                revisions[number], marks[number] = state["revision"], len(state["marks"])
+            killer.start()
+            for k in range(100_000):
+                number = k % 2
+                edit = {"do": "mark", "label": "Net top", "xy": [[float(k % 90), 1.0]], "snap": False}
+                answer = served.post(f"api/frame/{number}/edit", {"revision": revisions[number], **edit})
+                revisions[number], marks[number] = answer["revision"], len(answer["marks"])
+                if k % 5 == 4:
+                    served.post("api/save", {})
+        except (OSError, http.client.HTTPException):  # it is gone
+            killer.join()
         editor = opened(pictures, out)
-        for number, marks in said.items():
-            assert marks <= len(editor[number].marks) <= marks + 1
+        for number, said in marks.items():
+            assert said <= len(editor[number].marks) <= said + 1
         editor.save()
         assert editor.unsaved == 0
         editor.close()
 
 
 def test_kills_while_saving(pictures, tmp_path):
+    import uvicorn  # noqa: F401 - the server needs it
+
     check_kills(pictures, tmp_path / "out", 2, random.Random(0))
 
 
 @pytest.mark.slow
 def test_thirty_kills_while_saving(pictures, tmp_path):
+    import uvicorn  # noqa: F401 - the server needs it
+
     check_kills(pictures, tmp_path / "out", 30, random.Random(1))
