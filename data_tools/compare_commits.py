@@ -1,7 +1,7 @@
 """Compare what two commits compute: `python -m data_tools.compare_commits OLD [NEW]`.
 
 A refactoring must not change results. Both commits calibrate the same annotated and drawn frames, pictures and short
-pieces of clips, each in its own checkout and process. Verdicts, reasons and probabilities must be equal, cameras agree
+pieces of clips, each in its own checkout and process. Verdicts, findings and probabilities must be equal, cameras agree
 within 1e-3 px over the image and covariances within 1e-5 of the standard deviations; processor times are printed side
 by side. NEW is the working tree by default.
 
@@ -204,7 +204,8 @@ def record(one: fc.Calibration) -> dict[str, Any]:
     camera = one.camera
     lens = None if camera is None else [*camera.K.tolist(), *camera.R.tolist(), camera.C.tolist(), camera.dist.tolist()]
     return {
-        "said": [str(one.verdict), str(one.status), one.reason, one.remedy, [str(s) for s in one.suspect_labels]],
+        "said": [str(one.verdict), str(one.status), one.remedy, [str(s) for s in one.suspect_labels]],
+        "findings": [[str(found.what), found.about] for found in one.findings] if hasattr(one, "findings") else None,
         "camera": lens,
         "image_size": None if camera is None else list(camera.image_size),
         "errors_px": list(one.per_segment_errors.values()),
@@ -246,6 +247,9 @@ def differences(old: Any, new: Any) -> Iterator[tuple[str, float]]:
         old, new = old[-1], new[-1]
     if old["said"] != new["said"]:
         yield f"said: {old['said']} -> {new['said']}", np.inf
+    found = old.get("findings"), new.get("findings")
+    if None not in found and found[0] != found[1]:  # earlier commits have none
+        yield f"findings: {found[0]} -> {found[1]}", np.inf
     if any((old[name] is None) != (new[name] is None) for name in ("camera", "covariance", "probability")):
         yield "there in one of them only", np.inf
         return

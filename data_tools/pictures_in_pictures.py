@@ -33,8 +33,7 @@ import numpy as np
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.probability import largest_true_error
 from data_tools.truth import UNIT, points_in_view
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE
+from fieldcalib.assess.result import NOT_WHOLE_FRAMES, Calibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
@@ -237,7 +236,7 @@ def counts(found: Iterable[Calibration], shown: Iterable[Shown]) -> dict[str, in
         total["good"] += good
         total["good and wrong"] += good and is_wrong(one.required_camera, picture)
         total["good and 1 m off"] += good and is_off_in_metres(one.required_camera, picture)
-        total["complain"] += any(word in one.reason for word in (CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW))
+        total["complain"] += one.has_finding(*NOT_WHOLE_FRAMES)
     return total
 
 

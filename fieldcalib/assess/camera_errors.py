@@ -15,6 +15,7 @@ from fieldcalib.assess.level import if_level
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_by_covariance
 from fieldcalib.assess.whole_picture import Picture
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized
@@ -42,7 +43,7 @@ class CameraErrors(Protocol):
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`; NaN if it is unknown."""
 
-    def doubts(self, picture: Picture | None) -> tuple[str, ...]:
+    def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
 
     def to_record(self) -> dict[str, Any]:
@@ -63,9 +64,9 @@ class NoErrors:
         """NaN: the probability is unknown."""
         return float("nan")
 
-    def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """A message that the errors are unknown."""
-        return ("its errors are not known, as it does not come from labelled pixels",)
+    def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
+        """The finding that the errors are unknown."""
+        return (Finding(What.UNKNOWN_ERRORS),)
 
     def to_record(self) -> dict[str, Any]:
         """The key of `Calibration.to_dict`, with an empty value."""
@@ -138,7 +139,7 @@ class KnownErrors(Estimate):
         """Probability that no point of the field in view is off by more than `metres`, from the covariance."""
         return probability_by_covariance(self.if_level if level else self, field, metres)
 
-    def doubts(self, picture: Picture | None) -> tuple[str, ...]:
+    def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """No doubts: the evidence of the labels is not kept."""
         return ()
 

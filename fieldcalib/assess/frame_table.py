@@ -17,7 +17,7 @@ from fieldcalib._json import from_json, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.words import Status, SuspectLabel
+from fieldcalib.assess.words import Finding, Status, SuspectLabel, findings_from_json
 from fieldcalib.problem.layout import Layout
 
 STATUSES = tuple(Status)
@@ -76,7 +76,7 @@ class FrameTable:
     frames, (T,); NaN where it is unknown."""
     markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
     """Paint that the images show of the markings in view."""
-    doubts: Mapping[int, str] = attribute(default_factory=dict)
+    doubts: Mapping[int, tuple[Finding, ...]] = attribute(default_factory=dict)
     """Further evidence against the camera of a frame."""
 
     @classmethod
@@ -181,7 +181,7 @@ class FrameTable:
             "notes": [[t, note] for t, note in self.notes.items()],
             "suspects": [[t, suspects(found)] for t, found in self.suspects.items()],
             "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
-            "doubts": [[t, doubt] for t, doubt in self.doubts.items()],
+            "doubts": [[t, [one.to_dict() for one in found]] for t, found in self.doubts.items()],
         }
 
     @classmethod
@@ -208,7 +208,7 @@ class FrameTable:
             notes=by_frame("notes", _text),
             suspects=by_frame("suspects", lambda found: tuple(_suspect(*one) for one in found)),
             markings=by_frame("markings", lambda found: tuple(MarkingInView(**one) for one in found)),
-            doubts=by_frame("doubts", _text),
+            doubts=by_frame("doubts", lambda found: findings_from_json([found] if isinstance(found, str) else found)),
         )
 
     @property

@@ -8,6 +8,7 @@ from itertools import accumulate
 from math import inf
 
 from fieldcalib._checks import expect, number, truth, whole_number
+from fieldcalib.assess.words import Finding, What
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
 LONG = 15  # number of places from which on a marking is long
@@ -19,7 +20,6 @@ LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera;
 LEAST_WIDTHS = 6  # places where the width of paint must be measured
 # Times the projected width: from here on the paint is too wide. In 60 right pictures it is 0.8 to 1.26 times.
 TOO_WIDE = 1.4
-TOO_WIDE_PAINT = "the lines are {:.1f} times as wide as the field's: it may be a smaller one with the same markings"
 
 
 @dataclass(frozen=True)
@@ -94,19 +94,20 @@ class MarkingInView:
         return self.is_beside or self.is_unseen
 
 
-def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
-    """Describe markings whose paint lies beside them or is missing, farthest first, and paint that is too wide.
+def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
+    """Find markings whose paint lies beside them or is missing, farthest first, and paint that is too wide.
 
     Examples
     --------
     >>> near = MarkingInView("Side line bottom", 800.0, 30, share=0.9, offset=0.0)
-    >>> paint_complaints([near, MarkingInView("Middle line", 300.0, 9, share=0.0, offset=21.4)])
-    ("'Middle line' lies 21 px beside its paint",)
+    >>> list(map(str, paint_findings([near, MarkingInView("Middle line", 300.0, 9, share=0.0, offset=21.4)])))
+    ["'Middle line' lies 21 px beside its paint"]
     """
     beside = sorted((one for one in markings if one.is_beside), key=lambda one: -one.offset)
-    found = [f"{one.label!r} lies {one.offset:.0f} px beside its paint" for one in beside]
-    found += [f"the image shows no paint at {one.label!r}" for one in markings if one.is_unseen]
-    return (*found, TOO_WIDE_PAINT.format(paint_width(markings))) if paint_is_too_wide(markings) else tuple(found)
+    found = [Finding(What.OFF_PAINT, one.label, (one.offset,)) for one in beside]
+    found += [Finding(What.NO_PAINT, one.label) for one in markings if one.is_unseen]
+    found += [Finding(What.WIDE_PAINT, numbers=(paint_width(markings),))] if paint_is_too_wide(markings) else []
+    return tuple(found)
 
 
 def paint_width(markings: Sequence[MarkingInView]) -> float:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._checks import expect, whole_number
-from fieldcalib._json import texts_from_json
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.words import Finding, findings_from_json
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -147,8 +147,13 @@ class Shape:
     placement: Placement
     message: str = ""
     """Message that is appended to that of each frame."""
-    complaints: tuple[str, ...] = ()
-    """Complaints that are added to those of each frame."""
+    findings: tuple[Finding, ...] = ()
+    """Findings that are added to those of each frame."""
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences of the findings that speak against the cameras."""
+        return tuple(str(one) for one in self.findings if one.what.is_against)
 
     def in_picture(self, calibration: Calibration) -> Calibration:
         """A calibration of a frame with its cameras converted to the picture's pixels; errors stay in the frame's."""
@@ -156,13 +161,13 @@ class Shape:
             return calibration
         found = self.placement.from_frame(calibration)
         message = "; ".join(filter(None, (found.message, self.message)))
-        return with_complaints(replace(found, message=message), (*complaints_of(found), *self.complaints))
+        return with_findings(replace(found, message=message), *self.findings)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""
         one = self.placement
         part = None if one.crop is None else [list(one.crop.frame_size), list(one.crop.corner)]
-        said = {"message": self.message, "complaints": list(self.complaints)}
+        said = {"message": self.message, "findings": [one.to_dict() for one in self.findings]}
         return {"size": list(one.size), "display_size": list(one.display_size), "crop": part, **said}
 
     @classmethod
@@ -173,7 +178,7 @@ class Shape:
         return cls(
             Placement(size, display_size, part),
             expect(record["message"], str, '"without borders"'),
-            texts_from_json(record["complaints"]),
+            findings_from_json(record["findings"] if "findings" in record else record["complaints"]),
         )
 
 

@@ -17,14 +17,12 @@ KNOWN_CAMERA = "what is known of the camera"
 PICTURE = "what the picture is of"
 OTHER_FIELD = "name the field"
 
-SEARCHED = "found by search"  # in the message of a camera that was searched for without a network
 OTHER_SPORT = f"if it is another sport, {OTHER_FIELD}"
 LEFT_OUT = "leave out what you gave and may be wrong"
 
 OFF_PAINT = f"{LOOK}; give the known length and width of the field"
 NOT_WHOLE = f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one"
 SMALLER = f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}"
-ASK_SPORT = "is this soccer?"  # in the message of a camera of a network that knows soccer
 NOT_SOCCER = f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}"
 
 

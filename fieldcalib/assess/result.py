@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import expect, is_number, listed, number, truth
-from fieldcalib._deprecated import deprecated
 from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
@@ -21,23 +20,22 @@ from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.estimate import Estimate, GroundError
 from fieldcalib.assess.markings import (
     MarkingInView,
-    paint_complaints,
     paint_contradicts,
-    paint_is_too_wide,
+    paint_findings,
     paint_share,
 )
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SEARCHED, SMALLER
+from fieldcalib.assess.remedies import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.whole_picture import CUT, ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, Declared, Picture
-from fieldcalib.assess.words import OTHER_SIDE_FITS, REMEDIES, NoCameraError, Status, SuspectLabel, Verdict
+from fieldcalib.assess.whole_picture import Declared, Picture
+from fieldcalib.assess.words import REMEDIES, Finding, NoCameraError, Status, SuspectLabel, Verdict, What, in_words
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-NOT_WHOLE_FRAMES = frozenset([CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW])
+NOT_WHOLE_FRAMES = frozenset([What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +82,8 @@ class Calibration:
     alternatives: tuple[Camera, ...] = ()
     """Cameras that are as good: the one turned by 180 degrees about the centre mark, where nothing tells on which side
     of the field the camera is (`fieldcalib.fields.sides`)."""
-    _complaints: tuple[str, ...] = attribute(default=(), repr=False)
-    """Further evidence against an accepted camera, in words; it is part of `reason`."""
+    _found: tuple[Finding, ...] = attribute(default=(), repr=False)
+    """Findings that do not follow from the other attributes, see `findings`."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
     """Number of pixels of each given label; read-only."""
     field: Field | None = attribute(default=None, repr=False)
@@ -106,9 +104,9 @@ class Calibration:
             object.__setattr__(self, name, ReadOnlyDict(expect(getattr(self, name), Mapping, "{label: number}")))
 
     @classmethod
-    def without_camera(cls, status: Status, message: str) -> Calibration:
+    def without_camera(cls, status: Status, message: str, *findings: Finding) -> Calibration:
         """A calibration that found no camera."""
-        return cls(None, status, message, float("nan"), float("nan"), {})
+        return cls(None, status, message, float("nan"), float("nan"), {}, _found=findings)
 
     @property
     def required_camera(self) -> Camera:
@@ -171,30 +169,49 @@ class Calibration:
         """
         if not self.accepted:
             return Verdict.REJECT
-        return Verdict.CHECK if self._concerns else Verdict.GOOD
+        return Verdict.CHECK if self._against else Verdict.GOOD
 
     @property
     def reason(self) -> str:
         """Reason for the verdict: what speaks against the camera, the most important first, and the `message`."""
-        return "; ".join([*self._concerns, self.message]) if self.accepted else self.message
+        return in_words(*self._against, Finding(What.SAID, self.message)) if self.accepted else self.message
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is known of the camera beside its numbers: what speaks against it, the most important first, then notes.
+
+        Each says what it is (`What`), and which marking and numbers it is about; its sentence is in `reason`.
+        """
+        return (*self._against, *(one for one in self._found if not one.what.is_against))
+
+    def has_finding(self, *what: What) -> bool:
+        """Whether one of some findings was made.
+
+        Examples
+        --------
+        >>> Calibration.without_camera(Status.IMPROBABLE, "", Finding(What.SEARCHED)).has_finding(What.SEARCHED)
+        True
+        """
+        return any(one.what in what for one in self.findings)
 
     @cached_property
-    def _concerns(self) -> tuple[str, ...]:
-        """Evidence against an accepted camera, in words, most important first."""
+    def _against(self) -> tuple[Finding, ...]:
+        """Evidence against a camera, most important first."""
         if self.camera is None:
             return ()
         if not self.errors.are_known:
             return self.errors.doubts(None)
-        improbable, picture = [], None
+        improbable, picture = list[Finding](), None
         if self.field is not None and self.has_probability:
             tolerance = self.field.tolerance
             probability = self.probability(level=True)  # a camera that fits the paint is right, whatever the crown
             if not probability >= LEAST_PROBABILITY:
-                improbable.append(f"right to {tolerance:g} m with a probability of {probability:.2f}")
+                improbable.append(Finding(What.IMPROBABLE, numbers=(tolerance, probability)))
             elif self.solved is not None:
                 known = self._probability_by_labels(self.field, tolerance, size_known=True)
                 picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated)
-        return (*paint_complaints(self.markings), *improbable, *self.errors.doubts(picture), *self._complaints)
+        against = (one for one in self._found if one.what.is_against)
+        return (*paint_findings(self.markings), *improbable, *self.errors.doubts(picture), *against)
 
     @property
     def remedy(self) -> str:
@@ -210,14 +227,14 @@ class Calibration:
         'more markings in view, or labelled by hand'
         """
         if not self.accepted:
-            sports = {ASK_SPORT: NOT_SOCCER, SEARCHED: OTHER_SPORT}
-            said = [advice for words, advice in sports.items() if words in self.message]
+            sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
+            said = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
             return "; ".join([REMEDIES[self.status], *said])
-        if any(one.is_off for one in self.markings):
+        if self.has_finding(What.OFF_PAINT, What.NO_PAINT):
             return OFF_PAINT
-        if paint_is_too_wide(self.markings):
+        if self.has_finding(What.WIDE_PAINT):
             return SMALLER
-        if not NOT_WHOLE_FRAMES.isdisjoint(self._concerns):
+        if self.has_finding(*NOT_WHOLE_FRAMES):
             return NOT_WHOLE
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
 
@@ -343,7 +360,8 @@ class Calibration:
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
         probability = self.errors.probability(field, metres, size_known=size_known, level=level)
-        return probability / (1 + self._complaints.count(OTHER_SIDE_FITS))  # ends that nothing names do not count
+        is_open = any(one.what is What.OTHER_SIDE for one in self._found)
+        return probability / (1 + is_open)  # the turned camera fits as well
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
         """Add the paint that the image shows of the markings in view.
@@ -362,7 +380,7 @@ class Calibration:
         seen = replace(self, markings=tuple(markings))
         if not self.accepted or not paint_contradicts(markings):
             return seen
-        reason = "; ".join(paint_complaints(markings))
+        reason = in_words(*paint_findings(markings))
         return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")
 
     def __iter__(self) -> Iterator[Any]:
@@ -384,7 +402,7 @@ class Calibration:
         >>> Calibration.from_dict(json.loads(json.dumps(nothing.to_dict()))) == nothing
         True
         """
-        return calibration_to_record(self, self._complaints)
+        return calibration_to_record(self, self._found)
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Calibration:
@@ -401,23 +419,6 @@ class Calibration:
         if not isinstance(other, Calibration):
             return NotImplemented
         return self is other or self.to_dict() == other.to_dict()
-
-    @property
-    @deprecated("Calibration.concerns is private now: use reason, which has them in words")
-    def concerns(self) -> tuple[str, ...]:
-        """Deprecated: use `reason`."""
-        return self._concerns
-
-    @property
-    @deprecated("Calibration.complaints is private now: use reason, which has them in words")
-    def complaints(self) -> tuple[str, ...]:
-        """Deprecated: use `reason`."""
-        return self._complaints
-
-    @deprecated("Calibration.doubted is private now: compare probability(metres) with the least that you accept")
-    def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
-        """Deprecated: compare `probability` with the least that you accept."""
-        return doubted(self, least, metres, size_known=size_known)
 
     def __reduce__(self) -> tuple[type[Calibration], tuple[Any, ...]]:
         return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
@@ -468,16 +469,11 @@ def doubted(
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
 
 
-def concerns_of(calibration: Calibration) -> tuple[str, ...]:
-    """Evidence against a camera, in words, the most important first; `Calibration.reason` has it for accepted ones."""
-    return calibration._concerns
+def found_of(calibration: Calibration) -> tuple[Finding, ...]:
+    """What labels and frames around it say of a camera, and where it comes from; `with_findings` adds to it."""
+    return calibration._found
 
 
-def complaints_of(calibration: Calibration) -> tuple[str, ...]:
-    """What labels and frames around it say against a camera; `with_complaints` replaces it."""
-    return calibration._complaints
-
-
-def with_complaints(calibration: Calibration, complaints: Iterable[str]) -> Calibration:
-    """The calibration with other complaints, see `complaints_of`."""
-    return replace(calibration, _complaints=tuple(complaints))
+def with_findings(calibration: Calibration, *findings: Finding) -> Calibration:
+    """The calibration with further findings."""
+    return replace(calibration, _found=(*calibration._found, *findings))

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldcalib._checks import expect, whole_number
-from fieldcalib._json import from_json, reading, texts_from_json, to_json
+from fieldcalib._json import from_json, reading, to_json
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import Declared
-from fieldcalib.assess.words import Status, SuspectLabel
+from fieldcalib.assess.words import Finding, Status, SuspectLabel, findings_from_json
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
 
@@ -25,7 +25,7 @@ ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1
 
 
-def calibration_to_record(calibration: Calibration, complaints: Sequence[str]) -> dict[str, Any]:
+def calibration_to_record(calibration: Calibration, found: Sequence[Finding]) -> dict[str, Any]:
     """`Calibration.to_dict`."""
     camera, field = calibration.camera, calibration.field
     errors, suspects = calibration.per_segment_errors, calibration.suspect_labels
@@ -38,7 +38,7 @@ def calibration_to_record(calibration: Calibration, complaints: Sequence[str]) -
         "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in suspects],
         **({} if np.isnan(calibration.loss_ndc) else {"loss_ndc": to_json(calibration.loss_ndc)}),
         "alternatives": [_camera_to_record(other) for other in calibration.alternatives],
-        "complaints": list(complaints),
+        "found": [one.to_dict() for one in found],
         "pixel_counts": dict(calibration.pixel_counts),
         "image_size": None if camera is None else list(camera.image_size),
         "field": None if field is None else field_to_record(field),
@@ -68,7 +68,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
                 for one in record["suspect_labels"]
             ),
             "alternatives": tuple(_camera_from_record(other, size) for other in record["alternatives"]),
-            "_complaints": texts_from_json(record["complaints"]),
+            "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
             "pixel_counts": _pixel_counts_from_record(record),
             "field": None if record["field"] is None else field_from_record(record["field"]),
             "errors": _errors_from_record(record),

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from fieldcalib._checks import expect, listed, real_array, whole_number
-from fieldcalib._deprecated import deprecated
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
@@ -30,10 +29,11 @@ from fieldcalib.assess.frame_table import (
 )
 from fieldcalib.assess.interpolation import interpolated
 from fieldcalib.assess.level import Considered
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_confirms, paint_contradicts
+from fieldcalib.assess.markings import MarkingInView, paint_confirms, paint_contradicts, paint_findings
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.own_errors import whole_covariance
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Finding, What, in_words
 from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
@@ -116,7 +116,7 @@ class SequenceCalibration(FrameSequence):
             float("nan"),
             {frames.labels[k]: float(frames.label_errors[t, k]) for k in labelled},
             frames.suspects.get(t, ()),
-            _complaints=self._complaints(t),
+            _found=self._found(t),
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
             errors=errors or NoErrors(),
@@ -142,23 +142,20 @@ class SequenceCalibration(FrameSequence):
         if self.considered.shape != (S, S) or frames.following.shape[1:] != (np.count_nonzero(layout.free), S):
             raise ValueError(f"expected 'considered', 'own' and 'following' of the parameters of {layout}")
 
-    def _complaints(self, t: int) -> tuple[str, ...]:
-        """Evidence against the camera of frame t, in words."""
+    def _found(self, t: int) -> tuple[Finding, ...]:
+        """Evidence against the camera of frame t."""
         frames, metres = self.frames, float(self.frames.ground_error[t])
         suspects, labelled = frames.suspects.get(t, ()), int(np.count_nonzero(frames.label_counts[t]))
-        found = [f"{len(suspects)} of {labelled} labels are suspect"] if suspects else []
+        found = [Finding(What.SUSPECTS, numbers=(len(suspects), labelled))] if suspects else []
         if metres > SURE * tolerance_of(self.field):
-            found.append(f"the field in view is known to {metres:.{1 if metres >= 0.5 else 2}f} m only")
+            found.append(Finding(What.INACCURATE, numbers=(metres,)))
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
-            found.append("without a line the position of its window is uncertain: static points hardly determine it")
+            found.append(Finding(What.NO_LINE))
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
         if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint overrules
-            found.append(f"the parameters that the frames share put its lines {frames.misfit[t]:.0f} px off")
-        for x, y, z in self.alternatives.tolist():
-            found.append(f"a camera at ({x:.1f}, {y:.1f}, {z:.1f}) fits as well")
-        if t in frames.doubts:
-            found.append(frames.doubts[t])
-        return tuple(found)
+            found.append(Finding(What.SHARED_MISFIT, numbers=(float(frames.misfit[t]),)))
+        found += [Finding(What.OTHER_PLACE, numbers=tuple(place)) for place in self.alternatives.tolist()]
+        return (*found, *frames.doubts.get(t, ()))
 
     def _at(self, index: IntArray) -> SequenceCalibration:
         return replace(self, frames=self.frames.at(index))
@@ -188,11 +185,6 @@ class SequenceCalibration(FrameSequence):
         notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
         return replace(self, frames=replace(self.frames, notes=notes))
 
-    @deprecated("SequenceCalibration.doubted is private now: use the verdict and reason of each frame")
-    def doubted(self, doubts: Mapping[int, str]) -> SequenceCalibration:
-        """Deprecated: the evidence against a camera is in the verdict and the reason of its frame."""
-        return with_doubts(self, expect(doubts, Mapping, '{0: "why"}'))
-
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
         """Add the paint that images show of the markings of frames, as in `Calibration.seen_in_image`."""
         frames = self.frames
@@ -204,7 +196,7 @@ class SequenceCalibration(FrameSequence):
                 expect(one, MarkingInView, "a member of calibration.markings")
             if self.accepted[t] and paint_contradicts(seen):
                 status[t] = IMPROBABLE
-                words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])
+                words = "; ".join([in_words(*paint_findings(seen)), *([notes[t]] if t in notes else [])])
                 notes[t] = f"most of the paint lies beside the markings: {words}"
         return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
 
@@ -266,13 +258,8 @@ class SequenceCalibration(FrameSequence):
         return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
 
 
-def with_doubts(calibration: SequenceCalibration, doubts: Mapping[int, str]) -> SequenceCalibration:
-    """Add evidence against the cameras of some frames, in words."""
+def with_doubts(calibration: SequenceCalibration, numbers: Iterable[int], *doubts: Finding) -> SequenceCalibration:
+    """Add evidence against the cameras of some frames, after what speaks against them already."""
     frames = calibration.frames
-    return replace(calibration, frames=replace(frames, doubts={**frames.doubts, **doubts}))
-
-
-def with_further_doubt(calibration: SequenceCalibration, numbers: Iterable[int], doubt: str) -> SequenceCalibration:
-    """Add the same evidence against the cameras of some frames after what speaks against them already."""
-    before = calibration.frames.doubts
-    return with_doubts(calibration, {t: "; ".join(filter(None, (before.get(t, ""), doubt))) for t in numbers})
+    added = {t: (*frames.doubts.get(t, ()), *doubts) for t in numbers}
+    return replace(calibration, frames=replace(frames, doubts={**frames.doubts, **added}))

@@ -14,6 +14,7 @@ from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_rig
 from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_in_aspect, seems_part
+from fieldcalib.assess.words import Finding
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -104,7 +105,7 @@ class Solved:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(field.probability, rows, weights, metres)
 
-    def doubts(self, picture: Picture | None) -> tuple[str, ...]:
+    def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
         unusual = surprises(self.uncertainty)
         if picture is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.problem.prior import is_whole_shape
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
@@ -25,24 +26,16 @@ WRONG_GIVEN = {
     **dict.fromkeys(("cx", "cy"), (0.01, 0.1)),
     "a1": (LEAST_LENS, 0.1),
 }
-SQUASHED = "the pixels are not square: was the picture squashed?"
-NAMES = {
-    "log f": "the focal length is unusual",
-    "x": "it stands at an unusual place",
-    "y": "it stands at an unusual place",
-    "z": "it stands at an unusual height",
-    "roll": "it is unusually rolled",
-    "tilt": "its tilt is unusual",
-    "pan": "its pan is unusual",
-    "cx": "the principal point is far from the centre: was the picture cropped?",
-    "cy": "the principal point is far from the centre: was the picture cropped?",
-    "a1": "the lens is unusually strong",
-    "b2": "the lens is unusually strong",
+NAMES = {  # of parameters that may be unusual: as what they are told
+    **{name: name for name in ("log f", "z", "roll", "tilt", "pan")},
+    **dict.fromkeys("xy", "place"),
+    **dict.fromkeys(("cx", "cy"), "principal point"),
+    **dict.fromkeys(("a1", "b2"), "lens"),
 }
 
 
-def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
-    """Describe what is unusual about an estimate; nothing for an ordinary camera.
+def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
+    """Find what is unusual about an estimate; nothing for an ordinary camera.
 
     Examples
     --------
@@ -53,28 +46,28 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
     >>> surprises(calibrate_from_segments(soccer(), pixels, (960, 540)).uncertainty)
     ()
     """
-    found: dict[str, None] = {}  # an ordered set
+    found: dict[Finding, None] = {}  # an ordered set
     problem = uncertainty.problem
     if problem.prior is not None:
         names = np.array(problem.layout.names)[problem.free]
         for name, z in zip(names, problem.prior_residuals(uncertainty.evaluation.theta)[0], strict=True):
             if abs(z) > UNUSUAL and name in NAMES:
-                found[NAMES[name]] = None
+                found[Finding(What.UNUSUAL, NAMES[name])] = None
     whole = is_whole_shape(problem.layout.image_size)
-    for name, least, words in (
-        ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, SQUASHED),
-        ("b2", LEAST_LENS, "the labels require more lens coefficients than k1"),
+    for name, least, what in (
+        ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, What.NOT_SQUARE),
+        ("b2", LEAST_LENS, What.MORE_LENS),
     ):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
         if abs(offset) > max(least, CONTRADICTED * sigma):
-            found[words] = None
+            found[Finding(what)] = None
     contradicted = _contradicted(uncertainty)
     if contradicted is not None:
-        found[wanted(contradicted, uncertainty.off_given[contradicted][0])] = None
+        found[Finding(What.CONTRADICTED, contradicted, (uncertainty.off_given[contradicted][0],))] = None
     given = problem.layout.field_size
     if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
         length, width = np.clip(given.given + uncertainty.size.mean, *given.limits)
-        found[f"the field is more probably of another size, about {length:.0f} x {width:.0f} m"] = None
+        found[Finding(What.OTHER_SIZE, numbers=(float(length), float(width)))] = None
     return tuple(found)
 
 
@@ -95,28 +88,3 @@ def _contradicted(uncertainty: Uncertainty) -> str | None:
             scores[name] = fall * np.sqrt((dof - 1.0) / max(dof - fall**2, 1.0))
     most = max(scores, key=lambda name: scores[name], default=None)
     return most if most is not None and scores[most] > CONTRADICTS_GIVEN else None
-
-
-def wanted(name: str, offset: float) -> str:
-    """Words for a given parameter that the labels want to be larger by `offset`.
-
-    Examples
-    --------
-    >>> wanted("log f", -0.22)
-    'the labels want a focal length 20 % shorter than the given one'
-    >>> wanted("x", 5.2)
-    'the labels want a position 5.2 m from the given one (along x)'
-    """
-    match name:
-        case "log f":
-            share = 100.0 * abs(np.expm1(offset))
-            than = f"a focal length {share:.0f} % {'longer' if offset > 0.0 else 'shorter'} than the given one"
-        case "pan" | "tilt" | "roll":
-            than = f"a {name} {np.degrees(abs(offset)):.1f} degrees from the given one"
-        case "x" | "y" | "z":
-            than = f"a position {abs(offset):.1f} m from the given one (along {name})"
-        case "cx" | "cy":
-            than = f"a principal point {abs(offset):.0f} px from the given one (along {name[1]})"
-        case _:
-            than = "another lens than the given one"
-    return f"the labels want {than}"

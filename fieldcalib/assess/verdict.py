@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -20,7 +20,6 @@ from fieldcalib.problem.observations import FrameLabels
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 LARGEST_SHARE_BEHIND = 0.1  # of the weight of fitting segments; 0.05 and 0.2 give the same verdicts on annotated frames
-LABEL_MORE = "label more {}s, or give what is known of the camera"
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
 
 
@@ -54,8 +53,8 @@ class Evidence:
     """Whether the lens comes from the prior, since the labels hardly determine it."""
 
 
-def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
-    """Status of one frame's calibration, and a message with the reason and advice.
+def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[Finding, ...]]:
+    """Status of one frame's calibration, a message with the reason, and what may be told of it otherwise.
 
     The first that applies counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
@@ -65,9 +64,8 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
     if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
     if equations < evidence.unknowns:
-        return Status.TOO_FEW_SEGMENTS, (
-            f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; {LABEL_MORE.format(noun)}"
-        )
+        more = Finding(What.TOO_FEW_LABELS, noun, (len(segments), equations, evidence.unknowns))
+        return Status.TOO_FEW_SEGMENTS, str(more), more
     if evidence.weakest.information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(list(segments.values())) or (
             f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or give what "

@@ -22,6 +22,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.assess.surprises import LEAST_ASPECT
 from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
@@ -44,12 +45,8 @@ SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
 SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16:9: few pictures are changed twice
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
-CUT = "the picture may be a part of a frame, and the labels do not show the frame's middle: say which part it is"
-ENLARGED = "the picture may be an enlarged part of a frame, and its lines do not show the middle: say which part it is"
-SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out"
-
-SEVERAL_VIEWS = "the picture shows several views side by side, and the camera is of one of them: cut that one out"
-IN_WINDOW = "the picture may show a frame in a window, in which no camera was found: cut the frame out"
+CUT, ENLARGED, SHAPE = (Finding(what) for what in (What.PART, What.ENLARGED, What.SHAPE))
+SEVERAL_VIEWS, IN_WINDOW = Finding(What.SEVERAL_VIEWS), Finding(What.IN_WINDOW)
 
 
 class Declared(StrEnum):
@@ -168,8 +165,8 @@ def seems_part(
     probability: float,
     log_ratio_of_cut: float = 0.0,
     declared: Declared = Declared.NOTHING,
-) -> tuple[str, ...]:
-    """Complaint if a picture may be a part of a frame and its camera would then be wrong; empty otherwise.
+) -> tuple[Finding, ...]:
+    """Evidence that a picture may be a part of a frame whose camera would then be wrong; empty without any.
 
     Parameters
     ----------

@@ -1,4 +1,8 @@
-"""The words of a result: verdict, status and remedy, labels in doubt, and the error on a missing camera."""
+"""The words of a result: verdict, status and remedy, findings, labels in doubt, and the error on a missing camera.
+
+What is known of a camera beside its numbers is a `Finding`: code decides by what it is, and its sentence is made here,
+for people.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Any
+
+import numpy as np
 
 from fieldcalib._checks import expect, number
 from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, PICTURE
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
-OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
-SEEN_FROM_OPPOSITE = (
-    "it is on the opposite side of the field, if the labels name the ends as seen from the main side; otherwise it is "
-    "the camera turned by 180 degrees, in alternatives"
-)
-
 UP_TO_SIDE = (
     "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
     "the main one is taken; the camera turned by 180 degrees about the centre mark is in alternatives, and side or "
@@ -52,6 +53,228 @@ class Status(StrEnum):
     """The solver reached its limit of iterations."""
     IMPLAUSIBLE = "implausible"
     """The best fit is physically implausible."""
+
+
+class What(StrEnum):
+    """What a finding is; its numbers, in their order, are those of its sentence in `SENTENCES`."""
+
+    OFF_PAINT = "off paint"
+    """A marking lies beside its paint, by some pixels."""
+    NO_PAINT = "no paint"
+    """The image shows no paint where a marking is projected."""
+    WIDE_PAINT = "wide paint"
+    """Lines are wider than those of the field, by a factor."""
+    IMPROBABLE = "improbable"
+    """The camera is more probably wrong: a tolerance in metres, and the probability of being right to it."""
+    UNUSUAL = "unusual"
+    """A parameter, or a kind of them, is far out in its prior."""
+    NOT_SQUARE = "not square"
+    """The labels say that the pixels are not square."""
+    MORE_LENS = "more lens coefficients"
+    """The labels require more lens coefficients than were free."""
+    CONTRADICTED = "contradicted"
+    """A parameter that was given is not what the labels want: by how much it should be larger."""
+    OTHER_SIZE = "other size"
+    """The field is more probably of another size: length and width in metres."""
+    PART = "part of a frame"
+    """The picture may be a part of a frame."""
+    ENLARGED = "enlarged part"
+    """The picture may be an enlarged part of a frame."""
+    SHAPE = "shape"
+    """Whether a picture was squashed or cut out is open."""
+    SEVERAL_VIEWS = "several views"
+    """The picture shows several views side by side."""
+    IN_WINDOW = "in a window"
+    """The frame may be shown in a window in which no camera was found."""
+    UNKNOWN_ERRORS = "unknown errors"
+    """The camera does not come from labelled pixels."""
+    SUSPECTS = "suspect labels"
+    """Some of all labels are contradicted by the others: how many of how many."""
+    MISSED = "missed labels"
+    """Some of all labels lie far off: how many of how many."""
+    MISFIT = "misfit"
+    """The labels lie far off by some pixels, all of them."""
+    OTHER_SIDE = "other side fits"
+    """Nothing tells on which side of the field the camera is."""
+    REPEATS = "repeats"
+    """The camera may stand further along the field by some metres."""
+    BORDER = "border of labels"
+    """The labels end at a column of a picture of some width."""
+    STRAY = "stray mark"
+    """A mark of a person lies beside the projection of its marking by some pixels."""
+    INACCURATE = "inaccurate"
+    """The field in view is known to some metres only."""
+    NO_LINE = "no line"
+    """Without a line the position of a window is uncertain."""
+    SHARED_MISFIT = "misfit of what is shared"
+    """The parameters that frames share put the lines of one off by some pixels."""
+    OTHER_PLACE = "other place"
+    """A camera at another place, x, y and z in metres, fits as well."""
+    MIXED = "mixed"
+    """The picture may be mixed with that of another camera."""
+    SAID = "said"
+    """What an earlier version has written in words."""
+
+    SEARCHED = "searched"
+    """The camera comes from a search without a network."""
+    TO_SEARCH = "to search"
+    """The court is still to be searched for."""
+    WAS_SQUASHED = "was squashed"
+    """The picture was squashed from 16:9."""
+    FEW_LINES = "few lines"
+    """The image has few lines at the projected markings."""
+    MAY_BE_OTHER_SPORT = "may be another sport"
+    """A network for soccer has seen hardly anything."""
+    TOO_FEW_LABELS = "too few labels"
+    """Labels, segments or points, give fewer equations than there are unknowns: the three numbers."""
+    SEEN_FROM_OPPOSITE = "seen from the opposite side"
+    """The camera is on the opposite side if the labels name the ends as seen from the main side."""
+
+    @property
+    def is_against(self) -> bool:
+        """Whether it is evidence against a camera; others say where the camera comes from, or why there is none."""
+        return self not in NOTES
+
+
+NOTES = frozenset(
+    [
+        *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
+        *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE),
+    ]
+)
+SENTENCES: Mapping[What, str] = MappingProxyType(
+    {
+        What.OFF_PAINT: "{about!r} lies {0:.0f} px beside its paint",
+        What.NO_PAINT: "the image shows no paint at {about!r}",
+        What.WIDE_PAINT: "the lines are {0:.1f} times as wide as the field's: it may be a smaller one with the same "
+        "markings",
+        What.IMPROBABLE: "right to {0:g} m with a probability of {1:.2f}",
+        What.NOT_SQUARE: "the pixels are not square: was the picture squashed?",
+        What.MORE_LENS: "the labels require more lens coefficients than k1",
+        What.OTHER_SIZE: "the field is more probably of another size, about {0:.0f} x {1:.0f} m",
+        What.PART: "the picture may be a part of a frame, and the labels do not show the frame's middle: say which "
+        "part it is",
+        What.ENLARGED: "the picture may be an enlarged part of a frame, and its lines do not show the middle: say "
+        "which part it is",
+        What.SHAPE: "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out",
+        What.SEVERAL_VIEWS: "the picture shows several views side by side, and the camera is of one of them: cut that "
+        "one out",
+        What.IN_WINDOW: "the picture may show a frame in a window, in which no camera was found: cut the frame out",
+        What.UNKNOWN_ERRORS: "its errors are not known, as it does not come from labelled pixels",
+        What.SUSPECTS: "{0:.0f} of {1:.0f} labels are suspect",
+        What.MISSED: "{0:.0f} of {1:.0f} labels lie far off",
+        What.MISFIT: "the labels lie {0:.0f} px off: check the size of field and image, and what was given of the "
+        "camera",
+        What.OTHER_SIDE: "the camera across the field, turned by 180 degrees, fits as well",
+        What.REPEATS: "it may stand {0:g} m further along the field, where markings look alike, as `alternatives` say",
+        What.BORDER: "the labels end at column {0:.0f} of {1:.0f}: are they of a picture that is {2:.0f} pixels wide?",
+        What.STRAY: "{about!r} is marked {0:.0f} px beside its projection",
+        What.NO_LINE: "without a line the position of its window is uncertain: static points hardly determine it",
+        What.SHARED_MISFIT: "the parameters that the frames share put its lines {0:.0f} px off",
+        What.OTHER_PLACE: "a camera at ({0:.1f}, {1:.1f}, {2:.1f}) fits as well",
+        What.MIXED: "the picture may be mixed with that of another camera",
+        What.SAID: "{about}",
+        What.SEARCHED: "found by search",
+        What.TO_SEARCH: "nothing is labelled yet; the court is searched for in the picture",
+        What.WAS_SQUASHED: "the picture was squashed from 16:9: its pixels are not square",
+        What.FEW_LINES: "the image has few lines at the projected markings",
+        What.MAY_BE_OTHER_SPORT: "is this soccer?",
+        What.SEEN_FROM_OPPOSITE: "it is on the opposite side of the field, if the labels name the ends as seen from "
+        "the main side; otherwise it is the camera turned by 180 degrees, in alternatives",
+    }
+)
+"""Sentences with the numbers of a finding; those of others depend on more (`Finding.__str__`)."""
+UNUSUAL: Mapping[str, str] = MappingProxyType(
+    {
+        "log f": "the focal length is unusual",
+        "place": "it stands at an unusual place",
+        "z": "it stands at an unusual height",
+        "roll": "it is unusually rolled",
+        "tilt": "its tilt is unusual",
+        "pan": "its pan is unusual",
+        "principal point": "the principal point is far from the centre: was the picture cropped?",
+        "lens": "the lens is unusually strong",
+    }
+)
+"""Sentences of unusual parameters."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is known of a camera beside its numbers.
+
+    Examples
+    --------
+    >>> found = Finding(What.OFF_PAINT, "Middle line", (21.4,))
+    >>> str(found), found.what.is_against
+    ("'Middle line' lies 21 px beside its paint", True)
+    >>> Finding.from_dict(found.to_dict()) == found
+    True
+    """
+
+    what: What
+    about: str = ""
+    """The marking, label or parameter that it is about; empty if there is none."""
+    numbers: tuple[float, ...] = ()
+    """Numbers of the sentence, in its units."""
+
+    def __str__(self) -> str:
+        match self.what:
+            case What.UNUSUAL:
+                return UNUSUAL[self.about]
+            case What.CONTRADICTED:
+                return f"the labels want {_wanted(self.about, *self.numbers)}"
+            case What.TOO_FEW_LABELS:
+                labels, equations, unknowns = map(int, self.numbers)
+                labelled = f"{labels} {self.about}{'s' * (labels != 1)}"
+                more = f"label more {self.about}s, or give what is known of the camera"
+                return f"{labelled}: {equations} equations for {unknowns} unknowns; {more}"
+            case What.INACCURATE:
+                (metres,) = self.numbers
+                return f"the field in view is known to {metres:.{1 if metres >= 0.5 else 2}f} m only"
+        return SENTENCES[self.what].format(*self.numbers, about=self.about)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The finding for `json.dumps`; what it is not about, and numbers that it does not have, are left out."""
+        about = {"about": self.about} if self.about else {}
+        return {"what": str(self.what), **about, **({"numbers": list(self.numbers)} if self.numbers else {})}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Finding:
+        """The inverse of `to_dict`; a ValueError if it is none."""
+        numbers = tuple(float(number(one, "a number of a finding")) for one in record.get("numbers", ()))
+        found = cls(What(record["what"]), expect(record.get("about", ""), str, '"Middle line"'), numbers)
+        try:
+            str(found)
+        except (KeyError, IndexError, TypeError):
+            raise ValueError(f"expected a finding with its numbers, got {record!s:.100}") from None
+        return found
+
+
+def findings_from_json(record: Any) -> tuple[Finding, ...]:
+    """Findings, or the words of earlier versions; a ValueError if they are none."""
+    found = expect(record, list, "a list of findings")
+    return tuple(Finding(What.SAID, one) if isinstance(one, str) else Finding.from_dict(one) for one in found)
+
+
+def _wanted(name: str, offset: float) -> str:
+    """Words for a given parameter that the labels want to be larger by an offset."""
+    match name:
+        case "log f":
+            share = 100.0 * abs(np.expm1(offset))
+            return f"a focal length {share:.0f} % {'longer' if offset > 0.0 else 'shorter'} than the given one"
+        case "pan" | "tilt" | "roll":
+            return f"a {name} {np.degrees(abs(offset)):.1f} degrees from the given one"
+        case "x" | "y" | "z":
+            return f"a position {abs(offset):.1f} m from the given one (along {name})"
+        case "cx" | "cy":
+            return f"a principal point {abs(offset):.0f} px from the given one (along {name[1]})"
+    return "another lens than the given one"
+
+
+def in_words(*findings: Finding) -> str:
+    """Sentences of findings, each once."""
+    return "; ".join(dict.fromkeys(map(str, findings)))
 
 
 REMEDIES: Mapping[Status, str] = MappingProxyType(

@@ -11,8 +11,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
-from fieldcalib.assess.words import BESIDE, Status
+from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.words import BESIDE, Finding, Status, What, in_words
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -35,7 +35,6 @@ WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those th
 MOST_MARKS = 6  # of a label, of those that a network found
 LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
-SEARCHED_FOR = "nothing is labelled yet; the court is searched for in the picture"
 STRAY = 8.0  # px of a 960 x 540 image, as `click_unit`: distance of a mark from its marking if one of them is wrong
 FARTHER = 1.5  # px of such an image: marks lie no farther than that from a refined camera, or it is not taken,
 FARTHER_CLICKS = 3.0  # px: but never less, as few clicks that are 2 px off are fitted more closely than the truth fits
@@ -61,15 +60,16 @@ def automatic(field: Field, image: Image, network: Network | None) -> tuple[Cali
     Without a network there is none yet: `searched` takes longer.
     """
     if network is None:
-        said = SEARCHED_FOR if field.stands else NOTHING_YET
-        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, said), Marks()
+        to_search = [Finding(What.TO_SEARCH)] if field.stands else []
+        said = in_words(*to_search) or NOTHING_YET
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, said, *to_search), Marks()
     (calibration,) = calibrate_from_images(field, [image], network)
     return calibration, network_marks(field, image, network)
 
 
 def is_to_search(calibration: Calibration) -> bool:
     """Whether a calibration of `automatic` waits for that of `searched`."""
-    return calibration.camera is None and calibration.message == SEARCHED_FOR
+    return calibration.camera is None and calibration.has_finding(What.TO_SEARCH)
 
 
 def searched(field: Field, image: Image) -> Calibration:
@@ -163,8 +163,7 @@ def _with_strays(by_hand: Marks, calibration: Calibration, errors: Array) -> Cal
     for mark, error in zip(by_hand.all, errors.tolist(), strict=True):
         if is_stray(error, size):
             worst[mark.label] = max(error, worst.get(mark.label, 0.0))
-    said = (f"{label!r} is marked {error:.0f} px beside its projection" for label, error in worst.items())
-    return with_complaints(calibration, (*complaints_of(calibration), *said))
+    return with_findings(calibration, *(Finding(What.STRAY, label, (error,)) for label, error in worst.items()))
 
 
 def mark_errors(field: Field, marks: Marks, cameras: Sequence[Camera]) -> Array:

@@ -34,6 +34,7 @@ from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS, SHAPE
+from fieldcalib.assess.words import Finding
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.pictures import (
     as_shown,
@@ -97,14 +98,14 @@ class ShapeEstimator:
             return None
         size = size_of(some[0])
         placement = common_borders(some) if self.finds_borders else Placement(size, size, None)
-        placement, complaints = self._window(some, placement) if self.finds_borders else (placement, ())
+        placement, findings = self._window(some, placement) if self.finds_borders else (placement, ())
         shape = None if placement.is_whole else shape_within(placement)
         if self.finds_squash and may_be_squashed(placement.frame_size):
             shape = shape_of_odds(self.log_odds([placement.image_in_frame(image) for image in some]), placement)
-        return shape if shape is None else replace(shape, complaints=(*shape.complaints, *complaints))
+        return shape if shape is None else replace(shape, findings=(*shape.findings, *findings))
 
-    def _window(self, images: Sequence[Image], placement: Placement) -> tuple[Placement, tuple[str, ...]]:
-        """The placement of the window between black borders that has the most cameras, and complaints of others."""
+    def _window(self, images: Sequence[Image], placement: Placement) -> tuple[Placement, tuple[Finding, ...]]:
+        """The placement of the window between black borders that has the most cameras, and what others there are."""
         inner = [placement.image_in_frame(image) for image in images]
         windows = common_windows(inner)
         if not windows:
@@ -114,9 +115,9 @@ class ShapeEstimator:
         cameras = [self._cameras([way.image_in_frame(image) for image in inner]) for way in ways]
         best = len(ways) - 1 - int(np.argmax(cameras[::-1]))  # a window rather than the whole
         way = ways[best]
-        complaints = (IN_WINDOW,) if best == 0 else (SEVERAL_VIEWS,) * (len(windows) > 1)
+        findings = (IN_WINDOW,) if best == 0 else (SEVERAL_VIEWS,) * (len(windows) > 1)
         corner = np.add(placement.corner, way.corner).tolist()
-        return replace(placement, crop=Crop(way.frame_size, (corner[0], corner[1]))), complaints
+        return replace(placement, crop=Crop(way.frame_size, (corner[0], corner[1]))), findings
 
     def _cameras(self, images: Sequence[Image]) -> int:
         """Number of images that have a camera of their own."""
@@ -210,10 +211,10 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
     >>> whole = Placement((960, 720), (960, 720), None)
     >>> shape_of_odds(5.0, whole).placement.frame_size
     (1280, 720)
-    >>> shape_of_odds(-5.0, whole) is None, shape_of_odds(1.0, whole).complaints == (SHAPE,)
+    >>> shape_of_odds(-5.0, whole) is None, shape_of_odds(1.0, whole).findings[0] == SHAPE
     (True, True)
     """
-    doubt = () if abs(log_odds) > CERTAIN else (SHAPE,)
+    doubt: tuple[Finding, ...] = () if abs(log_odds) > CERTAIN else (SHAPE,)
     message = shape_within(placement).message
     if log_odds > 0.0:
         size, shown = placement.frame_size, shown_size(placement.frame_size)
@@ -222,7 +223,7 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
         x, y = np.rint(scale * placement.corner).astype(int).tolist()
         part = None if placement.crop is None else Crop(shown, (x, y))
         placement = Placement(placement.size, (whole[0], whole[1]), part)
-        message = "; ".join(filter(None, (message, WAS_SQUASHED)))
+        message, doubt = "; ".join(filter(None, (message, str(WAS_SQUASHED)))), (*doubt, WAS_SQUASHED)
     elif not doubt and placement.is_whole:
         return None
     return Shape(placement, message, doubt)
@@ -314,5 +315,5 @@ class LiveShape:
         """The shape as far as it is known; while pictures may be squashed every camera is doubted."""
         if self._log_odds is not None:
             return shape_of_odds(self._log_odds, self._placement)
-        shape = replace(shape_within(self._placement), complaints=(SHAPE,) if self._parts else ())
-        return shape if shape.complaints or not shape.placement.is_whole else None
+        shape = replace(shape_within(self._placement), findings=(SHAPE,) if self._parts else ())
+        return shape if shape.findings or not shape.placement.is_whole else None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.detected_lines import calibrate_on_lines, detected_lines
@@ -17,13 +17,14 @@ from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.task import Task
 
-FOUND = "found by search"
+FOUND = Finding(What.SEARCHED)
 
 
 def refine_courts(task: Task, field: Field, image: Image, cameras: Sequence[Camera]) -> list[Refined]:
     """Searched cameras of a picture, of any size of it, refined on it."""
     at_size = [camera.scaled(size_of(image)) for camera in cameras]
-    started = [Calibration(one, Status.ACCEPTED, FOUND, np.nan, np.nan, {}, field=field) for one in at_size]
+    nothing = Calibration(None, Status.ACCEPTED, str(FOUND), np.nan, np.nan, {}, field=field, _found=(FOUND,))
+    started = [replace(nothing, camera=one) for one in at_size]
     return refine_all(task, Markings.of(field), [ToRefine(image, one) for one in started])
 
 

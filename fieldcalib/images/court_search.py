@@ -27,9 +27,8 @@ from itertools import islice
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.remedies import SEARCHED
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
@@ -43,7 +42,7 @@ from fieldcalib.images.court_evidence import (
 )
 from fieldcalib.images.court_hypotheses import Cameras, stands
 from fieldcalib.images.court_ranking import Ranked, is_often_cut_out
-from fieldcalib.images.court_refinement import refine_courts, with_errors
+from fieldcalib.images.court_refinement import FOUND, refine_courts, with_errors
 from fieldcalib.images.court_rivals import GRID, Rivals, are_apart, distances, first_apart, grid_of, seen_grids
 from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes, PictureToSearch
@@ -70,10 +69,10 @@ NOTHING = (
     Status.TOO_FEW_SEGMENTS,
     "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
     "or a line and a circle",
+    FOUND,
 )
 UNDETERMINED = "the lines near its markings do not determine it"
 ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
-REPEATS = "it may stand {:g} m further along the field, where markings look alike, as `alternatives` say"
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,8 +230,9 @@ def _court(candidate: _Candidate, probability: float) -> FoundCourt:
     points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
     moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
     if moved:
-        calibration = replace(calibration, alternatives=moved)
-        calibration = with_complaints(calibration, (*complaints_of(calibration), REPEATS.format(field.repeats)))
+        assert field.repeats is not None
+        repeats = Finding(What.REPEATS, numbers=(field.repeats,))
+        calibration = with_findings(replace(calibration, alternatives=moved), repeats)
     return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)
 
 
@@ -290,8 +290,9 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Ca
     if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
         return with_hidden_markings(calibration) if probability >= SURE else calibration
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
-    doubt = "; ".join((f"{SEARCHED}, right with a probability of {probability:.2f}", *doubts))
-    return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+    doubt = "; ".join((f"{FOUND}, right with a probability of {probability:.2f}", *doubts))
+    said = replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+    return said if said.has_finding(What.SEARCHED) else with_findings(said, FOUND)
 
 
 def _if_possible(refined: Refined, field: Field) -> Refined | None:

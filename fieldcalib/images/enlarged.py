@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.whole_picture import ENLARGED, SURE, PrincipalPointEvidence, score
 from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.field import Field
@@ -110,7 +110,7 @@ def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Cali
         x, y = freed.required_camera.principal_point
         found = f"the picture may be an enlarged part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
         return replace(freed, message=f"{found}; {freed.message}")
-    return with_complaints(calibration, (*complaints_of(calibration), ENLARGED))
+    return with_findings(calibration, ENLARGED)
 
 
 def _freed(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration | None:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_further_doubt
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.whole_picture import ENLARGED, FAINT, LARGEST_SPREAD, SURE, PrincipalPointEvidence
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -169,12 +169,12 @@ def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, optio
 
 def with_doubts_of_all(whole: SequenceCalibration) -> SequenceCalibration:
     """Frames as if they were whole, with the doubt that they are enlarged parts."""
-    return with_further_doubt(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED)
+    return with_doubts(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED)
 
 
 def with_doubts_of_part(freed: SequenceCalibration) -> SequenceCalibration:
     """Frames with a free principal point, with doubts about those that are not sure."""
-    return with_further_doubt(freed, np.flatnonzero(freed.accepted & ~_is_sure(freed)).tolist(), ENLARGED)
+    return with_doubts(freed, np.flatnonzero(freed.accepted & ~_is_sure(freed)).tolist(), ENLARGED)
 
 
 def _is_sure(freed: SequenceCalibration) -> BoolArray:

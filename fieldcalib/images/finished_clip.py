@@ -14,9 +14,10 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts, with_further_doubt
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.assess.whole_picture import CUT
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.enlarged_clip import (
@@ -43,7 +44,7 @@ from fieldcalib.solve.from_segments import NO_PIXELS
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
-MIXED = "the picture may be mixed with that of another camera"
+MIXED = Finding(What.MIXED)
 UNTIED = (  # lines are looked for only near markings that a camera projects: this says nothing of what is shown
     "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
     "no camera of its own"
@@ -166,7 +167,7 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         notes.extend(note)
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
-            calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], {int(number[t]): MIXED})
+            calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], [int(number[t])], MIXED)
     shots = [pieces.frames([p]) for p in pieces.numbers]
     return VideoCalibration(
         tuple(calibrations),
@@ -216,7 +217,7 @@ def _with_place_of_picture(
     off = off_middle(calibration, options)
     if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
         return calibration
-    return with_further_doubt(calibration, range(len(calibration)), CUT)
+    return with_doubts(calibration, range(len(calibration)), CUT)
 
 
 def finish_clip_again(

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib.assess.compute_errors import compute_errors
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
+from fieldcalib.assess.words import Finding, Status, What, in_words
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.court_search import search_courts
@@ -27,7 +27,7 @@ from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_l
 from fieldcalib.images.resized import on_field_as_seen
 from fieldcalib.images.second_opinion import may_be_searched, with_second_opinion
 from fieldcalib.images.twins import CameraSide
-from fieldcalib.images.unusable import FEW_LINES, said_plainly
+from fieldcalib.images.unusable import said_plainly
 from fieldcalib.images.views import Place
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -295,14 +295,15 @@ def _one_judged(
         return calibration, False
     on_paint = not any(one.is_beside for one in calibration.markings)
     is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE and on_paint
-    doubt = ""
+    doubt, notes = "", list[Finding]()
     if share < least_support:
-        doubt = f"only {100.0 * share:.0f} % line support: {FEW_LINES}"
+        notes = [Finding(What.FEW_LINES)]
+        doubt = f"only {100.0 * share:.0f} % line support: {in_words(*notes)}"
     elif explained < LEAST_EXPLAINED and not is_sure:
         doubt = f"only {100.0 * explained:.0f} % of the detected segments, by weight, are near their projections"
     if doubt:
         message = f"{doubt}; {refined.calibration.message}"
-        return replace(calibration, status=Status.IMPROBABLE, message=message), False
+        return with_findings(replace(calibration, status=Status.IMPROBABLE, message=message), *notes), False
     if not calibration.accepted:
         return calibration, False
     if calibration.has_probability:

@@ -184,7 +184,7 @@ def calibrate_video(
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
     found = _calibrated_parts(clip, options, network, every, parts)
-    of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
+    of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.doubts))
     without = network is not None and len(found) and not has_cameras(found)
     asked = notes_without_camera(object_segments, clip.image_size) if without else ()
     notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)

@@ -15,8 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.verdict import LABEL_MORE
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.words import Status, What
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels
@@ -91,4 +90,6 @@ def _with_advice(calibration: Calibration) -> Calibration:
         return calibration
     if not calibration.pixel_counts:
         return replace(calibration, message=f"{NO_MARKING}: {SHOW_MORE}")
-    return replace(calibration, message=calibration.message.replace(LABEL_MORE.format("segment"), SHOW_MORE))
+    labels, equations, unknowns = next(one for one in calibration.findings if one.what is What.TOO_FEW_LABELS).numbers
+    few = f"{labels:.0f} segment{'s' * (labels != 1)}: {equations:.0f} equations for {unknowns:.0f} unknowns"
+    return replace(calibration, message=f"{few}; {SHOW_MORE}")

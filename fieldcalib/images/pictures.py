@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib.assess.placement import Crop, Placement, Shape
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.images.detected_lines import calibrate_on_lines
 from fieldcalib.images.windows import Window, windows_of
@@ -62,8 +62,8 @@ def _in_windows(calibrate: Method, images: Sequence[Image]) -> list[Calibration]
 def window_shapes(image: Image) -> list[Shape]:
     """The shapes of the windows of a picture; where there are several, each complains of the others."""
     windows = windows_of(image)
-    complaints = (SEVERAL_VIEWS,) if len(windows) > 1 else ()
-    return [replace(shape_within(placement_of(one, size_of(image))), complaints=complaints) for one in windows]
+    findings = (SEVERAL_VIEWS,) if len(windows) > 1 else ()
+    return [replace(shape_within(placement_of(one, size_of(image))), findings=findings) for one in windows]
 
 
 def placement_of(window: Window, image_size: tuple[int, int]) -> Placement:
@@ -83,8 +83,9 @@ def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibrati
     accepted = [one for one in others if one.accepted]
     if accepted:
         return max(accepted, key=lambda one: one.probability(size_known=True) if one.has_probability else 0.0)
-    said = replace(whole, message="; ".join(filter(None, (whole.message, IN_WINDOW))))
-    return with_complaints(said, (*complaints_of(said), IN_WINDOW)) if whole.accepted else said
+    if whole.accepted:
+        return with_findings(whole, IN_WINDOW)
+    return with_findings(replace(whole, message="; ".join(filter(None, (whole.message, str(IN_WINDOW))))), IN_WINDOW)
 
 
 def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:

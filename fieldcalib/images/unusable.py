@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.remedies import ASK_SPORT, NOT_SOCCER
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.remedies import NOT_SOCCER
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.pictures import Method
@@ -20,7 +20,7 @@ LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
 SMALL_SIDE = 200  # px: of 24 broadcast frames reduced to 320 x 180 none got a camera, of those with 400 x 225 20 did
 FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
 LOOKED_AT = 128  # rows and columns of a picture that are compared, about
-FEW_LINES = "the image has few lines at the projected markings"
+ASK_SPORT = Finding(What.MAY_BE_OTHER_SPORT)
 DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
 
 
@@ -102,6 +102,8 @@ def _judged(image: Image, calibration: Calibration) -> Calibration:
 
 def _asked(calibration: Calibration) -> Calibration:
     """The calibration; a rejected one, of which hardly anything was seen, asks whether it is soccer."""
-    if calibration.status not in DOUBTED and FEW_LINES not in calibration.message:
+    if calibration.status not in DOUBTED and not calibration.has_finding(What.FEW_LINES):
         return calibration
-    return calibration if calibration.accepted else replace(calibration, message=f"{calibration.message}; {ASK_SPORT}")
+    if calibration.accepted:
+        return calibration
+    return with_findings(replace(calibration, message=f"{calibration.message}; {ASK_SPORT}"), ASK_SPORT)

@@ -24,11 +24,12 @@ from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.parquet import read_parquet, write_parquet
 
 LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"
-FORMAT = 2  # version of the files: the first one had all in cameras.jsonl
-OLD_FORMATS = (1,)  # that are read too
+FORMAT = 3  # version of the files: the first one had all in cameras.jsonl, the second no findings
+WITHOUT_SOLVER = 1
+OLD_FORMATS = (WITHOUT_SOLVER, 2)  # that are read too
 BROKEN = "broken file"  # status of a frame whose file could not be read
 MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
-    *("id", "status", "message", "verdict", "reason", "remedy", "basis", "version", "field", "image_size"),
+    *("id", "status", "message", "verdict", "reason", "findings", "remedy", "basis", "version", "field", "image_size"),
     *("K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
     *("probability_right_0.5m", "probability_right_1m"),
 )
@@ -134,8 +135,8 @@ def parse_main(text: bytes) -> dict[str, Any]:
     version = line.get("version")
     if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
         raise BrokenFileError(
-            f"expected results of version {FORMAT} (or {OLD_FORMATS[0]}), got {version!r}: another fieldcalib wrote "
-            f"them, use that or calibrate again"
+            f"expected results of version {FORMAT} (or {', '.join(map(str, OLD_FORMATS))}), got {version!r}: another "
+            f"fieldcalib wrote them, use that or calibrate again"
         )
     return line
 
@@ -294,7 +295,7 @@ class ResultFile:
             return file.read(end - begin)
 
     def _solver_line(self, number: int, main: Mapping[str, Any]) -> dict[str, Any]:
-        if main.get("version") in OLD_FORMATS:
+        if main.get("version") == WITHOUT_SOLVER:
             return {}
         text = self._texts[number][1] if self._texts is not None else self._solver.text(number)
         if not text and number in self.broken:

@@ -12,16 +12,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, concerns_of
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.assess.words import What
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image
 from fieldcalib.io.results import BROKEN
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
-from fieldcalib.solve.aspect import WAS_SQUASHED
 
+SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
 
@@ -84,7 +84,7 @@ class Outcome:
         written = dict(files)
         if keeps and calibration.camera is not None:
             written |= camera_file(id, calibration.camera)
-        squashed = SQUASHED in concerns_of(calibration) or WAS_SQUASHED in calibration.message
+        squashed = calibration.has_finding(*SQUASHED)
         return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
 
 
@@ -95,13 +95,19 @@ def camera_file(id: str, camera: Camera) -> dict[str, bytes]:
 
 def is_squashed(line: Mapping[str, Any]) -> bool:
     """Whether a frame's line of cameras.jsonl says that the pixels of the picture are not square."""
-    return any(words in line.get("reason", "") for words in (SQUASHED, WAS_SQUASHED))
+    return has_finding(line, *SQUASHED)
+
+
+def has_finding(line: Mapping[str, Any], *what: What) -> bool:
+    """Whether a frame's line of cameras.jsonl has one of some findings; lines of earlier versions have none."""
+    return any(one.get("what") in what for one in line.get("findings", ()))
 
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """The line of a frame in cameras.jsonl."""
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     line |= {"verdict": str(calibration.verdict), "reason": calibration.reason, "remedy": calibration.remedy}
+    line["findings"] = [one.to_dict() for one in calibration.findings]
     line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}

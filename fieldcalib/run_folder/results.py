@@ -22,7 +22,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib.assess.remedies import LEFT_OUT
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.words import Verdict, What
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.console.program import counted, say, show
 from fieldcalib.io.files import (
@@ -44,10 +44,9 @@ from fieldcalib.io.overwriting import ELSEWHERE, check_targets
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.outcome import Outcome, has_finding, is_squashed
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.to_look_at import ToLookAt
-from fieldcalib.solve.aspect import WAS_SQUASHED
 
 SUMMARY = "summary.json"  # of a run that is finished
 MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"
@@ -480,6 +479,6 @@ def is_nearly_square(line: Mapping[str, Any]) -> bool:
     (True, False)
     """
     size = line.get("image_size")
-    if WAS_SQUASHED in line.get("message", ""):
+    if has_finding(line, What.WAS_SQUASHED):
         return False
     return size is not None and NEARLY_SQUARE[0] <= size[0] / size[1] <= NEARLY_SQUARE[1]

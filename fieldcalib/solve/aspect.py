@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.whole_picture import SHAPE
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
@@ -28,7 +29,7 @@ SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower
 # Prior log odds that a square picture was squashed: networks are trained with squares, cameras do not film them.
 SQUARE_LOG_ODDS = 1.5
-WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
+WAS_SQUASHED = Finding(What.WAS_SQUASHED)
 
 
 def may_be_squashed(image_size: tuple[int, int]) -> bool:
@@ -95,12 +96,12 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
     only_one = abs(log_ratio) <= CERTAIN and shown.accepted != as_it_is.accepted
     if shown.camera is not None and (shown.accepted if only_one else log_ratio > 0.0):
         found = Placement(image_size, shown_size(image_size), None).from_frame(shown)
-        found = replace(found, message=f"{found.message}; {WAS_SQUASHED}")
+        found = with_findings(replace(found, message=f"{found.message}; {WAS_SQUASHED}"), WAS_SQUASHED)
     else:
         found = as_it_is
-    if abs(log_ratio) > CERTAIN or not found.accepted or SHAPE in complaints_of(found):
+    if abs(log_ratio) > CERTAIN or not found.accepted or found.has_finding(What.SHAPE):
         return found
-    return with_complaints(found, (*complaints_of(found), SHAPE))
+    return with_findings(found, SHAPE)
 
 
 def with_likely_aspect(

@@ -24,7 +24,7 @@ from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
-from fieldcalib.assess.words import OTHER_SIDE_FITS, SEEN_FROM_OPPOSITE, Status, SuspectLabel
+from fieldcalib.assess.words import Finding, Status, SuspectLabel, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import turned_camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -272,11 +272,13 @@ def _judged(frames: _Frames) -> list[Calibration]:
     for t, evidence in enumerate(_evidence(frames)):
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
-        status, message = verdict(evidence, options.tau)
+        status, message, *advice = verdict(evidence, options.tau)
         is_open = options.side is None and bool(other.fits[t])
         is_turned = not is_open and is_against_convention(cameras[t].C, options)
         alternatives = (turned_camera(cameras[t]),) if is_open or is_turned else ()
-        notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * is_open, *[SEEN_FROM_OPPOSITE] * is_turned]
+        sides = [Finding(What.OTHER_SIDE)] * is_open + [Finding(What.SEEN_FROM_OPPOSITE)] * is_turned
+        told = [one for one in sides if status is not Status.ACCEPTED or not one.what.is_against]  # `reason` has others
+        notes = [message, *map(str, [*suspects, *told])]
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
@@ -290,7 +292,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,
-            _complaints=_complaints(errors, suspects, evidence.far, is_open=is_open) + _misfit(evidence.rms, options),
+            _found=(*_against(errors, suspects, evidence, options), *sides, *advice),
             pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
             errors=Solved(evaluation, relabelled.prior.sigma, t),
@@ -334,22 +336,16 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     ]
 
 
-def _complaints(
-    errors: Mapping[str, float], suspects: Sequence[SuspectLabel], far: float, *, is_open: bool
-) -> tuple[str, ...]:
-    """Evidence of one frame's labels against a camera that agrees with most of them."""
+def _against(
+    errors: Mapping[str, float], suspects: Sequence[SuspectLabel], evidence: Evidence, options: Options
+) -> list[Finding]:
+    """Evidence of one frame's labels against a camera that agrees with most of them, or misses all by their noise."""
     suspected = {suspect.label for suspect in suspects}
-    missed = [label for label, error in errors.items() if error > far and label not in suspected]
-    found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []
-    found += [f"{len(missed)} of {len(errors)} labels lie far off"] if missed else []
-    return (*found, *[OTHER_SIDE_FITS] * is_open)
-
-
-def _misfit(rms: float, options: Options) -> tuple[str, ...]:
-    """Complaint about a camera that misses most of its labels by more than their noise."""
-    if not rms > NOISY * options.noise:
-        return ()
-    return (f"the labels lie {rms:.0f} px off: check the size of field and image, and what was given of the camera",)
+    missed = [label for label, error in errors.items() if error > evidence.far and label not in suspected]
+    found = [Finding(What.SUSPECTS, numbers=(len(suspects), len(errors)))] if suspects else []
+    found += [Finding(What.MISSED, numbers=(len(missed), len(errors)))] if missed else []
+    is_misfit = evidence.rms > NOISY * options.noise
+    return found + ([Finding(What.MISFIT, numbers=(float(evidence.rms),))] if is_misfit else [])
 
 
 def _lens_is_prior(labels: Information, options: Options) -> BoolArray:

@@ -6,9 +6,12 @@ is given end at column 959, although their segments continue in the picture.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from fieldcalib.assess.result import Calibration, complaints_of, with_complaints
+from fieldcalib.assess.result import Calibration, found_of
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -21,24 +24,23 @@ AWAY = 0.02  # of a side: least distance of that border from the picture's own, 
 WIDTHS = (480, 512, 640, 720, 854, 960, 1024, 1280, 1366, 1600, 1920, 2560, 3840)
 ROUNDED = 0.6  # px
 SPACING = 1.0  # m, of points on a segment
-ENDS = "the labels end at column"
 
 
 def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
-    """The calibration with the complaint of `other_border` replaced; only for labels that were set by hand."""
-    others = tuple(one for one in complaints_of(calibration) if not one.startswith(ENDS))
+    """The calibration with the finding of `other_border` replaced; only for labels that were set by hand."""
+    others = tuple(one for one in found_of(calibration) if one.what is not What.BORDER)
     if calibration.camera is not None and calibration.are_annotated:
         said = other_border(object_segments, frame, calibration.camera.image_size, calibration.camera)
         others = others if said is None else (*others, said)
-    return calibration if others == complaints_of(calibration) else with_complaints(calibration, others)
+    return calibration if others == found_of(calibration) else replace(calibration, _found=others)
 
 
 def other_border(
     object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], camera: Camera | None
-) -> str | None:
-    """Complaint that the labels of a frame end at a border other than that of its picture; None if they do not.
+) -> Finding | None:
+    """Evidence that the labels of a frame end at a border other than that of its picture; None if they do not.
 
-    It complains about none of 756 annotated frames of SoccerNet and WC14, and about 96 % of them if their given width
+    There is none for any of 756 annotated frames of SoccerNet and WC14, but for 96 % of them if their given width
     is a third too large or too small. Only labels count whose segments continue in the picture of the `camera` found.
 
     Examples
@@ -47,7 +49,7 @@ def other_border(
     >>> camera = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 65.0, -16.0), (1280, 720))
     >>> pixels = {label: camera.project(soccer()[label].sample(0.1)) for label in ("Side line top", "Circle central")}
     >>> labels = {label: xy[np.all((xy > 0.0) & (xy < 960.0), axis=1)] for label, xy in pixels.items()}
-    >>> other_border(soccer(), labels, (1280, 720), camera)
+    >>> str(other_border(soccer(), labels, (1280, 720), camera))
     'the labels end at column 959 of 1280: are they of a picture that is 960 pixels wide?'
     >>> labels = {label: xy[np.all((xy > 0.0) & (xy < (1280.0, 720.0)), axis=1)] for label, xy in pixels.items()}
     >>> other_border(soccer(), labels, (1280, 720), camera) is None
@@ -72,7 +74,7 @@ def other_border(
     if not (together or np.min(np.abs(end + 1.0 - np.array(WIDTHS))) < ROUNDED):
         return None
     column = round(end)
-    return f"{ENDS} {column} of {width}: are they of a picture that is {column + 1} pixels wide?"
+    return Finding(What.BORDER, numbers=(column, width, column + 1))
 
 
 def _goes_on(segment: Segment, camera: Camera, column: float) -> bool:
