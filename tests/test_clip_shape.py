@@ -11,7 +11,6 @@ from tripods import far_off
 
 from fieldcalib import calibrate_video, soccer
 from fieldcalib.assess.placement import Crop, Placement, Shape
-from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.assess.words import Verdict
@@ -125,10 +124,10 @@ def test_what_is_not_told_is_to_be_checked(clip, monkeypatch):
     seen = [cameras[t] for t in looked_at(pictures, cameras)]
     found = calibrate_video(FIELD, thin, KnownCameras(seen))
     assert SHAPE in found.notes
-    assert all(SHAPE in complaints_of(one) and one.verdict is not Verdict.GOOD for one in found)
+    assert all(SHAPE in one.findings and one.verdict is not Verdict.GOOD for one in found)
     as_they_are = calibrate_video(FIELD, thin, KnownCameras(seen), estimate_aspect=False)
     assert as_they_are.shape is None
-    assert not complaints_of(as_they_are[0]) or SHAPE not in complaints_of(as_they_are[0])
+    assert not as_they_are[0].findings or SHAPE not in as_they_are[0].findings
 
 
 def test_borders_are_those_of_all_pictures_that_show_something(clip):
@@ -190,9 +189,9 @@ def test_live_pictures_of_another_shape_are_to_be_checked_until_it_is_told(clip,
     cameras, pictures = clip
     monkeypatch.setattr(ShapeEstimator, "log_odds", lambda asked, images: 1.0 if len(images) < 8 else 9.0)
     found = tracked([squashed(picture) for picture in pictures], Asked(cameras[:1]))
-    assert all(SHAPE in complaints_of(one) for one in found[:14] if one.camera is not None)
+    assert all(SHAPE in one.findings for one in found[:14] if one.camera is not None)
     assert WAS_SQUASHED in found[-1].message
-    assert SHAPE not in complaints_of(found[-1])
+    assert SHAPE not in found[-1].findings
     assert found[-1].camera.K[1, 1] / found[-1].camera.K[0, 0] == pytest.approx(SIZE[0] / SQUASHED[0])
 
 
@@ -230,6 +229,6 @@ def test_nothing_is_asked_of_pictures_whose_camera_is_given(clip):
     K = camera.cropped((0, -BAR), LETTERBOXED).K
     (found,) = tracked([picture], Asked([camera]), camera_matrix=K, flags=KNOWN_INTRINSICS_FLAGS)
     assert "borders" not in found.message
-    assert SHAPE not in complaints_of(found)
+    assert SHAPE not in found.findings
     video = calibrate_video(FIELD, [picture], Asked([camera]), K, flags=KNOWN_INTRINSICS_FLAGS)
     assert video.shape is None

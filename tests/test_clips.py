@@ -10,7 +10,6 @@ from tripods import far_off
 
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS, MOST_EXTRA
@@ -124,7 +123,7 @@ def test_a_dissolve_belongs_to_neither_shot(two_tripods):
     found = calibrated(pictures, cameras)
     assert all(frame.camera is None for frame in found[:begin])
     assert all(frame.verdict is not Verdict.GOOD for frame in found[:end])
-    assert any(MIXED in complaints_of(frame) for frame in found[begin:end])
+    assert any(MIXED in frame.findings for frame in found[begin:end])
     assert all(frame.verdict is Verdict.GOOD for frame in found[end + 1 :])
     assert max(off(found[end + 1 :], cameras[end + 1 :])) < 0.8
 

@@ -67,7 +67,7 @@ def test_a_kept_clip_is_saved(clip, tmp_path):
     assert editor.unsaved == 0
     assert (out / "labels" / "000005.json").exists()
     assert editor.cuts == starts_of(out) == [0, 3]
-    assert BESIDE not in notes_of(out)
+    assert str(BESIDE) not in notes_of(out)
     editor.close()
     assert opened(clip, out).unsaved == 0
 
@@ -223,17 +223,18 @@ def test_a_clip_whose_frames_were_mended_says_so(clip, tmp_path):
     of_a_run(out)
     editor = marked(opened(clip, out), 4, number=5)
     editor.save()
-    assert fieldcalib.read(out).video.notes == ("a note", BESIDE)
-    assert json.loads((out / "tripods.json").read_text())["notes"] == ["a note", BESIDE]
+    video = fieldcalib.read(out).video
+    assert (video.notes, video.findings) == (("a note",), (BESIDE,))
+    assert json.loads((out / "tripods.json").read_text())["notes"] == ["a note", str(BESIDE)]
     assert starts_of(out) == [0, 3]
     moved = ["overlay.mp4", "motion.png", "worst_frames.jpg", "report.html"]
-    assert notes_of(out) == ["a note", BESIDE, *(MOVED[name] for name in moved)]
+    assert notes_of(out) == ["a note", str(BESIDE), *(MOVED[name] for name in moved)]
     for name in moved:
         assert not (out / name).exists()
         assert [path.read_text() for path in (out / "history").glob(f"*/{name}")] == ["as it was"]
     editor[5] = editor[5].remove([0])
     editor.save()
-    assert notes_of(out) == ["a note", BESIDE, *(MOVED[name] for name in moved)]
+    assert notes_of(out) == ["a note", str(BESIDE), *(MOVED[name] for name in moved)]
     editor.close()
     opened(clip, out).keep(proposal(nothing(8), Window(0, 8)))
     assert notes_of(out) == [MOVED[name] for name in moved if name != "motion.png"]
@@ -272,9 +273,9 @@ def test_a_window_keeps_the_tripods_outside():
     for k in (0, 1, 4, 5):
         assert whole[k].camera == before[k].camera
     by_hand = proposal(before, Window(0, 6), [3])
-    assert BESIDE not in by_hand.whole(None, 6).notes
+    assert BESIDE not in by_hand.whole(None, 6).findings
     held = replace(by_hand, calibrations={**by_hand.calibrations, 3: before[4]})
-    assert BESIDE in held.whole(None, 6).notes
+    assert BESIDE in held.whole(None, 6).findings
     assert held.whole(None, 7) is None
 
 
@@ -318,7 +319,7 @@ def test_what_was_drawn_is_drawn_again(clip, tmp_path):
     assert set(editor.draw(lambda *at: done.append(at))) == {"overlay.mp4", "motion.png", "worst_frames.jpg"}
     assert done == [(k, 8, "drawing overlay.mp4") for k in range(8)]
     assert editor.to_draw == []
-    assert notes_of(out) == [BESIDE, MOVED["report.html"]]
+    assert notes_of(out) == [str(BESIDE), MOVED["report.html"]]
     assert FramesByNumber(out / "overlay.mp4").count == 8
     assert cv2.imread(str(out / "worst_frames.jpg")) is not None
     marked(editor, 1, number=5).save()
@@ -350,16 +351,16 @@ def test_a_shot_of_two_tripods_is_said():
     both = VideoCalibration.joined([first, second])
     assert [shot.start for shot in with_cuts(both, [1, 3]).shots] == [0, 1, 3]
     moved = with_cuts(both, [4])
-    assert (moved.shots, moved.notes) == (both.shots, (CUTS,))
+    assert (moved.shots, moved.findings) == (both.shots, (CUTS,))
     assert with_cuts(moved, [3]).notes == ()
 
 
 def test_a_kept_window_brings_files_together_again():
     """The note of frames that were mended since goes, unless some are outside of the window."""
-    video = replace(nothing(8), notes=("a note", BESIDE))
+    video = replace(nothing(8), notes=("a note",), findings=(BESIDE,))
     window = proposal(nothing(4), Window(2, 6))
     assert window.whole(video, 8).notes == ("a note",)
-    assert window.whole(video, 8, mended_outside=True).notes == ("a note", BESIDE)
+    assert window.whole(video, 8, mended_outside=True).findings == (BESIDE,)
 
 
 def test_what_was_kept_is_shown(clip, tmp_path):

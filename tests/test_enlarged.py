@@ -12,7 +12,6 @@ from views import camera
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from fieldcalib import Calibration, calibrate_from_images
 from fieldcalib.assess.remedies import NOT_WHOLE
-from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.assess.words import Verdict
 from fieldcalib.cli.declared import DeclaredPictures
@@ -43,8 +42,8 @@ def test_a_camera_that_is_not_sure_without_the_middle_is_kept_with_a_doubt(monke
     monkeypatch.setattr(enlarged, "SURE", 1.1)
     as_whole, found = calibrated(PART, may_be_enlarged=False), calibrated(PART)
     assert found.verdict is Verdict.CHECK
-    assert complaints_of(found) == (ENLARGED,)
-    assert found.remedy == NOT_WHOLE
+    assert found.findings == (ENLARGED,)
+    assert found.remedy == NOT_WHOLE.text
     np.testing.assert_array_equal(found.K, as_whole.K)
     assert Calibration.from_dict(found.to_dict()).reason == found.reason
 

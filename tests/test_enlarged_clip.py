@@ -13,7 +13,6 @@ from views import camera
 from data_tools.pictures_in_pictures import WAYS, arranged, clip_views, counts
 from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
 from fieldcalib.assess.remedies import NOT_WHOLE
-from fieldcalib.assess.result import complaints_of
 from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.assess.words import Verdict
 from fieldcalib.images.enlarged import LARGEST_SOFTNESS
@@ -86,8 +85,8 @@ def test_a_shot_that_does_not_show_its_middle_is_not_trusted_if_it_looks_enlarge
     (_, trusted), (_, found) = (short_shot(-0.35, 1950.0, (240, 0), is_soft=one) for one in (False, True))
     assert {one.verdict for one in trusted} == {Verdict.GOOD}
     assert {one.verdict for one in found} == {Verdict.CHECK}
-    assert all(ENLARGED in complaints_of(one) for one in found)
-    assert {one.remedy for one in found} == {NOT_WHOLE}
+    assert all(ENLARGED in one.findings for one in found)
+    assert {one.remedy for one in found} == {NOT_WHOLE.text}
     assert len(VideoCalibration.from_dict(found.to_dict())[0].reason) == len(found[0].reason)
 
 

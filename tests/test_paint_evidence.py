@@ -12,10 +12,10 @@ from strategies import examples, numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
-from fieldcalib.assess.result import Calibration, complaints_of
+from fieldcalib.assess.markings import MarkingInView, paint_contradicts, paint_findings
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.assess.words import Status, Verdict
+from fieldcalib.assess.words import Finding, Status, Verdict, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
@@ -60,7 +60,7 @@ def test_true_camera_lies_on_its_paint(field, truth):
     found = paint_evidence(picture(truth, field), truth, Markings.of(field))
     assert len(found.markings) > 4
     assert not len(found.beside.xy)
-    assert paint_complaints(found.markings) == ()
+    assert paint_findings(found.markings) == ()
     assert np.mean([one.share for one in found.markings]) > 0.8
 
 
@@ -194,9 +194,7 @@ def test_paint_has_the_last_word_on_frames_of_a_sequence():
     found = calibrate_sequence(soccer(size_known=True), labelled, PENALTY_AREA.image_size)
     assert {str(one.verdict) for one in found} == {"good"}
     pulled = replace(found, frames=replace(found.frames, misfit=np.full(3, 30.0)))
-    assert [complaints_of(one) for one in pulled] == 3 * [
-        ("the parameters that the frames share put its lines 30 px off",)
-    ]
+    assert [one.findings for one in pulled] == 3 * [(Finding(What.SHARED_MISFIT, numbers=(30.0,)),)]
     on = tuple(MarkingInView(name, 400.0, 30, share=0.95, offset=0.0) for name in ("front", "side", "arc"))
     off = (*on, MarkingInView("near", 400.0, 30, share=0.1, offset=9.0))
     seen = pulled.seen_in_images({0: on, 1: off, 2: on[:2]})

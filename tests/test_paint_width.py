@@ -9,7 +9,7 @@ import pytest
 
 from data_tools.smaller_pitches import SIZE, frames
 from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, refine_on_image, soccer
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_is_too_wide, paint_width
+from fieldcalib.assess.markings import MarkingInView, paint_findings, paint_is_too_wide, paint_width
 from fieldcalib.assess.remedies import SMALLER
 from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.scene import render_field
@@ -69,15 +69,15 @@ def test_lines_that_are_too_wide_are_a_doubt():
     assert right.verdict is Verdict.GOOD
     assert small.verdict is Verdict.CHECK
     assert small.reason.startswith("the lines are 1.7 times as wide as the field's")
-    assert small.remedy == SMALLER
+    assert small.remedy == SMALLER.text
 
 
 def test_a_few_places_are_no_evidence():
     wide = MarkingInView("Middle line", 300.0, 25, 1.0, 0.0, width=1.7, widths=5)
-    assert paint_complaints([wide]) == ()
-    assert len(paint_complaints([wide, replace(wide, label="Side line top", widths=1)])) == 1
+    assert paint_findings([wide]) == ()
+    assert len(paint_findings([wide, replace(wide, label="Side line top", widths=1)])) == 1
     right = replace(wide, label="Side line top", width=1.0, widths=6)
-    assert paint_complaints([wide, right]) == ()
+    assert paint_findings([wide, right]) == ()
 
 
 def test_a_rendered_smaller_pitch_has_wider_lines():

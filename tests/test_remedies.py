@@ -8,21 +8,20 @@ from networks import Blind
 
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess.datum import in_words
-from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SEARCHED, SMALLER, Tool, how
+from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER, Advice, Tool, how
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.assess.whole_picture import CUT, SHAPE
-from fieldcalib.assess.words import REMEDIES, Status
+from fieldcalib.assess.words import REMEDIES, Finding, Status, What
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import calibrate_video
 
-SIZES = (in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5]))
-ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER, *SIZES]
-REASONS = [CUT, SHAPE, LABEL_MORE]
+SIZES = [in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5])]
+ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER]
+REASONS = [str(one) for one in (CUT, SHAPE, Finding(What.TOO_FEW_LABELS, "segment", (2, 4, 7)))]
 
 
-@pytest.mark.parametrize("remedy", [*ALL, *REASONS])
+@pytest.mark.parametrize("remedy", [*(one.text for one in ALL), *SIZES, *REASONS])
 def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
     assert "--" not in remedy
     assert "clip" not in remedy
@@ -31,12 +30,12 @@ def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
 
 @pytest.mark.parametrize("tool", Tool)
 def test_each_tool_says_how(tool):
-    said = {remedy: how(remedy, tool) for remedy in ALL}
+    said = {remedy: how(remedy.advice, tool) for remedy in ALL}
     assert len([one for one in said.values() if one]) >= len(ALL) - 2  # of checking labels there is no more to say
-    for words, ways in HOW.items():
-        assert any(words in remedy for remedy in ALL)
-        assert ways[tool]
-    assert ("--" in how(in_words(np.diag([0.5, 0.5]), np.array([2.5, 2.8])), tool)) == (tool is Tool.COMMAND)
+    for advice in Advice:
+        assert any(advice in remedy.advice for remedy in ALL)
+        assert HOW[advice][tool]
+    assert ("--" in how([Advice.FIELD_SIZE], tool)) == (tool is Tool.COMMAND)
 
 
 def test_the_docs_say_where_they_are():
@@ -48,22 +47,22 @@ def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():
     noise = np.random.default_rng(0).integers(0, 255, (270, 480, 3), np.uint8)
     (found,) = calibrate_from_images(soccer(), [noise], Blind())
     assert found.reason.endswith("; is this soccer?")
-    assert found.remedy.endswith(NOT_SOCCER)
+    assert found.remedy.endswith(NOT_SOCCER.text)
     assert all(name in found.remedy for name in FIELDS if name != "soccer")
-    assert "--field tennis" in how(found.remedy, Tool.COMMAND)
+    assert "--field tennis" in how(found.advice, Tool.COMMAND)
 
 
 def test_a_court_that_was_searched_in_vain_may_be_another_one():
-    found = Calibration.without_camera(Status.IMPROBABLE, f"{SEARCHED}, right with a probability of 0.00")
-    assert found.remedy.endswith(OTHER_SPORT)
-    assert "--field tennis, or auto" in how(found.remedy, Tool.COMMAND)
+    found = Calibration.without_camera(Status.IMPROBABLE, "right with a probability of 0.00", Finding(What.SEARCHED))
+    assert found.remedy.endswith(OTHER_SPORT.text)
+    assert "--field tennis, or auto" in how(found.advice, Tool.COMMAND)
     assert "leave out what you gave" in found.remedy  # a wrong position is never told from a wrong picture
 
 
 def test_a_clip_without_any_camera_may_be_of_another_sport():
     noise = np.random.default_rng(0).integers(0, 255, (2, 270, 480, 3), np.uint8)
     found = calibrate_video(soccer(), list(noise), Blind())
-    assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.capitalize()}",)
+    assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.text.capitalize()}",)
 
 
 def test_a_clip_of_tiny_frames_is_said_to_be_too_small():

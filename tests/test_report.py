@@ -12,7 +12,7 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.remedies import BY_HAND, LOOK, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Tool, how
+from fieldcalib.assess.remedies import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Advice, Tool, how
 from fieldcalib.assess.words import REMEDIES
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
@@ -76,7 +76,7 @@ def test_the_report_of_a_run_has_its_frames_pictures_and_options(know, tmp_path)
     assert frames["id"] == ["a", "b", "c"]
     assert frames["verdict"][2] == ""
     assert frames["pan"][:2] == pytest.approx(np.degrees([one.angles[0] for one in TRUTHS[:2]]), abs=0.2)
-    assert page.report["reasons"][-1]["remedy"] == UNREADABLE
+    assert page.report["reasons"][-1]["remedy"] == UNREADABLE.text
     assert page.report["rate"] is None
     assert not page.report["plots"]
     assert page.report["about"]["version"] == fieldcalib.__version__
@@ -161,10 +161,10 @@ def test_frames_with_one_reason_are_counted_together():
     lines = [*many(30), {"id": "x", "status": "broken file", "message": "is cut off"}]
     table = ReportTable.of(lines, soccer())
     assert [(one.verdict, one.count, one.remedy) for one in table.reasons] == [
-        ("", 1, UNREADABLE),
-        ("check", 3, LOOK_AND_LABEL),
+        ("", 1, UNREADABLE.text),
+        ("check", 3, LOOK_AND_LABEL.text),
     ]
-    assert [one.how for one in table.reasons] == [Commands().how(one.remedy) for one in table.reasons]
+    assert [one.how for one in table.reasons] == [Commands().how(one) for one in (UNREADABLE, LOOK_AND_LABEL)]
     assert table.reasons[0].words == "is cut off"
     assert table.reasons[1].words == "… lies … px beside its paint"
     assert [table.columns["group"][number] for number in (0, 1, 10, 30)] == [1, -1, 1, 0]
@@ -177,7 +177,7 @@ def test_frames_with_one_reason_are_counted_together():
 def test_each_advice_says_what_to_type(remedy):
     said = Commands("my folder", "match.mp4").how(remedy)
     assert ("fieldcalib open my folder" in said) == (remedy != UNREADABLE)
-    options = how(remedy.replace(LOOK, "").replace(BY_HAND, ""), Tool.COMMAND)
+    options = how(set(remedy.advice) - {Advice.LOOK, Advice.BY_HAND}, Tool.COMMAND)
     again = f"fieldcalib run match.mp4 --out NEW-FOLDER with {options}"
     assert (again in said) == bool(options)
 

@@ -230,13 +230,13 @@ def test_a_run_of_format_1_is_not_gone_on_with(old_folder, annotated_folder, cap
     (old_folder / "summary.json").unlink()
     assert calibrate(old_folder, annotated_folder, options=["--resume"]) == 2
     said = capsys.readouterr().err
-    assert "its files are of format 1, this fieldcalib writes format 2; --overwrite begins anew" in said
+    assert "its files are of format 1, this fieldcalib writes format 3; --overwrite begins anew" in said
 
 
 def test_a_format_of_the_future_is_named(calibrated_folder, tmp_path):
-    text = (calibrated_folder / "cameras.jsonl").read_text().replace('"version": 2', '"version": 3')
+    text = (calibrated_folder / "cameras.jsonl").read_text().replace('"version": 3', '"version": 4')
     (tmp_path / "cameras.jsonl").write_text(text)
-    with pytest.raises(BrokenFileError, match=r"line 1: expected .* of version 2 \(or 1\), got 3.*calibrate again"):
+    with pytest.raises(BrokenFileError, match=r"line 1: expected .* of version 3 \(or 1, 2\), got 4.*calibrate again"):
         read(tmp_path)
 
 

@@ -31,10 +31,10 @@ from fieldcalib import (
 )
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.result import complaints_of, concerns_of
-from fieldcalib.assess.sequence_calibration import with_doubts
+from fieldcalib.assess.result import with_findings
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.whole_picture import Declared
-from fieldcalib.assess.words import SuspectLabel, Verdict
+from fieldcalib.assess.words import Finding, SuspectLabel, Verdict, What
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -193,7 +193,7 @@ def calibrations(draw):
         per_segment,
         draw(suspects),
         draw(st.lists(some_cameras, max_size=2).map(tuple)) if camera is not None else (),
-        draw(st.lists(texts(), max_size=2).map(tuple)),
+        draw(st.lists(st.builds(Finding, st.just(What.STRAY), texts(), st.tuples(finite)), max_size=2).map(tuple)),
         {label: draw(st.integers(1, 9)) for label in per_segment},
         draw(st.none() | st.builds(soccer, numbers(90.0, 120.0), numbers(45.0, 90.0), size_known=st.booleans())),
     )
@@ -291,7 +291,7 @@ def test_equality_sees_every_part(batch):
         "per_segment_errors": {},
         "suspect_labels": (SuspectLabel("Middle line", None, 9.0),),
         "alternatives": (TRUTH,),
-        "_complaints": ("none",),
+        "_found": (Finding(What.SEARCHED),),
         "pixel_counts": {},
         "field": soccer(100.0, 64.0),
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
@@ -417,7 +417,7 @@ def test_results_that_are_none(tmp_path):
         ("{", "is no JSON"),
         ("[]", "expected a JSON object"),
         ('{"id": "b"}', "needs the key 'status'"),
-        ('{"id": "b", "status": "accepted", "message": ""}', "of version 2 .or 1., got None"),
+        ('{"id": "b", "status": "accepted", "message": ""}', "of version 3 .or 1, 2., got None"),
     ):
         path.write_text(f"{json.dumps(good)}\n{line}\n")
         with pytest.raises(BrokenFileError, match=f"line 2: .*{message}"):
@@ -500,30 +500,53 @@ def test_images_and_frames_may_be_generated(batch):
             calibrate_batch(soccer(), frames, SIZE)
 
 
-def test_doubts_of_a_sequence_are_private():
+NUMBERS = {  # of findings that have some
+    **dict.fromkeys((What.OFF_PAINT, What.WIDE_PAINT, What.MISFIT, What.REPEATS, What.STRAY), (3.5,)),
+    **dict.fromkeys((What.CONTRADICTED, What.INACCURATE, What.SHARED_MISFIT), (0.25,)),
+    **dict.fromkeys((What.IMPROBABLE, What.OTHER_SIZE, What.SUSPECTS, What.MISSED), (1.0, 2.0)),
+    **dict.fromkeys((What.BORDER, What.OTHER_PLACE, What.TOO_FEW_LABELS), (1.0, 2.0, 3.0)),
+}
+
+
+@pytest.mark.parametrize("what", What)
+def test_every_finding_has_a_sentence_and_is_read_back(what):
+    about = "log f" if what in (What.UNUSUAL, What.CONTRADICTED) else "Middle line"
+    found = Finding(what, about, NUMBERS.get(what, ()))
+    assert len(str(found)) > 10
+    assert Finding.from_dict(json.loads(json.dumps(found.to_dict()))) == found
+    if found.numbers:
+        with pytest.raises(ValueError, match="expected a finding with its numbers"):
+            Finding.from_dict({"what": str(what), "about": about})
+
+
+def test_findings_follow_their_calibration(batch):
+    one = with_findings(batch[0], Finding(What.STRAY, "Middle line", (9.0,)), Finding(What.SEARCHED))
+    assert one.verdict == "check"
+    assert [found.what for found in one.findings][-2:] == [What.STRAY, What.SEARCHED]  # notes come last
+    assert "'Middle line' is marked 9 px beside its projection; rms" in one.reason
+    assert Calibration.from_dict(json.loads(json.dumps(one.to_dict()))).findings == one.findings
+    assert with_findings(batch[0], Finding(What.SEARCHED)).verdict == batch[0].verdict  # a note is no evidence
+
+
+def test_the_other_side_halves_the_probability_once(batch):
+    open_side = with_findings(batch[0], *2 * [Finding(What.OTHER_SIDE)])
+    assert open_side.probability() == pytest.approx(batch[0].probability() / 2.0)
+    assert open_side.reason.count("turned by 180 degrees") == 1  # nothing is said twice
+
+
+def test_words_of_earlier_versions_are_kept(batch):
+    record = {name: value for name, value in batch[0].to_dict().items() if name != "found"}
+    read = Calibration.from_dict({**record, "complaints": ["2 of 7 labels are suspect"]})
+    assert read.verdict == "check"
+    assert "2 of 7 labels are suspect; rms" in read.reason
+
+
+def test_doubts_of_a_sequence_are_findings():
     nothing = calibrate_sequence(soccer(), [{}, {}], SIZE)
-    with pytest.warns(
-        DeprecationWarning, match="SequenceCalibration.doubted is private now: use the verdict and reason"
-    ):
-        found = nothing.doubted({1: "it may be mixed"})
-    assert found.frames.doubts == with_doubts(nothing, {1: "it may be mixed"}).frames.doubts == {1: "it may be mixed"}
-
-
-@pytest.mark.parametrize(
-    ("name", "advice"),
-    [("complaints", "use reason"), ("concerns", "use reason"), ("doubted", r"compare probability\(metres\)")],
-)
-def test_private_words_go_on_working_and_say_what_to_use(batch, name, advice):
-    with pytest.warns(DeprecationWarning, match=f"Calibration.{name} is private now: {advice}"):
-        found = getattr(batch[0], name)(0.0) if name == "doubted" else getattr(batch[0], name)
-    assert (
-        found
-        == {
-            "complaints": complaints_of(batch[0]),
-            "concerns": concerns_of(batch[0]),
-            "doubted": batch[0],
-        }[name]
-    )
+    mixed = Finding(What.MIXED)
+    found = with_doubts(with_doubts(nothing, [1], mixed), [0, 1], Finding(What.ENLARGED))
+    assert found.frames.doubts == {1: (mixed, Finding(What.ENLARGED)), 0: (Finding(What.ENLARGED),)}
+    assert SequenceCalibration.from_dict(json.loads(json.dumps(found.to_dict()))).frames.doubts == found.frames.doubts
 
 
 def test_the_old_name_of_read_goes_on_working(written):

@@ -14,7 +14,7 @@ from views import camera
 import fieldcalib
 from data_tools.sides import PLACES, frame_from, is_right, summary
 from fieldcalib import Calibration, Tracker, calibrate_from_images, calibrate_from_segments
-from fieldcalib.assess.words import OTHER_SIDE_FITS, SEEN_FROM_OPPOSITE, UP_TO_SIDE
+from fieldcalib.assess.words import UP_TO_SIDE, What
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand
@@ -81,13 +81,13 @@ def test_labels_of_the_opposite_side_leave_the_camera_that_names_the_ends_as_it_
     (other,) = found.alternatives
     assert is_right(other, main, FIELD)
     assert found.verdict == "good"
-    assert SEEN_FROM_OPPOSITE in found.reason
+    assert found.has_finding(What.SEEN_FROM_OPPOSITE)
     assert found.probability() == pytest.approx(known.probability(), abs=0.05)
     for said in ({"prior": OPPOSITE[where]}, at(turned)):
         told = calibrate_from_segments(FIELD, swapped, main.image_size, **said)
         assert is_right(told.camera, turned, FIELD)
         assert told.alternatives == ()
-        assert SEEN_FROM_OPPOSITE not in told.reason
+        assert not told.has_finding(What.SEEN_FROM_OPPOSITE)
 
 
 def test_the_opposite_side_is_the_main_one_turned():
@@ -105,7 +105,7 @@ def test_where_no_end_is_in_view_labels_of_pictures_are_as_good_as_elsewhere(sid
     inside = {label: xy[np.all((xy > 0.0) & (xy < (959.0, 539.0)), axis=1)] for label, xy in seen.items()}
     prior = CameraSide.of(FIELD, NOTHING_GIVEN, DEFAULT_FLAGS, ALL, side).prior(ALL, FIELD)
     found = calibrate_frame(Task(FIELD, prior=prior, side=side), inside, (960, 540), None)
-    assert (len(found.alternatives), OTHER_SIDE_FITS in found.reason) == (side is None, side is None)
+    assert (len(found.alternatives), found.has_finding(What.OTHER_SIDE)) == (side is None, side is None)
     assert (found.camera.C[1] < 0.0) == (side == "opposite")
 
 

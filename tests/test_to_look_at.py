@@ -1,6 +1,7 @@
 """What `run` and `calibrate` say on stderr of frames that are not good."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from fieldcalib.run_folder.to_look_at import NAMED, ToLookAt
 def seen(*frames):
     found = ToLookAt()
     for number, (verdict, reason) in enumerate(frames):
-        found.add(f"{number:03d}", verdict, reason)
+        found.add(f"{number:03d}", verdict, reason, kind=re.sub(r"[0-9.]+", "#", reason.partition("; ")[0]))
     return found
 
 

@@ -16,7 +16,7 @@ from data_tools.undeclared import basketball_cameras, calibrated, changed, chang
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, complaints_of, concerns_of
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import (
     CUT,
     PART_SCALE,
@@ -31,7 +31,7 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.words import Verdict, What
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -40,9 +40,8 @@ from fieldcalib.images.pictures import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.problem.simulated import observe as demo_labels
 from fieldcalib.problem.simulated import pan_over_field
-from fieldcalib.solve.aspect import WAS_SQUASHED, likelier
+from fieldcalib.solve.aspect import likelier
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.label_ends import ENDS
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
@@ -144,7 +143,7 @@ def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame()
 def test_a_large_roll_is_no_sign_of_a_part():
     rolled = Camera.from_angles(0.3, 1.35, np.radians(4.0), 1300.0, (0.0, 62.0, -15.0), SIZE)
     found = calibrate_from_segments(FIELD, frame_of(rolled), SIZE)
-    assert CUT not in concerns_of(found)
+    assert CUT not in found.findings
 
 
 def labelled_to_the_border(camera=CAMERA, count=6):
@@ -242,9 +241,9 @@ def test_where_labels_end_is_told_in_pixels_of_the_picture(estimate_aspect):
         [cut["Side line top"], [squashed_point(squashed, "Side line top", end - 1.0)]]
     )
     (found,) = calibrate_batch(FIELD, [cut], size, estimate_aspect=estimate_aspect)
-    (said,) = [one for one in complaints_of(found) if one.startswith(ENDS)]
-    assert said == "the labels end at column 479 of 640: are they of a picture that is 480 pixels wide?"
-    assert (WAS_SQUASHED in found.message) is estimate_aspect
+    (said,) = [one for one in found.findings if one.what is What.BORDER]
+    assert str(said) == "the labels end at column 479 of 640: are they of a picture that is 480 pixels wide?"
+    assert found.has_finding(What.WAS_SQUASHED) is estimate_aspect
 
 
 def squashed_point(camera, label, column):
@@ -264,9 +263,9 @@ def test_labels_of_another_size_end_where_its_picture_ends(factor):
         if len(xy) > 20:
             clipped[label] = xy[np.linspace(0, len(xy) - 1, 5).astype(int)] + rng.normal(0.0, 0.1, (5, 2))
     as_it_is = calibrate_from_segments(FIELD, clipped, SIZE)
-    assert not [one for one in complaints_of(as_it_is) if "end at column" in one]
+    assert not [one for one in as_it_is.findings if one.what is What.BORDER]
     found = calibrate_from_segments(FIELD, clipped, size)
-    assert [one for one in complaints_of(found) if "end at column 95" in one]
+    assert [one for one in found.findings if one.what is What.BORDER and one.numbers[0] // 10 == 95]
     assert found.verdict is not Verdict.GOOD
 
 
@@ -317,7 +316,7 @@ def test_cameras_of_basketball_games_are_read():
 def test_a_squashed_picture_is_told_by_its_labels(shape):
     pixels = {label: xy * np.divide(shape, SIZE) for label, xy in frame_of(noise=0.5).items()}
     found = calibrate_from_segments(FIELD, pixels, shape, estimate_aspect=True)
-    assert WAS_SQUASHED in found.message
+    assert found.has_finding(What.WAS_SQUASHED)
     aspect = found.camera.K[1, 1] / found.camera.K[0, 0]
     assert aspect == pytest.approx(SIZE[0] / SIZE[1] * shape[1] / shape[0], rel=0.01)
     assert found.camera.C[2] == pytest.approx(CAMERA.C[2], rel=0.1)
@@ -345,7 +344,7 @@ def test_a_frame_of_16_to_9_is_calibrated_as_it_is():
 def test_of_two_ways_the_likelier_one_counts_and_doubt_is_said():
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
     squashed = likelier(found, found, 5.0, (640, 640))
-    assert WAS_SQUASHED in squashed.message
+    assert squashed.has_finding(What.WAS_SQUASHED)
     assert squashed.camera.image_size == (640, 640)
     assert likelier(found, found, -5.0, (640, 640)) is found
     assert likelier(found, found, 1.0, (640, 640)).verdict is Verdict.CHECK

@@ -9,9 +9,9 @@ from pictures import picture
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, counts
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.result import Calibration, complaints_of, concerns_of
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
-from fieldcalib.assess.words import Status, Verdict
+from fieldcalib.assess.words import Status, Verdict, What
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.clip_shape import ShapeEstimator
@@ -80,9 +80,9 @@ def test_of_a_split_screen_the_camera_is_of_one_view_and_to_be_checked():
     truth = made.windows[0][1].cropped(left[:2], (left.right - left.left, left.bottom - left.top))
     (found,) = without_borders(partial(calibrated, {truth.image_size: truth}), [image])
     assert found.accepted
-    assert SEVERAL_VIEWS in complaints_of(found)
+    assert SEVERAL_VIEWS in found.findings
     assert found.verdict is Verdict.CHECK
-    assert any("several views" in one for one in concerns_of(found))
+    assert found.has_finding(What.SEVERAL_VIEWS)
     counted = {"count": 1, "accepted": 1, "good": 0, "good and wrong": 0, "good and 1 m off": 0, "complain": 1}
     assert counts([found], [made]) == counted
     assert right.left > left.left
@@ -93,10 +93,10 @@ def test_a_camera_of_a_whole_picture_with_a_window_is_to_be_checked():
     (found,) = without_borders(partial(calibrated, {SIZE: CAMERA}), [image])
     assert found.accepted
     assert found.verdict is Verdict.CHECK
-    assert IN_WINDOW in found.reason
+    assert IN_WINDOW in found.findings
     (without,) = without_borders(partial(calibrated, {}), [image])
     assert without.verdict is Verdict.REJECT
-    assert IN_WINDOW in without.message
+    assert without.has_finding(What.IN_WINDOW)
 
 
 class NoNetwork:
@@ -116,5 +116,5 @@ def test_a_clip_is_seen_in_its_window(way, views):
     x, y, w, h = made.windows[-1][0]
     np.testing.assert_allclose(shape.placement.corner, (-x, -y), atol=5)
     np.testing.assert_allclose(shape.placement.frame_size, (w, h), atol=8)
-    assert shape.complaints == (SEVERAL_VIEWS,) * (views - 1)
+    assert shape.findings == (SEVERAL_VIEWS,) * (views - 1)
     assert estimator.shape([VIEWS[0].image] * 24) is None

@@ -5,9 +5,10 @@ A result is read by people who use different tools: its `remedy` names none of t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from enum import Enum
+from collections.abc import Iterable, Mapping
+from enum import Enum, StrEnum
 from types import MappingProxyType
+from typing import NamedTuple
 
 from fieldcalib.fields.catalogue import FIELDS
 
@@ -17,13 +18,42 @@ KNOWN_CAMERA = "what is known of the camera"
 PICTURE = "what the picture is of"
 OTHER_FIELD = "name the field"
 
-OTHER_SPORT = f"if it is another sport, {OTHER_FIELD}"
-LEFT_OUT = "leave out what you gave and may be wrong"
 
-OFF_PAINT = f"{LOOK}; give the known length and width of the field"
-NOT_WHOLE = f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one"
-SMALLER = f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}"
-NOT_SOCCER = f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}"
+class Advice(StrEnum):
+    """What a remedy asks for; each tool has its own way to do it (`HOW`)."""
+
+    LOOK = "look"
+    BY_HAND = "by hand"
+    KNOWN_CAMERA = "known camera"
+    PICTURE = "picture"
+    OTHER_FIELD = "other field"
+    FIELD_SIZE = "field size"
+
+
+class Remedy(NamedTuple):
+    """What would help a camera: in words, and as what is asked for."""
+
+    text: str = ""
+    advice: tuple[Advice, ...] = ()
+
+    def and_also(self, *others: Remedy) -> Remedy:
+        """Several remedies as one."""
+        several = (self, *others)
+        return Remedy("; ".join(one.text for one in several), tuple(one for each in several for one in each.advice))
+
+
+NOTHING = Remedy()
+LEFT_OUT = "leave out what you gave and may be wrong"
+OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
+OFF_PAINT = Remedy(f"{LOOK}; give the known length and width of the field", (Advice.LOOK, Advice.FIELD_SIZE))
+NOT_WHOLE = Remedy(
+    f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one", (Advice.PICTURE,)
+)
+SMALLER = Remedy(f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}", (Advice.LOOK, Advice.OTHER_FIELD))
+NOT_SOCCER = Remedy(
+    f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}",
+    (Advice.OTHER_FIELD,),
+)
 
 
 class Tool(Enum):
@@ -34,53 +64,59 @@ class Tool(Enum):
     PAGE = "page"
 
 
-_FIELD_SIZE = {
-    Tool.COMMAND: "--field-length and --field-width with --field-size known",
-    Tool.PYTHON: "field=fieldcalib.soccer(length, width, size_known=True)",
-    Tool.PAGE: "type the size of the field in the tab Camera",
-}
-HOW: Mapping[str, Mapping[Tool, str]] = MappingProxyType(
+HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
     {
-        LOOK: {
+        Advice.LOOK: {
             Tool.COMMAND: "run --show-paint",
             Tool.PYTHON: "results.overlay(id, show_paint=True)",
             Tool.PAGE: "orange lines lie beside their paint",
         },
-        BY_HAND: {
+        Advice.BY_HAND: {
             Tool.COMMAND: "fieldcalib open",
             Tool.PYTHON: "fieldcalib.Editor(source)",
             Tool.PAGE: "choose a marking on the map, and click along it",
         },
-        KNOWN_CAMERA: {
+        Advice.KNOWN_CAMERA: {
             Tool.COMMAND: "--intrinsics, --position, --rotation",
             Tool.PYTHON: "camera_matrix=, rvec=, tvec= with flags=",
             Tool.PAGE: "the tab Camera has focal length, position and lens, each with a lock",
         },
-        PICTURE: {
+        Advice.PICTURE: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
             Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
             Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it; and Principal "
             "point if nothing was cut off. A part of a frame: fieldcalib run with --crop-of, and open its results",
         },
-        OTHER_FIELD: {
+        Advice.OTHER_FIELD: {
             Tool.COMMAND: "--field tennis, or auto",
             Tool.PYTHON: 'field="tennis", or "auto"',
             Tool.PAGE: "fieldcalib open with --field tennis",
         },
-        **dict.fromkeys(("known length", "known width"), _FIELD_SIZE),
+        Advice.FIELD_SIZE: {
+            Tool.COMMAND: "--field-length and --field-width with --field-size known",
+            Tool.PYTHON: "field=fieldcalib.soccer(length, width, size_known=True)",
+            Tool.PAGE: "type the size of the field in the tab Camera",
+        },
     }
 )
-"""What to do in each tool, by words of a remedy."""
+"""What to do in each tool."""
 
 
-def how(remedy: str, tool: Tool) -> str:
-    """How the advice of a remedy is followed in a tool; empty where nothing is to be said.
+def how(advice: Iterable[Advice], tool: Tool) -> str:
+    """How advice is followed in a tool; empty where nothing is to be said.
 
     Examples
     --------
-    >>> how("look at the overlay; give the known length and width of the field", Tool.COMMAND)
+    >>> how([Advice.LOOK, Advice.FIELD_SIZE], Tool.COMMAND)
     'run --show-paint; --field-length and --field-width with --field-size known'
-    >>> how("check the labels", Tool.PAGE)
+    >>> how([], Tool.PAGE)
     ''
     """
-    return "; ".join(dict.fromkeys(ways[tool] for words, ways in HOW.items() if words in remedy))
+    asked = set(advice)
+    return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked)
+
+
+def advice_from_json(record: object) -> tuple[Advice, ...]:
+    """Advice from the line of a frame; none from lines of earlier versions, or what is none."""
+    names = record if isinstance(record, list) else ()
+    return tuple(one for one in Advice if one in names)

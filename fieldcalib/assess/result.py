@@ -26,7 +26,16 @@ from fieldcalib.assess.markings import (
 )
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.remedies import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER
+from fieldcalib.assess.remedies import (
+    NOT_SOCCER,
+    NOT_WHOLE,
+    NOTHING,
+    OFF_PAINT,
+    OTHER_SPORT,
+    SMALLER,
+    Advice,
+    Remedy,
+)
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import Declared, Picture
@@ -197,8 +206,9 @@ class Calibration:
     @cached_property
     def _against(self) -> tuple[Finding, ...]:
         """Evidence against a camera, most important first."""
+        against = tuple(one for one in self._found if one.what.is_against)
         if self.camera is None:
-            return ()
+            return against
         if not self.errors.are_known:
             return self.errors.doubts(None)
         improbable, picture = list[Finding](), None
@@ -210,12 +220,11 @@ class Calibration:
             elif self.solved is not None:
                 known = self._probability_by_labels(self.field, tolerance, size_known=True)
                 picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated)
-        against = (one for one in self._found if one.what.is_against)
         return (*paint_findings(self.markings), *improbable, *self.errors.doubts(picture), *against)
 
     @property
     def remedy(self) -> str:
-        """Advice in plain words; empty where none is known, or needed. `fieldcalib.assess.remedies.how` follows it.
+        """Advice in plain words; empty where none is known, or needed; see `advice`.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
         paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions relative
@@ -226,17 +235,27 @@ class Calibration:
         >>> Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels").remedy
         'more markings in view, or labelled by hand'
         """
+        return self._remedy.text
+
+    @property
+    def advice(self) -> tuple[Advice, ...]:
+        """What the `remedy` asks for: `fieldcalib.assess.remedies.how` says how it is followed in a tool."""
+        return self._remedy.advice
+
+    @property
+    def _remedy(self) -> Remedy:
         if not self.accepted:
             sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
-            said = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
-            return "; ".join([REMEDIES[self.status], *said])
+            noted = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
+            return REMEDIES[self.status].and_also(*noted)
         if self.has_finding(What.OFF_PAINT, What.NO_PAINT):
             return OFF_PAINT
         if self.has_finding(What.WIDE_PAINT):
             return SMALLER
         if self.has_finding(*NOT_WHOLE_FRAMES):
             return NOT_WHOLE
-        return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
+        said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
+        return Remedy(said, (Advice.FIELD_SIZE,)) if said else NOTHING
 
     @property
     def knows_errors(self) -> bool:

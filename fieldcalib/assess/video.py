@@ -19,7 +19,7 @@ from fieldcalib.assess.frame_table import Basis, check_indices
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
-from fieldcalib.assess.words import UP_TO_SIDE, Status
+from fieldcalib.assess.words import UP_TO_SIDE, Finding, Status, findings_from_json
 from fieldcalib.fields.sides import turned_camera
 
 if TYPE_CHECKING:
@@ -68,8 +68,9 @@ class VideoCalibration(FrameSequence):
         "notes": Codec(list, texts_from_json),
         "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
         "is_side_open": Codec(bool, bool),
+        "findings": Codec(lambda findings: [one.to_dict() for one in findings], findings_from_json),
     }
-    _added: ClassVar[frozenset[str]] = frozenset({"shape", "is_side_open"})
+    _added: ClassVar[frozenset[str]] = frozenset({"shape", "is_side_open", "findings"})
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
@@ -87,6 +88,8 @@ class VideoCalibration(FrameSequence):
     is_side_open: bool = False
     """Whether nothing tells on which side of the field the camera is: each frame has the one that is turned by 180
     degrees among its `alternatives`."""
+    findings: tuple[Finding, ...] = ()
+    """What a person has changed since the clip was solved."""
 
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
@@ -110,6 +113,7 @@ class VideoCalibration(FrameSequence):
             tuple(note for part in parts for note in part.notes),
             next((part.shape for part in parts), None),
             any(part.is_side_open for part in parts),
+            tuple(dict.fromkeys(one for part in parts for one in part.findings)),
         )
 
     def __len__(self) -> int:
@@ -155,12 +159,13 @@ class VideoCalibration(FrameSequence):
             self.notes,
             self.shape,
             self.is_side_open,
+            self.findings,
         )
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """The notes, and what holds for all cameras."""
-        return (*self.notes, *([UP_TO_SIDE] if self.is_side_open else []))
+        """The notes, what a person has changed since, and what holds for all cameras."""
+        return (*self.notes, *map(str, self.findings), *([UP_TO_SIDE] if self.is_side_open else []))
 
     @property
     def shot(self) -> IntArray:

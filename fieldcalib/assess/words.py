@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._checks import expect, number
-from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, PICTURE
+from fieldcalib.assess.remedies import BY_HAND, KNOWN_CAMERA, LEFT_OUT, LOOK, NOTHING, PICTURE, Advice, Remedy
 
 BESIDE = 5.0  # px: nearer pixels lie on the line
 UP_TO_SIDE = (
@@ -130,6 +130,13 @@ class What(StrEnum):
     SEEN_FROM_OPPOSITE = "seen from the opposite side"
     """The camera is on the opposite side if the labels name the ends as seen from the main side."""
 
+    FRAMES_BESIDE_CLIP = "frames beside the clip"
+    """Frames of a clip were mended since it was solved."""
+    CUTS_BESIDE_CLIP = "cuts beside the clip"
+    """The cuts of a clip were set by hand since it was solved."""
+    MOVED = "moved"
+    """A drawing of older cameras was moved to the history."""
+
     @property
     def is_against(self) -> bool:
         """Whether it is evidence against a camera; others say where the camera comes from, or why there is none."""
@@ -140,6 +147,7 @@ NOTES = frozenset(
     [
         *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
         *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE),
+        *(What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP, What.MOVED),
     ]
 )
 SENTENCES: Mapping[What, str] = MappingProxyType(
@@ -179,6 +187,11 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.WAS_SQUASHED: "the picture was squashed from 16:9: its pixels are not square",
         What.FEW_LINES: "the image has few lines at the projected markings",
         What.MAY_BE_OTHER_SPORT: "is this soccer?",
+        What.FRAMES_BESIDE_CLIP: "cameras.jsonl has frames that were labelled by hand or solved again since, "
+        "clip.jsonl and tripods.json have not: solve the clip again to bring them together",
+        What.CUTS_BESIDE_CLIP: "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by "
+        "hand: solve the clip again",
+        What.MOVED: "{about} showed cameras that have changed since: it was moved to history",
         What.SEEN_FROM_OPPOSITE: "it is on the opposite side of the field, if the labels name the ends as seen from "
         "the main side; otherwise it is the camera turned by 180 degrees, in alternatives",
     }
@@ -246,7 +259,7 @@ class Finding:
         found = cls(What(record["what"]), expect(record.get("about", ""), str, '"Middle line"'), numbers)
         try:
             str(found)
-        except (KeyError, IndexError, TypeError):
+        except (KeyError, IndexError, TypeError, ValueError):
             raise ValueError(f"expected a finding with its numbers, got {record!s:.100}") from None
         return found
 
@@ -277,14 +290,22 @@ def in_words(*findings: Finding) -> str:
     return "; ".join(dict.fromkeys(map(str, findings)))
 
 
-REMEDIES: Mapping[Status, str] = MappingProxyType(
+REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
     {
-        Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
-        Status.IMPROBABLE: f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}",
-        Status.TOO_FEW_SEGMENTS: f"more markings in view, or {BY_HAND}",
-        Status.DEGENERATE: f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others",
-        Status.NOT_CONVERGED: "check the labels; more iterations may help (criteria, in Python)",
-        Status.IMPLAUSIBLE: f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed",
+        Status.REJECTED: Remedy("check the labels of the segments with the largest errors, or give a larger tau"),
+        Status.IMPROBABLE: Remedy(
+            f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}",
+            (Advice.LOOK, Advice.BY_HAND, Advice.KNOWN_CAMERA),
+        ),
+        Status.TOO_FEW_SEGMENTS: Remedy(f"more markings in view, or {BY_HAND}", (Advice.BY_HAND,)),
+        Status.DEGENERATE: Remedy(
+            f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others", (Advice.BY_HAND,)
+        ),
+        Status.NOT_CONVERGED: Remedy("check the labels; more iterations may help (criteria, in Python)"),
+        Status.IMPLAUSIBLE: Remedy(
+            f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed",
+            (Advice.PICTURE,),
+        ),
     }
 )
 
@@ -330,7 +351,7 @@ class NoCameraError(ValueError):
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(expect(status, Status, "Status.DEGENERATE"), message)
-        self.status, self.reason, self.remedy = status, message, REMEDIES.get(status, "")
+        self.status, self.reason, self.remedy = status, message, REMEDIES.get(status, NOTHING).text
 
     def __str__(self) -> str:
         return f"there is no camera: {self.reason} ({self.status}). What would help: {self.remedy}"

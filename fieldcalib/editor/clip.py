@@ -15,7 +15,7 @@ from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import InFrame, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.words import Finding, Verdict, What
 from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -39,13 +39,7 @@ GRID = (9, 6)  # places across and down the picture whose moves are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")
 
 SAME = 1e-6  # px: cameras that move points less are the same
-BESIDE = (
-    "cameras.jsonl has frames that were labelled by hand or solved again since, clip.jsonl and tripods.json have not: "
-    "solve the clip again to bring them together"
-)
-"""Note of a clip."""
-CUTS = "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by hand: solve the clip again"
-"""Note of a clip."""
+BESIDE, CUTS = Finding(What.FRAMES_BESIDE_CLIP), Finding(What.CUTS_BESIDE_CLIP)
 
 Progress = Callable[[int, int, str], None]
 """Gets the number of frames that are done, of all, and the stage; may raise an error to end the work."""
@@ -95,7 +89,7 @@ class Proposal:
     ) -> VideoCalibration | None:
         """The calibration of a whole clip of `count` frames: outside the window that of before; None if there is none.
 
-        It notes where anchors have cameras of their own, or frames outside the window that were mended since.
+        It tells where anchors have cameras of their own, or frames outside the window that were mended since.
         """
         begin, end = self.window
         video: VideoCalibration | None = None
@@ -105,10 +99,8 @@ class Proposal:
             video = VideoCalibration.joined([before[:begin], self.video, before[end:]])
         if video is None:
             return None
-        notes = [note for note in dict.fromkeys(video.notes) if note not in (BESIDE, CUTS)]
-        if not self.is_one or mended_outside:
-            notes.append(BESIDE)
-        return replace(video, notes=tuple(notes))
+        findings = () if self.is_one and not mended_outside else (BESIDE,)
+        return replace(video, notes=tuple(dict.fromkeys(video.notes)), findings=findings)
 
     def basis(self, number: int) -> str:
         """What the camera of a frame rests on."""
@@ -116,15 +108,15 @@ class Proposal:
 
 
 def with_cuts(video: VideoCalibration, cuts: Sequence[int]) -> VideoCalibration:
-    """A clip whose shots begin at some frames; with a note instead where a shot would be of two tripods."""
+    """A clip whose shots begin at some frames; with a finding instead where a shot would be of two tripods."""
     starts = sorted({0, *cuts})
     shots = []
     for start, stop in pairwise((*starts, len(video))):
         tripods = set(video.tripod[start:stop].tolist())
         if len(tripods) > 1:
-            return replace(video, notes=(*(note for note in video.notes if note != CUTS), CUTS))
+            return replace(video, findings=(*(one for one in video.findings if one != CUTS), CUTS))
         shots.append(Shot(start, stop, tripods.pop()))
-    return replace(video, shots=tuple(shots), notes=tuple(note for note in video.notes if note != CUTS))
+    return replace(video, shots=tuple(shots), findings=tuple(one for one in video.findings if one != CUTS))
 
 
 def window_around(count: int, anchors: Sequence[int]) -> Window:

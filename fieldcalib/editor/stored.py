@@ -26,6 +26,7 @@ from weakref import finalize
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Finding, What
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
 from fieldcalib.editor.journal import finish_save
@@ -71,7 +72,7 @@ OF_CLIP = (TRIPODS, CLIP)
 SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
 MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
 DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # they show cameras: when these change they are moved to the history
-MOVED = {name: f"{name} showed cameras that have changed since: it was moved to {HISTORY}" for name in DRAWN}
+MOVED = {name: str(Finding(What.MOVED, name)) for name in DRAWN}
 """Notes by the name of the file."""
 
 
@@ -417,14 +418,14 @@ class Stored:
         if before is None:
             return None
         clip = before if cuts is None else with_cuts(before, cuts)
-        if has_changed and BESIDE not in clip.notes:
-            clip = replace(clip, notes=(*clip.notes, BESIDE))
-        return None if (clip.shots, clip.notes) == (before.shots, before.notes) else clip
+        if has_changed and BESIDE not in clip.findings:
+            clip = replace(clip, findings=(*clip.findings, BESIDE))
+        return None if (clip.shots, clip.findings) == (before.shots, before.findings) else clip
 
     def _draw_motion(self, staged: Staged, clip: VideoCalibration | None, rate: float) -> None:
         """Draw the plot of a clip again, where it agrees with the clip."""
         is_gone = (MOTION in staged.removed and self.versions.knows(MOTION)) or MOTION in self.moved
-        if is_gone and clip is not None and BESIDE not in clip.notes:
+        if is_gone and clip is not None and BESIDE not in clip.findings:
             staged.put(MOTION, encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix))
 
     def _lines(self, changed: Mapping[str, int], texts: Spilled, order: Sequence[str]) -> Iterator[Texts]:
@@ -448,19 +449,21 @@ class Stored:
         The notes are those of the clip, None for those of before, and those of files that were moved to the history.
         """
         before = self._summary
-        old = before.get("notes", [])
+        moved = before.get("moved", [])
+        old = before.get("notes", [])[: -len(moved) or None]
         removed = {name for name in staged.removed if self.versions.knows(name)}
-        gone = [MOVED[name] for name in DRAWN if not staged.has(name) and (name in removed or MOVED[name] in old)]
-        rest = [note for note in (old if notes is None else notes) if note not in MOVED.values()]
+        gone = [name for name in DRAWN if not staged.has(name) and (name in removed or name in moved)]
+        rest = old if notes is None else notes
         counted = staged.path(f"{SUMMARY}.counted")
         with LineLog(counted) as log:
-            results = ResultsWriter(staged.folder, log, notes=[*rest, *gone])
+            results = ResultsWriter(staged.folder, log, notes=[*rest, *(MOVED[name] for name in gone)])
             for line in lines:
                 results.restore(line, has_camera=staged.has(CAMERAS.file_name(line["id"])))
         counted.unlink()
         summary = {**results.summary(before.get("options", options), 0.0)}
         kept = {name: before[name] for name in ("seconds", "milliseconds_per_frame") if name in before}
-        write_text(staged.folder / SUMMARY, json.dumps({**summary, **kept}, indent=2) + "\n")
+        told = {"moved": gone} if gone else {}
+        write_text(staged.folder / SUMMARY, json.dumps({**summary, **told, **kept}, indent=2) + "\n")
 
     @property
     def _summary(self) -> dict[str, Any]:
@@ -471,8 +474,8 @@ class Stored:
     @property
     def moved(self) -> list[str]:
         """Files that show cameras and were moved to the history, as these have changed since."""
-        notes = self._summary.get("notes", [])
-        return [name for name in DRAWN if MOVED[name] in notes and not (self.folder / name).is_file()]
+        moved = self._summary.get("moved", [])
+        return [name for name in DRAWN if name in moved and not (self.folder / name).is_file()]
 
     def draw(self, drawn: Path, options: Mapping[str, Any], announce: Announce) -> None:
         """Take files from a folder on the same disk, and write the summary, which no longer says that they are gone.

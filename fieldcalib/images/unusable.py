@@ -72,7 +72,7 @@ def notes_without_camera(object_segments: ObjectSegments, image_size: tuple[int,
     """Note of a clip in which a network for soccer has found no camera that can be used: too small, or not soccer?"""
     if is_small(image_size):
         return (f"no frame has a camera that can be used: {small_words(image_size)}",)
-    return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.capitalize()}",) * _may_be_soccer(
+    return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.text.capitalize()}",) * _may_be_soccer(
         object_segments
     )
 

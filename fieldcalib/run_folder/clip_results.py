@@ -209,7 +209,7 @@ def tripods_in_words(found: VideoCalibration, frames_per_second: float = DEFAULT
             {"first_frame": shot.start, "last_frame": shot.stop - 1, "tripod": None if shot.tripod < 0 else shot.tripod}
             for shot in found.shots
         ],
-        "notes": list(found.notes),
+        "notes": [*found.notes, *map(str, found.findings)],
         "tripods": [dict(_in_words(tripod)) for tripod in found.tripods],
     }
 

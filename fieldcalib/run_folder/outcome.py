@@ -88,6 +88,12 @@ class Outcome:
         return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
 
 
+def kind_of(line: Mapping[str, Any]) -> tuple[str, str]:
+    """What is most against the camera of a frame's line, and which marking it is about; its status if nothing is."""
+    first: Mapping[str, str] = next(iter(line.get("findings", ())), {})
+    return first.get("what", line["status"]), first.get("about", "")
+
+
 def camera_file(id: str, camera: Camera) -> dict[str, bytes]:
     """Content of the file of a camera, by its name."""
     return {CAMERAS.file_name(id): (CAMERAS.write(camera) + "\n").encode()}
@@ -108,6 +114,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     line |= {"verdict": str(calibration.verdict), "reason": calibration.reason, "remedy": calibration.remedy}
     line["findings"] = [one.to_dict() for one in calibration.findings]
+    line["advice"] = [str(one) for one in calibration.advice]
     line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}

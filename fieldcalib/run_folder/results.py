@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
-from fieldcalib.assess.remedies import LEFT_OUT
+from fieldcalib.assess.remedies import LEFT_OUT, advice_from_json
 from fieldcalib.assess.words import Verdict, What
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.console.program import counted, say, show
@@ -44,7 +44,7 @@ from fieldcalib.io.overwriting import ELSEWHERE, check_targets
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome, has_finding, is_squashed
+from fieldcalib.run_folder.outcome import Outcome, has_finding, is_squashed, kind_of
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.to_look_at import ToLookAt
 
@@ -141,7 +141,8 @@ class ResultsWriter:
         if verdict:
             self.verdicts[verdict] += 1
         self.cameras += has_camera
-        self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""))
+        advice, kind = advice_from_json(line.get("advice")), " ".join(kind_of(line))
+        self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""), advice, kind)
         self.squashed += squashed
         self.nearly_square += is_nearly_square(line)
 
@@ -352,7 +353,9 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     with named_in_errors(path):
         summary = parse_json_object(read_regular_file(path), "a summary")
-        for name, kind, what in (("seconds", dict, OBJECT), ("options", dict, OBJECT), ("notes", list, "a list")):
+        kinds: dict[str, tuple[type, str]] = dict.fromkeys(("seconds", "options"), (dict, OBJECT))
+        kinds |= dict.fromkeys(("notes", "moved"), (list, "a list"))
+        for name, (kind, what) in kinds.items():
             if not isinstance(summary.get(name, kind()), kind):
                 raise BrokenFileError(f"{name!r}: expected {what}, got {summary[name]!s:.100}")
         for name, value in summary.get("seconds", {}).items():

@@ -95,7 +95,7 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "verdict": str(calibration.verdict),
         "reason": calibration.reason,
         "remedy": calibration.remedy,
-        "here": how(calibration.remedy, Tool.PAGE),
+        "here": how(calibration.advice, Tool.PAGE),
         "probability": _probability(calibration),
         "camera": None if calibration.camera is None else camera_record(calibration),
     }

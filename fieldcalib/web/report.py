@@ -28,7 +28,7 @@ from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
-from fieldcalib.web.report_advice import Commands
+from fieldcalib.web.report_advice import Commands, remedy_of
 from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
@@ -138,8 +138,8 @@ def _states(
     states: dict[str, Any] = {}
     size = 0
     for id, jpeg in pictures.items():
-        remedy = results.frames.main(numbers[id]).get("remedy", "")
-        said = {"remedy": remedy, "here": commands.how(remedy)} if remedy else {}
+        line = results.frames.main(numbers[id])
+        said = {"remedy": line["remedy"], "here": commands.how(remedy_of(line))} if line.get("remedy") else {}
         state = {**said, **_drawn(results[id], stored_size(jpeg))}
         size += len(as_json(state))
         if size > STATE_BYTES:

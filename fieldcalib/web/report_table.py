@@ -9,15 +9,17 @@ from dataclasses import asdict, dataclass
 from dataclasses import replace as changed
 from typing import Any
 
+from fieldcalib.assess.remedies import Remedy
 from fieldcalib.assess.result_record import ANGLE_NAMES
 from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN
+from fieldcalib.run_folder.outcome import kind_of
 from fieldcalib.web.bundle import as_json
 from fieldcalib.web.records import view_of
-from fieldcalib.web.report_advice import LOOK_AND_LABEL, OF_ANY, UNREADABLE, Commands
+from fieldcalib.web.report_advice import OF_ANY, Commands, remedy_of
 from fieldcalib.web.thumbnails import frames_to_show
 
 VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
@@ -61,15 +63,13 @@ class ReportTable:
         """The table of the lines of frames in ``cameras.jsonl``, perhaps with the ground that each frame shows."""
         seen = field if with_views else None
         rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
-        remedies: dict[tuple[str, str], Counter[str]] = {}
+        remedies: dict[tuple[str, str], Counter[Remedy]] = {}
         for line in lines:
             row = _row(line, seen)
-            first = row["reason"].partition("; ")[0]
-            key = row["verdict"], VALUES.sub("…", first)
-            examples.setdefault(key, first)
-            advice = UNREADABLE if line["status"] == BROKEN else line.get("remedy") or LOOK_AND_LABEL
+            key = row["verdict"], kind_of(line)[0]
+            examples.setdefault(key, row["reason"].partition("; ")[0])
             if key[0] != Verdict.GOOD:
-                remedies.setdefault(key, Counter())[advice] += 1
+                remedies.setdefault(key, Counter())[remedy_of(line)] += 1
             rows.append(row)
             keys.append(key)
         counts = {key: found.total() for key, found in remedies.items()}
@@ -79,8 +79,9 @@ class ReportTable:
         columns["group"] = [numbers.get(key, -1) for key in keys]
         reasons = []
         for key in ordered:
-            words, remedy = examples[key] if counts[key] == 1 else key[1], remedies[key].most_common(1)[0][0]
-            reasons.append(Reason(key[0], words, remedy, commands.how(remedy), counts[key]))
+            words = examples[key] if counts[key] == 1 else VALUES.sub("…", examples[key])
+            ((remedy, _),) = remedies[key].most_common(1)
+            reasons.append(Reason(key[0], words, remedy.text, commands.how(remedy), counts[key]))
         return cls(columns, reasons, len(rows))
 
     @property
