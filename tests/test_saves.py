@@ -20,12 +20,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fieldcalib
+from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
+from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL
 from fieldcalib.editor.known import Known
 from fieldcalib.editor.records import edit_to_record
 from fieldcalib.editor.versions import STAGED, ChangedFileError
+from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 
 MINE = b"mine"
@@ -196,7 +199,19 @@ def test_what_a_save_replaced_is_told(pictures, tmp_path):
 
 WRONG = {
     "focal_length": ["a", "", 0, -5.0, float("nan"), float("inf"), 10**400, (1, 2), [3], {}, True, 1e300],
-    "position": ["abc", (), (1, 2), (1, 2, "z"), (None, None, None), (1, 2, float("nan")), (1, 2, 1e300), 5, {}],
+    "position": [
+        (0, 40, 16),
+        (0, 40, 0),
+        "abc",
+        (),
+        (1, 2),
+        (1, 2, "z"),
+        (None, None, None),
+        (1, 2, float("nan")),
+        (1, 2, 1e300),
+        5,
+        {},
+    ],
     "principal_point": ["x", (480, 270), 1, None, []],
     "lens": ["fisheye", [], {}, None, 5],
     "field_size": ["ab", [105], 5, (105, 680), (105, 20), (30, 20), (5, 5), (-105, 68), (0, 0), ("a", "b"), {}],
@@ -232,10 +247,10 @@ def test_a_journal_with_an_edit_that_cannot_be_opens_without_it(tmp_path, known)
         cv2.imwrite(str(tmp_path / f"{name}.png"), BLANK)
     out = tmp_path / "out"
 
-    def soccer():
+    def of_soccer():
         return edited(tmp_path / "a.png", "soccer", out=out)
 
-    editor = soccer()
+    editor = of_soccer()
     for k in range(3):
         editor[0] = editor[0].mark("Middle line", (3.0, float(k)), snap=False)
     count = len(editor[0].marks)
@@ -245,14 +260,14 @@ def test_a_journal_with_an_edit_that_cannot_be_opens_without_it(tmp_path, known)
         wrong = {**record, "known": {**record["known"], **known}}
         file.write(json.dumps({"frame": "a", "then": wrong}) + "\n")
     with pytest.warns(LabelWarning, match=r"an edit that cannot be, which is left out: frame a: "):
-        editor = soccer()
+        editor = of_soccer()
     assert len(editor[0].marks) == count
     editor[0] = editor[0].undo()
     assert len(editor[0].marks) == count - 1
     assert editor.save() == 1
     editor.close()
     with pytest.warns(LabelWarning, match="left out"):
-        again = soccer()
+        again = of_soccer()
     assert (len(again[0].marks), again.unsaved) == (count - 1, 0)  # the undo was that of the last edit that can be
     again[0] = again[0].redo()
     assert len(again[0].marks) == count
@@ -291,6 +306,39 @@ def test_labels_of_another_field_are_kept_and_do_not_stop_the_others(pictures, t
         again = edited(pictures, "soccer", out=out)
     assert again[0].marks.pixels["Middle line"].tolist() == [[3.0, 1.0], [5.0, 9.0]]
     assert again[0].known.field_size == (100.0, 64.0)
+
+
+def test_cameras_of_another_field_are_not_shown(tmp_path):
+    """Results of soccer that are opened as tennis: frames are of tennis, and what is said of them too."""
+    out = tmp_path / "out"
+    camera = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
+    for name in "ab":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), render_field(camera, soccer()))
+    fieldcalib.calibrate(tmp_path, progress=False).save(out)
+    editor = edited(tmp_path, "tennis", out=out)
+    assert [editor[number].field.keys() == tennis().keys() for number in (0, 1)] == [True, True]
+    assert editor[0].calibration.camera is None
+    editor[0] = editor[0].mark("Base line left", (300.0, 200.0), snap=False)
+    with pytest.raises(ValueError, match="unknown label"):
+        editor[0].mark("Middle line", (300.0, 200.0))
+    assert editor.save() == 1
+
+
+def test_nothing_to_save_leaves_no_versions(pictures, tmp_path):
+    editor = marked(opened(pictures, tmp_path / "out"), 3)
+    editor.save()
+    assert editor.save() == 0
+    editor.save_labels("soccernet")
+    assert not (tmp_path / "out" / "history").exists()
+
+
+def test_what_was_taken_back_no_longer_rests_on_a_person(pictures, tmp_path):
+    editor = marked(opened(pictures, tmp_path / "out"), 1)
+    editor.save()
+    editor[0] = editor[0].undo()
+    editor.save()
+    line = json.loads((tmp_path / "out" / "cameras.jsonl").read_text().splitlines()[0])
+    assert "basis" not in line
 
 
 # --- whatever ends a save ---

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import warnings
 from pathlib import Path
 
 from fieldcalib._extras import imported
 from fieldcalib.console.field_options import add_named_field
+from fieldcalib.console.program import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,10 +53,16 @@ def run(options: argparse.Namespace) -> int:
     imported("starlette", "web", "fieldcalib open")
     imported("uvicorn", "web", "fieldcalib open")
     from fieldcalib.editor.editor import Editor
+    from fieldcalib.editor.given_labels import LabelWarning
     from fieldcalib.web.server import serve
 
-    editor = Editor(options.source, options.field, out=options.out, labels=options.labels, overwrite=options.overwrite)
+    given = {"out": options.out, "labels": options.labels, "overwrite": options.overwrite}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", LabelWarning)
+        editor = Editor(options.source, options.field, **given)
+    for one in told:
+        say(str(one.message))
     if said := editor.claim():
-        print(f"fieldcalib: {said}; until then frames can be looked at, and changes are refused", file=sys.stderr)
+        say(f"{said}; until then frames can be looked at, and changes are refused")
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0

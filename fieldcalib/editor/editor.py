@@ -163,7 +163,7 @@ class Editor:
         """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
         state, id = self._states[number], self.ids[number]
         if self.is_clip and self.stored is not None and state.is_saved and is_by_hand(self.stored.basis(id)):
-            saved = self.stored.calibration(id)
+            saved = self._stored_calibration(id)
             if saved is not None:
                 state.keep(saved)
 
@@ -179,11 +179,21 @@ class Editor:
     def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
         """The camera of a frame without a person: that of the results, unless it is one of a person."""
         if self.stored is not None and id in self.stored and not is_by_hand(self.stored.basis(id)):
-            return self.stored.calibration(id)
+            return self._stored_calibration(id)
         try:
-            return None if edits.base is None else Calibration.from_dict(edits.base)
+            return None if edits.base is None else self._of_field(Calibration.from_dict(edits.base))
         except ValueError:  # of another version, say: it is found again
             return None
+
+    def _stored_calibration(self, id: str) -> Calibration | None:
+        """The calibration of a frame in the results; None if there is none of this field."""
+        return None if self.stored is None else self._of_field(self.stored.calibration(id))
+
+    def _of_field(self, calibration: Calibration | None) -> Calibration | None:
+        """The calibration; None if it is of another field than the one that is opened, not only of another size."""
+        if calibration is None or calibration.field is None or calibration.field.keys() == self.field.keys():
+            return calibration
+        return None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -258,7 +268,7 @@ class Editor:
         """The state of a frame, which begins with the camera that is stored, or found by itself."""
         state = self._states.get(number)
         if state is None:
-            stored = None if self.stored is None else self.stored.calibration(self.ids[number])
+            stored = self._stored_calibration(self.ids[number])
             edit = Edit(automatic=True)
             if stored is None:
                 stored, marks = automatic(self.field, image, self.network)
@@ -295,7 +305,8 @@ class Editor:
     def _basis(self, number: int, one: FrameEditor) -> str:
         if not one.is_automatic:
             return basis_of(one.marks)
-        return "" if self.stored is None else self.stored.basis(self.ids[number])
+        basis = "" if self.stored is None else self.stored.basis(self.ids[number])
+        return "" if is_by_hand(basis) else basis  # a person has taken back all that was said
 
     def _set_row(self, number: int, row: Row) -> None:
         if self._rows[number] != row:
@@ -491,7 +502,7 @@ class Editor:
         """The calibration that a frame has now."""
         state = self._states.get(number)
         if state is None:
-            return None if self.stored is None else self.stored.calibration(self.ids[number])
+            return self._stored_calibration(self.ids[number])
         return state.found if state.is_anchor else state.base
 
     def keep(self, proposal: Proposal) -> int:

@@ -49,7 +49,7 @@ class Known:
             raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {short(self.lens)}")
         values = {
             "focal_length": _number(self.focal_length),
-            "position": _numbers(self.position, 3, "position", "x, y, z in metres"),
+            "position": _above_ground(_numbers(self.position, 3, "position", "x, y, z in metres")),
             "principal_point": bool(truth(self.principal_point, "principal_point")),
             "field_size": _numbers(self.field_size, 2, "field_size", "length and width in metres"),
         }
@@ -105,3 +105,10 @@ def _numbers(values: Any, count: int, name: str, what: str) -> Any:
     if not is_list or not all(abs(value) <= FARTHEST for value in values):
         raise ValueError(f"{name} must be {what}, at most {FARTHEST:g} each, or None, got {short(values)}")
     return tuple(float(value) for value in values)
+
+
+def _above_ground(position: Any) -> Any:
+    """The position, checked: z is negative upwards."""
+    if position is not None and not position[2] < 0.0:
+        raise ValueError(f"position must be above the ground, where z is negative: x, y, z in metres, got {position}")
+    return position

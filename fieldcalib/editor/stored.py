@@ -241,8 +241,8 @@ class Stored:
                 path.resolve().parent == self.folder.resolve() and path.name.startswith(LABELS)
             ):
                 raise FileExistsError(
-                    f"{path} is read, and saving labels into {self.folder} would write over it: labels that were saved "
-                    "there are shown without being given; or give another folder (--out)"
+                    f"{path} is read, and saving labels into {self.folder} would write over it: give another folder "
+                    "(--out); labels that the page has saved there are shown without --labels"
                 )
         if self.record is not None:
             return

@@ -48,6 +48,10 @@ class State(NamedTuple):
             return not path.is_symlink()
         return now.size == self.size and self.digest != "" and not path.is_symlink() and _digest(path) == self.digest
 
+    def is_content_of(self, path: Path) -> bool:
+        """Whether a file has the same size and digest."""
+        return State.of(path).size == self.size and _digest(path) == self.digest
+
 
 MISSING = State(-1, -1)
 
@@ -200,6 +204,9 @@ class Versions:
             staging.mkdir()
             staged = Staged(staging, self.folder)
             yield staged
+            for name in staged.names:
+                if self.is_own(name) and State.of(staging / name, with_digest=True).is_content_of(self.folder / name):
+                    (staging / name).unlink()  # it is there already
             removed = [name for name in sorted(staged.removed) if self.knows(name)]
             names = staged.names
             kept = self._keep(names, removed)

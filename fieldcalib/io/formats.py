@@ -118,6 +118,9 @@ IMAGES = Format(
 """Images: ``<id>.jpg`` and others that OpenCV reads."""
 
 VIDEOS = Format(
-    "video", (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg"), VideoReader, VideoWriter
+    "video",
+    (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg", ".mjpeg", ".mjpg"),
+    VideoReader,
+    VideoWriter,
 )
 """Videos that OpenCV reads; what is written is MP4."""

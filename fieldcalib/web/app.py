@@ -270,6 +270,8 @@ class Page:
     async def solve(self, request: Request) -> Response:
         """Begin to solve the clip."""
         await _body(request)
+        if not self.editor.is_clip:
+            raise ValueError("expected a clip: pictures are mended one by one")
         self.job.start()
         return Json(self.job.report())
 

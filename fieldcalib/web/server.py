@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import secrets
 import socket
 import webbrowser
@@ -77,7 +78,12 @@ def _listening(host: str, port: int) -> socket.socket:
     except (socket.gaierror, UnicodeError) as error:
         raise ValueError(f"expected an address or a name of this machine as the host, got {host!r}: {error}") from None
     is_both = place[0] == "::" and socket.has_dualstack_ipv6()
-    return socket.create_server(place[:2], family=family, dualstack_ipv6=is_both)
+    try:
+        return socket.create_server(place[:2], family=family, dualstack_ipv6=is_both)
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        raise OSError(f"port {port} is taken: give another --port, or none for a free one") from None
 
 
 def _own_address(listening: socket.socket) -> str:
