@@ -20,9 +20,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
-from fieldcalib.console.arguments import add_input_and_output
+from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, run_options
 from fieldcalib.console.field_options import add_sized_field, field_of
-from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR
@@ -30,8 +29,7 @@ from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
-from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
 from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
@@ -120,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
     add_sized_field(parser)
-    add_options(parser, RunOptions)
+    add_run_options(parser)
     parser.set_defaults(run=_run, command="baselines.dlt_lines")
     return run_command(parser.parse_args(arguments))
 
@@ -128,8 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
-    reader = AnnotationReader.of(options, field)
-    return calibrate_folder(RunOptions.of(options), options.input, reader, _Method(field), writes=writes)
+    reader = annotation_reader(options, field)
+    return calibrate_folder(run_options(options), options.input, reader, _Method(field), writes=writes)
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,8 @@ from baselines import dlt_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
-from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, positive, run_options
 from fieldcalib.console.field_options import add_sized_field, field_of
-from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
@@ -29,14 +28,12 @@ from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
-    AnnotationReader,
     CalibratedFrame,
     FromFiles,
     calibrate_files,
     calibrate_folder,
     name_skipped,
 )
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.units import unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
@@ -101,13 +98,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="SHARE",
         help="how far outside the image field points count, in widths and heights (0.1)",
     )
-    add_options(parser, RunOptions)
+    add_run_options(parser)
     parser.set_defaults(run=_run, command="baselines.hdecomp")
     return run_command(parser.parse_args(arguments))
 
 
 def _run(options: argparse.Namespace) -> int:
-    run = RunOptions.of(options)
+    run = run_options(options)
     if options.homographies:
         if options.size is None:
             raise ValueError("--homographies needs --size: those files do not say how large the images are")
@@ -120,7 +117,7 @@ def _run(options: argparse.Namespace) -> int:
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = field_of(options)
     method_of_lines = _Method(field, options.zeta, options.tolerance)
-    return calibrate_folder(run, options.input, AnnotationReader.of(options, field), method_of_lines)
+    return calibrate_folder(run, options.input, annotation_reader(options, field), method_of_lines)
 
 
 @dataclass(frozen=True)

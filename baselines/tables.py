@@ -28,8 +28,9 @@ from baselines import published as paper
 from baselines import tvcalib
 from baselines.chen.database import Database
 from baselines.methods import Dataset, Runs, read_dataset, run_methods
+from fieldcalib._messages import say
 from fieldcalib.console.options import add_options, given, option, switch
-from fieldcalib.console.program import exit_code, say
+from fieldcalib.console.program import exit_code
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part

@@ -33,9 +33,8 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ndc import cloud_samples
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
-from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, positive, run_options
 from fieldcalib.console.field_options import add_sized_field, field_of
-from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Segment
@@ -45,8 +44,7 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
-from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
@@ -394,7 +392,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=int, default=STEPS, metavar="N", help=f"of the optimiser ({STEPS})")
     parser.add_argument("--tau", type=positive, metavar="T", help="reject frames whose loss is above, e.g. 0.019 (off)")
-    add_options(parser, RunOptions)
+    add_run_options(parser)
     parser.set_defaults(run=_run, command="baselines.tvcalib")
     return run_command(parser.parse_args(arguments))
 
@@ -403,8 +401,8 @@ def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
     method = _Method(field, options.steps, options.tau, options.initial_cameras == "argmin", types)
-    reader = AnnotationReader.of(options, field)
-    return calibrate_folder(RunOptions.of(options), options.input, reader, method, more=types)
+    reader = annotation_reader(options, field)
+    return calibrate_folder(run_options(options), options.input, reader, method, more=types)
 
 
 @dataclass(frozen=True)

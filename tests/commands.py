@@ -9,10 +9,10 @@ from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)
 BROKEN_KEYS = ["id", "status", "message"]
-HEAD_KEYS = [*BROKEN_KEYS, "verdict", "reason", "remedy", "version", "field", "image_size"]
+HEAD_KEYS = [*BROKEN_KEYS, "verdict", "reason", "findings", "remedy", "advice", "version", "field", "image_size"]
 CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"]
 PROBABILITY_KEYS = ["probability_right_0.5m", "probability_right_1m"]
-FITTED_KEYS = ["segment_errors_px", "suspect_labels", "alternatives", "complaints", "pixel_counts", "solved"]
+FITTED_KEYS = ["segment_errors_px", "suspect_labels", "alternatives", "found", "pixel_counts", "solved"]
 SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 WITHOUT_CAMERA = HEAD_KEYS + FITTED_KEYS  # in both files of lines
 WITH_CAMERA = [*HEAD_KEYS, *CAMERA_KEYS, *PROBABILITY_KEYS, *FITTED_KEYS]

@@ -13,7 +13,7 @@ import pytest
 from commands import calibrate, run
 
 import fieldcalib
-from fieldcalib.console.progress import progress_bar
+from fieldcalib._progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.images import write_image

@@ -191,7 +191,7 @@ def test_nested_lists_without_end(folders, damaged):
         (("solved", "theta", 3), 700.0, "'theta': expected parameters of a camera"),
         (("solved", "problem", "layout", "lens", "rho"), 1e-300, "'rho': expected half the diagonal"),
         (("solved", "problem", "layout", "roles"), [1], "'roles': expected those of pan"),
-        (("complaints",), [3], "expected a str"),
+        (("found",), [3], "is no calibration"),
         (("pixel_counts",), {"x": 3}, "'segment_errors_px' of all labels"),
     ],
 )

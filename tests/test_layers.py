@@ -2,6 +2,8 @@
 
 import ast
 import doctest
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -60,3 +62,14 @@ def test_such_an_import_would_be_seen(code):
 
 def test_others_are_allowed():
     assert not imports_the_command_line("from fieldcalib.client import cli\nimport fieldcalib.console")
+
+
+def test_the_layout_that_is_described_is_that_of_the_layers():
+    """The table of CONTRIBUTING.md has the packages in the order in which they may import one another."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]["contracts"]
+    (layers,) = (one["layers"] for one in contracts if one["name"] == "imports go down")
+    in_order = [name for layer in layers for name in layer.split(" | ") if not name.startswith("fieldcalib._")]
+    table = re.findall(r"^\| (`[^|]*`) \|", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), flags=re.MULTILINE)
+    assert [name for row in table for name in re.findall(r"`([\w.]+)`", row)] == in_order
+    packages = {f"fieldcalib.{path.parent.name}" for path in (ROOT / "fieldcalib").glob("*/__init__.py")}
+    assert packages <= {*in_order, "fieldcalib.models"}

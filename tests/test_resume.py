@@ -14,7 +14,7 @@ from killed import check_that_kills_change_nothing, content_of
 from synthetic import random_frames
 
 from fieldcalib import read
-from fieldcalib.console import waiting
+from fieldcalib import _progress as waiting
 from fieldcalib.io import line_log
 from fieldcalib.io.files import FrameFile, write_bytes
 from fieldcalib.io.line_log import LineLog

@@ -29,11 +29,10 @@ from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
 from baselines.dlt_lines import homography_file
-from fieldcalib.console.arguments import add_input_and_output, count
+from fieldcalib._progress import progress_bar
+from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, count, run_options
 from fieldcalib.console.field_options import add_sized_field, field_of
-from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
-from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.field import Field
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
@@ -43,14 +42,12 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
-    AnnotationReader,
     CalibratedFrame,
     FromFiles,
     calibrate_files,
     calibrate_folder,
 )
 from fieldcalib.run_folder.images import ReadImage, image_files
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"
@@ -99,7 +96,7 @@ def _parser() -> argparse.ArgumentParser:
         help="whose axes the homography files have (wc14: pixels to yards)",
     )
     add_sized_field(parser)
-    add_options(parser, RunOptions)
+    add_run_options(parser)
     parser.set_defaults(run=_run, command="baselines.chen")
     return parser
 
@@ -185,7 +182,7 @@ def _train(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    run, field, database = RunOptions.of(options), field_of(options), _database(options.database)
+    run, field, database = run_options(options), field_of(options), _database(options.database)
     if options.source != MASKS:  # masks show the field that their network was trained on
         database.check_field(field)
     more = {"database": hashlib.sha256(options.database.read_bytes()).hexdigest()}
@@ -193,9 +190,7 @@ def _run(options: argparse.Namespace) -> int:
     writes = [form.file_name("<id>") for form in (CAMERA_FILES, HOMOGRAPHIES)]
     if options.source == ANNOTATED:
         method = _FromPixels(field, found)
-        return calibrate_folder(
-            run, options.input, AnnotationReader.of(options, field), method, writes=writes, more=more
-        )
+        return calibrate_folder(run, options.input, annotation_reader(options, field), method, writes=writes, more=more)
     if options.size is None:
         raise ValueError(f"--from {options.source} needs --size: homographies are for images of that size")
     network = SegmentationNetwork.load(threads=1) if options.source == IMAGES else None

@@ -15,6 +15,7 @@ from typing import get_args
 import cv2
 
 from fieldcalib._extras import missing
+from fieldcalib.console.arguments import add_image_limits, add_run_options, run_options
 
 try:
     import torch
@@ -31,13 +32,12 @@ from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
 from fieldcalib.console.arguments import add_format, count, folder_name, image_size, positive
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.options import add_options, given
+from fieldcalib.console.options import given
 from fieldcalib.console.program import run_command
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.image import Image
 from fieldcalib.run_folder.annotated import CalibratedFrame, FromFiles, calibrate_files
 from fieldcalib.run_folder.images import ReadImage, image_files
-from fieldcalib.run_folder.options import RunOptions
 
 AT_ONCE = 16  # images that are optimised together
 COMMANDS = ("run", "train", "score", "figure")
@@ -69,8 +69,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_method(parser)
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
-    add_options(parser, ReadImage)
-    add_options(parser, RunOptions)
+    add_image_limits(parser)
+    add_run_options(parser)
     parser.set_defaults(run=_run, command="baselines.jiang")
 
 
@@ -93,7 +93,7 @@ def _run(options: argparse.Namespace) -> int:
     names = [training.GUESS, *([training.ERROR] if options.cost == "learned" else [])]
     states = [(options.weights / name).stat().st_mtime_ns for name in names]
     files = image_files(options.input)
-    return calibrate_files(RunOptions.of(options), files, method, AT_ONCE, writes, more=states)
+    return calibrate_files(run_options(options), files, method, AT_ONCE, writes, more=states)
 
 
 @dataclass(frozen=True)

@@ -8,28 +8,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fieldcalib._messages import say
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, doubted
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import (
-    ESTIMATED,
     add_camera,
     add_input_and_output,
+    add_run_options,
+    annotation_reader,
     positive,
     probability,
+    run_options,
 )
 from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
 from fieldcalib.console.options import add_options, given, option
-from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.options import ESTIMATED
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
@@ -59,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
     add_options(parser, KnownCamera)
     add_options(parser, _Method)
-    add_options(parser, RunOptions)
+    add_run_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -81,9 +83,9 @@ def run(options: argparse.Namespace) -> int:
     types = read_camera_types(options.input) if options.prior == STACKED else None
     prior = prior_of(options) if types is None else None
     method = _Method(field, pictures, prior, types, known, free, options.tau, options.least_probability)
-    reader = AnnotationReader.of(options, field)
+    reader = annotation_reader(options, field)
     at_once = SEE_ONE_PITCH.get(free or "")
-    return calibrate_folder(RunOptions.of(options), options.input, reader, method, at_once=at_once, more=types or {})
+    return calibrate_folder(run_options(options), options.input, reader, method, at_once=at_once, more=types or {})
 
 
 def _free_field_size(options: argparse.Namespace) -> str | None:

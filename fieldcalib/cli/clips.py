@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._messages import say
+from fieldcalib._progress import solving
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.network import digest_of, load_network, or_search
-from fieldcalib.console.program import say
-from fieldcalib.console.progress import solving
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.run_folder.annotated import CAMERA_FILES

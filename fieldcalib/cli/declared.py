@@ -10,11 +10,12 @@ import numpy as np
 
 from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.assess.whole_picture import Declared
-from fieldcalib.console.arguments import ESTIMATED, image_size
+from fieldcalib.console.arguments import image_size
 from fieldcalib.console.options import option
 from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics
+from fieldcalib.run_folder.options import ESTIMATED
 from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
 
 SQUARE = "square"

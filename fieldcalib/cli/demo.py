@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._messages import show
 from fieldcalib._types import Array
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.console.arguments import folder_name
-from fieldcalib.console.program import show
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder

@@ -12,17 +12,15 @@ from typing import Any
 import numpy as np
 
 from fieldcalib import metrics
+from fieldcalib._messages import say, show
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import add_most_bytes, add_size, positive
+from fieldcalib.console.arguments import add_most_bytes, add_run_options, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
-from fieldcalib.console.options import add_options
-from fieldcalib.console.program import say, show
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
 from fieldcalib.run_folder.annotated import name_skipped
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.units import executor_of
@@ -68,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sized_field(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    add_options(parser, RunOptions, "jobs")
+    add_run_options(parser, "jobs")
     add_most_bytes(parser)
 
 

@@ -9,10 +9,10 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from fieldcalib._messages import counted, say, show
 from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
-from fieldcalib.console.program import counted, say, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files

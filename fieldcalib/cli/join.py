@@ -9,13 +9,12 @@ from itertools import islice
 from pathlib import Path
 
 from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized, write_all
-from fieldcalib.console.arguments import PARQUET, add_format, folder_name
-from fieldcalib.console.options import add_options
+from fieldcalib.console.arguments import add_format, add_run_options, folder_name, run_options
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.overwriting import check_targets
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
-from fieldcalib.run_folder.options import RunOptions, Shard
+from fieldcalib.run_folder.options import PARQUET, Shard
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
@@ -39,13 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shards", nargs="+", type=Path, metavar="SHARD", help="the folders, in any order")
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
-    add_options(parser, RunOptions, "resume", "overwrite")
+    add_run_options(parser, "resume", "overwrite")
 
 
 def run(options: argparse.Namespace) -> int:
     """Join; returns the exit code."""
     record, shards = _in_order(options.shards)
-    joined = RunOptions.of(options)
+    joined = run_options(options)
     lines = LOCALIZED if record.command == "localize" else LINES
     if lines == LOCALIZED and record.options.get("format") not in FORMATS:
         raise BrokenFileError(

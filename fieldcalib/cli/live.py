@@ -6,9 +6,9 @@ import time
 from itertools import chain, islice
 from typing import cast
 
+from fieldcalib._messages import say
 from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
 from fieldcalib.console.network import load_network
-from fieldcalib.console.program import say
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Stream, StreamReader

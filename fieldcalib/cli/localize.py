@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib.console.arguments import add_labels, folder_name
+from fieldcalib._messages import counted, show
+from fieldcalib.console.arguments import add_image_limits, add_labels, add_run_options, folder_name, run_options
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, digest_of, load_network
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted, show
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
@@ -31,7 +31,6 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import check_labels
 from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
@@ -62,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_labels(parser)
     add_options(parser, NetworkOptions)
-    add_options(parser, ReadImage)
-    add_options(parser, RunOptions)
+    add_image_limits(parser)
+    add_run_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -71,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected images: fieldcalib run takes videos")
-    run, network_options = RunOptions.of(options), NetworkOptions.of(options)
+    run, network_options = run_options(options), NetworkOptions.of(options)
     labels, field, format = options.labels or {}, network_options.field, options.format
     check_labels(labels, field)
     read = given(ReadImage, options)

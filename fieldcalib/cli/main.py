@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from fieldcalib.console.interrupts import interrupts_end_the_process
+from fieldcalib._interrupts import interrupts_end_the_process
 from fieldcalib.console.program import exit_code
 from fieldcalib.processes.threads import one_thread_for_blas
 

@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+from fieldcalib._messages import counted, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted, show
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image

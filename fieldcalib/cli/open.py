@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 
 from fieldcalib._extras import imported
+from fieldcalib._messages import say
 from fieldcalib.console.field_options import add_named_field
-from fieldcalib.console.program import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._messages import say, show
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
@@ -22,7 +23,6 @@ from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import say, show
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes.files import KINDS, open_boxes

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._messages import say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.clips import run_clip
 from fieldcalib.cli.declared import DeclaredPictures
@@ -21,12 +22,20 @@ from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.live import run_stream
 from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
-from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, cut_of, folder_name
-from fieldcalib.console.field_options import AUTO, add_field
+from fieldcalib.console.arguments import (
+    add_camera,
+    add_cut,
+    add_format,
+    add_image_limits,
+    add_run_options,
+    cut_of,
+    folder_name,
+)
+from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
-from fieldcalib.console.program import say
+from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.pooled_place import MOST, pooled_place
@@ -41,9 +50,9 @@ from fieldcalib.localize import Network
 from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.reading import read
 from fieldcalib.results.sources import Pictures
-from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
+from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note
 from fieldcalib.run_folder.inputs import videos_in
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.options import ESTIMATED
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
@@ -84,8 +93,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_camera(parser)
     add_options(parser, KnownCamera)
     add_options(parser, CalibrationOptions)
-    add_options(parser, ReadImage)
-    add_options(parser, RunOptions)
+    add_image_limits(parser)
+    add_run_options(parser)
     parser.add_argument(
         "--same-camera",
         action="store_true",

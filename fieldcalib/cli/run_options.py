@@ -13,9 +13,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import UP_TO_SIDE
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.cli.known_camera import KnownCamera
-from fieldcalib.console.arguments import ESTIMATED, cut_of
+from fieldcalib.console.arguments import cut_of, run_options
 from fieldcalib.console.field_options import field_of, prior_of
-from fieldcalib.console.inputs import Input
 from fieldcalib.console.network import NetworkOptions
 from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
@@ -26,10 +25,10 @@ from fieldcalib.images.twins import CameraSide
 from fieldcalib.io.cuts import Cut
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels
-from fieldcalib.io.streams import Stream
+from fieldcalib.io.streams import Input, Stream
 from fieldcalib.run_folder.images import ReadImage
 from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.options import ESTIMATED, RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.solve.options import Prior
 
@@ -167,7 +166,7 @@ class RunRequest:
         ValueError
             If they contradict each other.
         """
-        run, calibration = RunOptions.of(options), CalibrationOptions.of(options)
+        run, calibration = run_options(options), CalibrationOptions.of(options)
         return given(cls, options, cut=cut_of(options), run=run, calibration=calibration)
 
     @property

@@ -13,9 +13,9 @@ from functools import partial
 from io import StringIO
 from typing import TypeAlias
 
+from fieldcalib._messages import say
+from fieldcalib._progress import progress_bar
 from fieldcalib.cli.run_options import RunRequest
-from fieldcalib.console.program import say
-from fieldcalib.console.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError

@@ -10,13 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from fieldcalib._messages import counted, show
+from fieldcalib._progress import progress_bar
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import add_most_bytes, positive
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.options import add_options, given
-from fieldcalib.console.program import counted, show
-from fieldcalib.console.progress import progress_bar
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position

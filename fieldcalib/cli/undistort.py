@@ -10,10 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fieldcalib._messages import counted, say, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.program import counted, say, show
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import named_in_errors

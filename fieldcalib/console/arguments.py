@@ -2,17 +2,24 @@
 
 import argparse
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from fieldcalib.console.inputs import add_inputs
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.field_files import is_field_file
 from fieldcalib.io.files import MOST_BYTES
+from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
+from fieldcalib.run_folder.annotated import AnnotationReader
+from fieldcalib.run_folder.images import MOST_BYTES as MOST_BYTES_OF_IMAGE
+from fieldcalib.run_folder.options import JSON_LINES, PARQUET, RunOptions, Shard, as_json
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
 T = TypeVar("T")
@@ -33,8 +40,10 @@ class Default(str):
 
 USUAL_LENS = Default("k1")
 NO_PRIOR = "none"
-ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
-JSON_LINES, PARQUET = "jsonl", "parquet"
+# Options that do not change the results of a frame, or that the record of a run has elsewhere.
+NOT_RECORDED = frozenset(
+    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
+)
 
 
 def number(text: str, is_allowed: Callable[[float], bool], what: str) -> float:
@@ -141,6 +150,62 @@ def _format(text: str) -> str:
     if text == PARQUET:
         imported_pyarrow()  # an ImportError before the work, not after it
     return text
+
+
+def add_run_options(parser: argparse.ArgumentParser, *names: str) -> None:
+    """--jobs, --shard, --resume and --overwrite, or some of them."""
+    again = parser.add_mutually_exclusive_group()
+    added: dict[str, Callable[[], object]] = {
+        "jobs": lambda: parser.add_argument(
+            "--jobs",
+            type=count,
+            default=1,
+            metavar="N",
+            help="processes, each with one thread; the results are the same (1)",
+        ),
+        "shard": lambda: parser.add_argument(
+            "--shard",
+            type=told_by(Shard.parse),
+            metavar="K/N",
+            help="do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together "
+            "(all)",
+        ),
+        "resume": lambda: again.add_argument(
+            "--resume",
+            action="store_true",
+            help="go on with the run in DIR where it stopped; the files are the same then",
+        ),
+        "overwrite": lambda: again.add_argument(
+            "--overwrite", action="store_true", help="remove the results of an earlier run in DIR first"
+        ),
+    }
+    for name in names or added:
+        added[name]()
+
+
+def run_options(options: argparse.Namespace) -> RunOptions:
+    """The options of a run, of which a command line need not have all."""
+    given = {one.name: getattr(options, one.name) for one in fields(RunOptions) if hasattr(options, one.name)}
+    recorded = as_json({name: value for name, value in vars(options).items() if name not in NOT_RECORDED})
+    field = getattr(options, "field", "")  # a folder may have the name of a sport
+    file = Path(field) if is_field_file(field) else None
+    return RunOptions(**given | {"recorded": recorded, "field_file": file})
+
+
+def add_image_limits(parser: argparse.ArgumentParser) -> None:
+    """--max-megabytes and --max-megapixels, of `ReadImage`."""
+    limits = {
+        "megabytes": ("most_bytes", MOST_BYTES_OF_IMAGE, "image files are broken, unpacked if they lie in a zip"),
+        "megapixels": ("most_pixels", MOST_PIXELS, "images are broken"),
+    }
+    for name, (dest, most, what) in limits.items():
+        help = f"larger {what} ({most / 1e6:g})"
+        parser.add_argument(f"--max-{name}", dest=dest, type=millions, default=most, metavar="N", help=help)
+
+
+def annotation_reader(options: argparse.Namespace, field: Field) -> AnnotationReader:
+    """What reads the annotations that the options of `add_input_and_output` describe."""
+    return AnnotationReader(field, options.size, options.labels or {}, options.most_bytes)
 
 
 def add_cut(parser: argparse.ArgumentParser) -> None:

@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-from fieldcalib.io.streams import Stream
-
-Input: TypeAlias = Path | Stream
+from fieldcalib.io.streams import Input, Stream
 
 LIST = "@"  # prefix of the name of a text file that lists inputs
 

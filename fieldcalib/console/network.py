@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fieldcalib._interrupts import interrupts_end_the_process
+from fieldcalib._messages import say
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import field_of
-from fieldcalib.console.interrupts import interrupts_end_the_process
 from fieldcalib.console.options import given, option
-from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.localize import Network, SegmentationNetwork
 from fieldcalib.localize.grid import BACKGROUND, classes_without_segment

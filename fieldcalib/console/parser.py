@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn, cast
 
-from fieldcalib.console.program import printable
+from fieldcalib._messages import printable
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 SYNONYMS = {"sport": "field", "from": "start", "to": "end", "football": "soccer"}  # what people try first

@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from fieldcalib.console.interrupts import Terminated, interrupts_reach_the_work
+from fieldcalib._interrupts import Terminated, interrupts_reach_the_work
+from fieldcalib._messages import printable, say
 from fieldcalib.processes.streams import open_closed_streams
 
 if TYPE_CHECKING:
@@ -22,40 +23,6 @@ if TYPE_CHECKING:
 
 NO_MEMORY = "there is not enough memory"
 UNLOADED = "failed to map segment"  # what the loader says of a shared library for which there is no memory
-
-
-def printable(text: str) -> str:
-    """Text for a terminal: control characters, as names of files may have, are escaped; ends of lines and tabs stay.
-
-    Examples
-    --------
-    >>> printable("clip\\x1b[2J.mp4"), printable("±1 m")
-    ('clip\\\\x1b[2J.mp4', '±1 m')
-    """
-    if text.isprintable():
-        return text
-    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
-
-
-def say(message: str) -> None:
-    """Print a line on stderr, after the name of the program."""
-    print(printable(f"fieldcalib: {message}"), file=sys.stderr, flush=True)
-
-
-def show(text: str) -> None:
-    """Print the result of a command on stdout."""
-    print(printable(text))
-
-
-def counted(number: int, noun: str) -> str:
-    """A number with its noun.
-
-    Examples
-    --------
-    >>> counted(1, "frame"), counted(2, "frame")
-    ('1 frame', '2 frames')
-    """
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def run_command(options: argparse.Namespace) -> int:

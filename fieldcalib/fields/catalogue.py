@@ -22,6 +22,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.sports.volleyball import volleyball
 
+AUTO = "auto"  # in the place of a name: all are tried on some of the pictures
 FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(
     {
         "american-football-ncaa": partial(american_football, "ncaa"),

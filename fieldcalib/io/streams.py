@@ -6,7 +6,9 @@ import re
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from fieldcalib.io.cuts import WHOLE, Cut
@@ -77,6 +79,10 @@ class Stream:
         """Whether the source is live: frames that are not read in time are dropped."""
         found = URL.fullmatch(self.location)
         return found is not None and found[1].lower() not in WAITING
+
+
+Input: TypeAlias = Path | Stream
+"""The path of a file or a folder, or a stream."""
 
 
 def why_closed(stream: Stream) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 
-from fieldcalib.console.field_options import AUTO
-from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.fields.catalogue import AUTO, FIELDS
 from fieldcalib.images.which_field import which_field
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.results.sources import Pictures

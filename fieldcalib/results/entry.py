@@ -10,8 +10,8 @@ from typing import TypeAlias
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number, number
-from fieldcalib.console.field_options import AUTO
-from fieldcalib.console.progress import Progress
+from fieldcalib._progress import Progress
+from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side

@@ -16,9 +16,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from fieldcalib._checks import file_path
+from fieldcalib._progress import Progress, progress_bar, solving
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.console.progress import Progress, progress_bar, solving
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
 from fieldcalib.geometry.camera import checked_image_size

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,11 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
+from fieldcalib._messages import counted, say
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
-from fieldcalib.console.program import counted, say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
@@ -56,11 +55,6 @@ class AnnotationReader:
     labels: Labels = attribute(default_factory=dict)
     """Names of the field's segments by labels in the files."""
     most_bytes: float = MOST_BYTES
-
-    @classmethod
-    def of(cls, options: argparse.Namespace, field: Field) -> AnnotationReader:
-        """Take the options of `add_input_and_output`."""
-        return cls(field, options.size, options.labels or {}, options.most_bytes)
 
     def find(self, inputs: Sequence[Path]) -> list[FrameFile]:
         """Find the frames of annotations in folders and zips; what else is there is named on stderr.

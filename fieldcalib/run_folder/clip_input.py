@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
+from fieldcalib._messages import say
+from fieldcalib._progress import Progress, progress_bar
 from fieldcalib.assess.placement import Placement
-from fieldcalib.console.program import say
-from fieldcalib.console.progress import Progress, progress_bar
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError, FrameFile

@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fieldcalib.console.arguments import millions
-from fieldcalib.console.inputs import Input
-from fieldcalib.console.options import option
-from fieldcalib.console.program import say
-from fieldcalib.console.waiting import waiting_for
+from fieldcalib._messages import say
+from fieldcalib._progress import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.streams import Input
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
 from fieldcalib.run_folder.outcome import Outcome
@@ -66,20 +64,8 @@ def accepted(image: Image) -> None:
 class ReadImage:
     """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
 
-    most_bytes: float = option(
-        f"larger image files are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
-        name="--max-megabytes",
-        default=MOST_BYTES,
-        type=millions,
-        metavar="N",
-    )
-    most_pixels: float = option(
-        f"larger images are broken ({MOST_PIXELS / 1e6:g})",
-        name="--max-megapixels",
-        default=MOST_PIXELS,
-        type=millions,
-        metavar="N",
-    )
+    most_bytes: float = MOST_BYTES
+    most_pixels: float = MOST_PIXELS
     check: Callable[[Image], object] = accepted
 
     def __call__(self, item: FrameFile | Frame) -> Frame:

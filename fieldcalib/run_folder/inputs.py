@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fieldcalib.console.inputs import Input
 from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.streams import Stream
+from fieldcalib.io.streams import Input, Stream
 
 
 def is_video(one: Input) -> bool:

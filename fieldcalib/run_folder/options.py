@@ -1,22 +1,15 @@
-"""Options of a run: --out, --format, --jobs, --shard, --resume, --overwrite, --strict."""
+"""Options of a run: where and how it writes, and which part of the work it does."""
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.console.arguments import JSON_LINES, PARQUET, count
-from fieldcalib.console.options import given, option, switch
-from fieldcalib.io.field_files import is_field_file
-
-# Options that do not change the results of a frame, or that the record of a run has elsewhere.
-NOT_RECORDED = frozenset(
-    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
-)
+ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
+JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
 @dataclass(frozen=True)
@@ -33,7 +26,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Parse "K/N", for argparse.
+        """Parse "K/N"; a ValueError if it is none.
 
         Examples
         --------
@@ -42,7 +35,7 @@ class Shard:
         """
         number, _, of = text.partition("/")
         if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
-            raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, as 1/8, got {text!r}")
+            raise ValueError(f"expected K/N with K from 1 to N, as 1/8, got {text!r}")
         return cls(int(number), int(of))
 
 
@@ -57,25 +50,16 @@ class RunOptions:
     field_file: Path | None = None
     """The field's file, if it is the user's own."""
     format: str = JSON_LINES
-    jobs: int = option(
-        "processes, each with one thread; the results are the same (1)", default=1, type=count, metavar="N"
-    )
-    shard: Shard | None = option(
-        "do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together (all)",
-        type=Shard.parse,
-        metavar="K/N",
-    )
-    resume: bool = switch("go on with the run in DIR where it stopped; the files are the same then", exclusive="again")
-    overwrite: bool = switch("remove the results of an earlier run in DIR first", exclusive="again")
+    jobs: int = 1
+    """Processes, each with one thread; the results are the same."""
+    shard: Shard | None = None
+    """The part of the work that is done, for several machines."""
+    resume: bool = False
+    """Whether to go on with the run in the folder."""
+    overwrite: bool = False
+    """Whether to remove the results of an earlier run first."""
     strict: bool = False
     """Whether all files are read before anything is written."""
-
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> RunOptions:
-        """Take them from a command line, which need not have all of them."""
-        field = getattr(options, "field", "")  # a folder may have the name of a sport
-        file = Path(field) if is_field_file(field) else None
-        return given(cls, options, recorded=recorded(options), field_file=file)
 
     @property
     def writes_table(self) -> bool:
@@ -84,13 +68,9 @@ class RunOptions:
 
     def changed(self, out: Path, **options: Any) -> RunOptions:
         """The run with another folder and other recorded options."""
-        return replace(self, out=out, recorded={**self.recorded, **_as_json(options)})
+        return replace(self, out=out, recorded={**self.recorded, **as_json(options)})
 
 
-def recorded(options: argparse.Namespace) -> dict[str, Any]:
-    """Options that change results, as JSON."""
-    return _as_json({name: value for name, value in vars(options).items() if name not in NOT_RECORDED})
-
-
-def _as_json(options: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as JSON; other values as their texts."""
     return json.loads(json.dumps(options, default=str))  # type: ignore[no-any-return]

@@ -6,7 +6,6 @@ a run that is replaced is removed and shards are joined, are those that runs wri
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -163,7 +162,7 @@ def _check(record: Mapping[str, Any]) -> None:
     if record.get("shard") is not None:
         try:
             Shard.parse(str(record["shard"]))
-        except argparse.ArgumentTypeError as error:
+        except ValueError as error:
             raise BrokenFileError(f"'shard': {error}") from None
     for name in record.get("writes", ()):
         if name not in WRITTEN:

@@ -21,10 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
+from fieldcalib._messages import counted, say, show
 from fieldcalib.assess.remedies import LEFT_OUT, advice_from_json
 from fieldcalib.assess.words import Verdict, What
-from fieldcalib.console.arguments import ESTIMATED, PARQUET
-from fieldcalib.console.program import counted, say, show
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,
@@ -43,7 +42,7 @@ from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.overwriting import ELSEWHERE, check_targets
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
-from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.options import ESTIMATED, PARQUET, RunOptions
 from fieldcalib.run_folder.outcome import Outcome, has_finding, is_squashed, kind_of
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.to_look_at import ToLookAt

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
+from fieldcalib._messages import counted
 from fieldcalib.assess.remedies import Advice, Remedy, Tool, how
 from fieldcalib.assess.words import Verdict
-from fieldcalib.console.program import counted
 
 NAMED = 5  # number of stretches that are named
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.console.progress import Progress, progress_bar
+from fieldcalib._progress import Progress, progress_bar
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.images import write_image

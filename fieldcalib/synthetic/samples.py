@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import fieldcalib
-from fieldcalib.console.progress import Progress
+from fieldcalib._progress import Progress
 
 Sample = Literal["clip", "picture"]
 FILES: dict[Sample, str] = {"clip": "clip.mp4", "picture": "picture.png"}

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
+from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.progress import Progress, progress_bar
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, write_text
 from fieldcalib.io.image import Image

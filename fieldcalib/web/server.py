@@ -12,7 +12,7 @@ from threading import Timer
 from typing import Any
 
 from fieldcalib._extras import imported
-from fieldcalib.console.interrupts import Terminated
+from fieldcalib._interrupts import Terminated
 from fieldcalib.editor.editor import Editor
 from fieldcalib.web.guard import Guard, Hosts, bracketed
 

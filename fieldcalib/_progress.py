@@ -1,4 +1,7 @@
-"""Progress of long work: a bar on a terminal and in a notebook, lines elsewhere, or a function of the caller's."""
+"""Progress of long work: a bar on a terminal and in a notebook, lines elsewhere, or a function of the caller's.
+
+Reads that take long, as from a network drive that stalls, are told too.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+from fieldcalib._messages import say
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
 INTERVAL = 10.0  # seconds from one line to the next
+FIRST, GROWTH = 30.0, 2.0  # seconds until the first warning of a read, and factor from each warning to the next
+CHECKS = 30.0  # before the first warning
+
+_waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is read, and the time at which that began
+_watcher: threading.Thread | None = None
 
 Progress: TypeAlias = bool | Callable[[int, int | None, str], object]
 """Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
@@ -240,3 +251,31 @@ def _bar(unit: str, total: int | None, initial: int, desc: str) -> tqdm:
         monitor_interval = 0  # no monitor thread for each bar
 
     return Bar(unit=unit, total=total, initial=initial, desc=desc)
+
+
+@contextmanager
+def waiting_for(path: Path | str) -> Iterator[None]:
+    """Warn on stderr, with exponential back-off, while the reading of a file takes long."""
+    global _watcher
+    if _watcher is None:
+        _watcher = threading.Thread(target=_watch, daemon=True)
+        _watcher.start()
+    _waits[threading.get_ident()] = path, time.monotonic()
+    try:
+        yield
+    finally:
+        del _waits[threading.get_ident()]
+
+
+def _watch() -> None:
+    next_time: dict[tuple[Path | str, float], float] = {}  # seconds of waiting until the next warning
+    while True:
+        time.sleep(FIRST / CHECKS)
+        waits = list(_waits.values())
+        next_time = {one: after for one, after in next_time.items() if one in waits}
+        for one in waits:
+            path, since = one
+            waited = time.monotonic() - since
+            if waited >= next_time.get(one, FIRST):
+                say(f"{path}: waiting for it for {waited:.0f} seconds")
+                next_time[one] = GROWTH * waited
