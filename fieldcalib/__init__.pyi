@@ -53,7 +53,6 @@ from .processes.jobs import Processes as Processes
 from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
 from .results.reading import read as read
-from .results.reading import read_results as read_results
 from .solve.batch import calibrate_batch as calibrate_batch
 from .solve.decomposition import Decomposition as Decomposition
 from .solve.decomposition import camera_from_homography as camera_from_homography

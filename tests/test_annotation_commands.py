@@ -111,7 +111,7 @@ def test_images_of_several_sizes(annotations, calibrated_folder, tmp_path, capsy
         whole, half = lines[one.id], lines[f"{one.id} half"]
         assert (whole["image_size"], half["image_size"]) == ([960, 540], [480, 270])
         assert half["K"][0][0] == pytest.approx(whole["K"][0][0] / 2, rel=0.02)
-    shared = ["--free-field-size", "shared"]
+    shared = ["--field-size", "estimated", "--same-field"]
     assert calibrate(path, out=tmp_path / "shared", options=shared) == 2
     assert "images of several sizes are not calibrated together: there are 480x270, 960x540" in capsys.readouterr().err
 

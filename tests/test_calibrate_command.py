@@ -92,7 +92,6 @@ def test_summary(calibrated_folder, annotated_folder):
         "field": "soccer",
         "field_length": None,
         "field_width": None,
-        "free_field_size": None,
         "prior": "all",
         "tau": None,
         "least_probability": None,

@@ -114,16 +114,6 @@ def sizes_in(out):
 SAME_FIELD = ["--field-size", "estimated", "--same-field"]
 
 
-@pytest.mark.parametrize(("old", "new"), [("shared", SAME_FIELD), ("each", SAME_FIELD[:2])], ids=["shared", "each"])
-def test_the_names_of_before_still_work_and_say_so(small_pitch, tmp_path, capsys, old, new):
-    frames = small_pitch / "a.json", small_pitch / "d.json"
-    assert calibrate(tmp_path / "new", *frames, options=new) == 0
-    assert "deprecated" not in capsys.readouterr().err
-    assert calibrate(tmp_path / "old", *frames, options=["--free-field-size", old]) == 0
-    assert f"--free-field-size is deprecated, {' '.join(new)} does the same" in capsys.readouterr().err
-    assert lines_of(tmp_path / "new") == lines_of(tmp_path / "old")
-
-
 def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
     assert calibrate(tmp_path / "free", small_pitch, options=SAME_FIELD) == 0
     printed = capsys.readouterr().out.splitlines()
@@ -165,14 +155,14 @@ def test_a_size_of_the_field_for_each_frame(small_pitch, tmp_path, capsys):
 
 
 def test_cameras_on_a_free_field_are_doubted_too(small_pitch, tmp_path):
-    options = ["--free-field-size", "shared", "--least-probability", 1]
+    options = [*SAME_FIELD, "--least-probability", 1]
     assert calibrate(tmp_path, small_pitch, options=options) == 0
     assert cameras_in(tmp_path) == {}
 
 
 def test_the_size_of_the_field_is_sought_near_the_given_one(small_pitch, tmp_path):
     known = ["--field-length", 99, "--field-width", 67]
-    assert calibrate(tmp_path, small_pitch / "empty.json", options=["--free-field-size", "each", *known]) == 0
+    assert calibrate(tmp_path, small_pitch / "empty.json", options=["--field-size", "estimated", *known]) == 0
     np.testing.assert_array_equal(sizes_in(tmp_path), [(99.0, 67.0)])
 
 

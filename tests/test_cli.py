@@ -64,6 +64,9 @@ def test_what_is_like_no_option_is_not_guessed(option, capsys):
     assert "did you mean" not in capsys.readouterr().err
 
 
+SAME_FIELD = ["--field-size", "estimated", "--same-field"]
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -74,15 +77,13 @@ def test_what_is_like_no_option_is_not_guessed(option, capsys):
         (["--tau", "low"], "argument --tau: expected a positive number, got 'low'"),
         (["--least-probability", "90"], "argument --least-probability: expected a number from 0 to 1, got '90'"),
         (["--lens", "fisheye"], "argument --lens: invalid choice"),
-        (["--free-field-size", "both"], "argument --free-field-size: invalid choice"),
-        (["--free-field-size", "shared", "--field-length", "85"], "90 to 120 x 45 to 90 m (law 1)"),
-        (["--free-field-size", "each", "--field-size", "known"], "--field-size known leaves nothing to --free-field-"),
+        ([*SAME_FIELD, "--field-length", "85"], "90 to 120 x 45 to 90 m (law 1)"),
         (["--field-size", "unknown"], "argument --field-size: invalid choice"),
         (["--display-size", "16:9"], "argument --display-size: expected WIDTHxHEIGHT, as 960x540, got '16:9'"),
         (["--crop-of", "1920x1080"], "argument --crop-of: expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got '19"),
         (["--crop-of", "0x1080+0+0"], "argument --crop-of: expected positive numbers"),
         (["--crop-of", "1280x720+330+0"], "--size does not fit, with 960 x 540 pixels, into the frame of --crop-of 12"),
-        (["--free-field-size", "shared", "--prior", "stacked"], "--prior stacked has a prior for each frame"),
+        ([*SAME_FIELD, "--prior", "stacked"], "--prior stacked has a prior for each frame"),
         (["--same-field"], "give --field-size estimated with it"),
     ],
 )

@@ -102,5 +102,5 @@ def test_wrong_shards(folder, tmp_path, capsys, shard):
 
 
 def test_one_pitch_has_no_shards(folder, tmp_path, capsys):
-    assert calibrate(tmp_path, folder, options=["--free-field-size", "shared", "--shard", "1/2"]) == 2
+    assert calibrate(tmp_path, folder, options=["--field-size", "estimated", "--same-field", "--shard", "1/2"]) == 2
     assert "leave --shard out" in capsys.readouterr().err

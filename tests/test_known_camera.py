@@ -86,7 +86,7 @@ def test_a_known_place_of_a_squashed_picture():
     squashed = cv2.resize(picture(WIDE), (720, 540), interpolation=cv2.INTER_AREA)
     network = KnownCameras(4 * [WIDE])  # asked for the picture as it is, and as it would be shown
     (found,) = calibrate_from_images(FIELD, [squashed], network, flags=DEFAULT_FLAGS | PLACE, **position(WIDE))
-    assert WAS_SQUASHED in found.message
+    assert WAS_SQUASHED in found.findings
     np.testing.assert_array_equal(found.camera.C, WIDE.C)
     assert camera_difference(found.camera.scaled(SIZE), WIDE, FIELD).reprojection < 1.5
 
@@ -300,7 +300,7 @@ def test_calibrate_with_a_known_camera(tmp_path):
     assert line["C"] == WIDE.C.tolist()
     assert line["angles_degrees"]["pan"] == pytest.approx(24.0, abs=1e-3)
     assert run(*command[:3], "640x480", *command[4:], "--overwrite", *known) == 2
-    assert run(*command, "--overwrite", *known, "--free-field-size", "each") == 2
+    assert run(*command, "--overwrite", *known, "--field-size", "estimated") == 2
 
 
 # --- clips ---

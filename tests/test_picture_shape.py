@@ -71,8 +71,8 @@ def test_few_labels_leave_the_shape_open_until_it_is_said(image):
     picture, pixels = squashed(image, size, LABELS[:4])
     picture = np.full_like(picture, 90)  # no lines to be found
     open_, said = (FrameEditor.of(picture, FIELD, pixels, Known(aspect=one)).calibration for one in (None, 16 / 9))
-    assert SHAPE in open_.reason
-    assert SHAPE not in said.reason
+    assert SHAPE in open_.findings
+    assert SHAPE not in said.findings
 
 
 @pytest.mark.parametrize("aspect", [None, 16 / 9])

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from fieldcalib._progress import progress_bar, solving
 from fieldcalib import _progress as module
+from fieldcalib._progress import progress_bar, solving
 
 
 @pytest.fixture

@@ -547,10 +547,3 @@ def test_doubts_of_a_sequence_are_findings():
     found = with_doubts(with_doubts(nothing, [1], mixed), [0, 1], Finding(What.ENLARGED))
     assert found.frames.doubts == {1: (mixed, Finding(What.ENLARGED)), 0: (Finding(What.ENLARGED),)}
     assert SequenceCalibration.from_dict(json.loads(json.dumps(found.to_dict()))).frames.doubts == found.frames.doubts
-
-
-def test_the_old_name_of_read_goes_on_working(written):
-    from fieldcalib import read_results
-
-    with pytest.warns(DeprecationWarning, match="read_results is called read now"):
-        assert read_results(written) == read(written)

@@ -13,8 +13,8 @@ from commands import calibrate, cameras_in, lines_of, run
 from killed import check_that_kills_change_nothing, content_of
 from synthetic import random_frames
 
-from fieldcalib import read
 from fieldcalib import _progress as waiting
+from fieldcalib import read
 from fieldcalib.io import line_log
 from fieldcalib.io.files import FrameFile, write_bytes
 from fieldcalib.io.line_log import LineLog

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fieldcalib._messages import say
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, doubted
@@ -23,7 +22,7 @@ from fieldcalib.console.arguments import (
     probability,
     run_options,
 )
-from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
+from fieldcalib.console.field_options import add_field, field_of, prior_of
 from fieldcalib.console.options import add_options, given, option
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
@@ -53,11 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_input_and_output(parser)
     add_options(parser, DeclaredPictures)
     add_field(parser)
-    parser.add_argument(
-        "--free-field-size",
-        choices=SEE_ONE_PITCH,
-        help=f"deprecated: each is --field-size {ESTIMATED}, shared is --field-size {ESTIMATED} --same-field",
-    )
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
     add_options(parser, KnownCamera)
     add_options(parser, _Method)
@@ -90,16 +84,13 @@ def run(options: argparse.Namespace) -> int:
 
 def _free_field_size(options: argparse.Namespace) -> str | None:
     """Check the options of the field's size: the frames that share one estimated size, or None if none is estimated."""
-    if options.free_field_size is not None:
-        if options.field_size == KNOWN:
-            raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
-        same = " --same-field" * (options.free_field_size == SHARED)
-        say(f"--free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same")
-    elif options.same_field and options.field_size != ESTIMATED:
-        raise ValueError(f"--same-field says what the size is estimated from: give --field-size {ESTIMATED} with it")
-    free: str | None = options.free_field_size
-    if free is None and options.field_size == ESTIMATED:
-        free = SHARED if options.same_field else EACH
+    if options.field_size != ESTIMATED:
+        if options.same_field:
+            raise ValueError(
+                f"--same-field says what the size is estimated from: give --field-size {ESTIMATED} with it"
+            )
+        return None
+    free = SHARED if options.same_field else EACH
     if free == SHARED and options.prior == STACKED:
         raise ValueError(f"--prior {STACKED} has a prior for each frame, and --same-field one for all: leave one out")
     if free == SHARED and options.shard is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
@@ -19,9 +19,9 @@ from fieldcalib._checks import LARGEST, is_number
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object, whole_file
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.parquet import read_parquet, write_parquet
+from fieldcalib.io.parquet import read_parquet
 
 LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"
 FORMAT = 3  # version of the files: the first one had all in cameras.jsonl, the second no findings
@@ -86,27 +86,10 @@ def is_table(path: Path) -> bool:
     return path.suffix == Path(TABLE).suffix
 
 
-def result_lines(path: Path) -> Iterator[bytes]:
-    """Everything that is kept of each frame, in order, as JSON."""
-    file = ResultFile(path)
-    return (json.dumps(file.line(number)).encode() for number in range(len(file.ids)))
-
-
 def whole_line_pairs(folder: Path) -> Iterator[Texts]:
     """The lines of all frames in a folder that is written to: without an incomplete last one."""
     solver = folder / SOLVER
     return zip(whole_lines(folder / LINES), whole_lines(solver) if solver.exists() else (), strict=False)
-
-
-def write_lines(folder: Path, lines: Iterable[Mapping[str, Any]]) -> None:
-    """Write everything that is kept of all frames to both files, each whole; to the table, if the folder has one."""
-    texts = [tuple(json.dumps(part).encode() + b"\n" for part in split_line(line)) for line in lines]
-    if lines_file(folder).name == TABLE:
-        write_parquet(((main, solver) for main, solver in texts), folder / TABLE)
-        return
-    for name, index in ((SOLVER, 1), (LINES, 0)):
-        with whole_file(folder / name) as file:
-            file.writelines(pair[index] for pair in texts)
 
 
 def parse_main(text: bytes) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib._checks import file_path
-from fieldcalib._deprecated import deprecated
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.results import ResultFile, lines_file
@@ -81,9 +80,3 @@ def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
         raise BrokenFileError(f"{home / RECORD}: {error}") from None
     cut = Cut(begin, stop, record.options.get("step") or 1)
     return Pictures(tuple(map(Path, record.source)), cut=cut, is_clip=is_clip)
-
-
-@deprecated("read_results is called read now: fieldcalib.read(folder)")
-def read_results(folder: str | os.PathLike[str]) -> Results:
-    """Deprecated: use `read`."""
-    return read(folder)
