@@ -95,7 +95,7 @@ def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
     network = Asked([*first, *first, *(cameras[t] for t in looked_at(pictures, cameras))])
     found = calibrate_video(FIELD, thin, network)
     assert found.shape.placement.frame_size == SIZE
-    assert found.tuple(one for one in shape.findings if one.what.is_against) == ()
+    assert found.shape.doubts == ()
     for one, truth in zip(found, cameras, strict=True):
         assert one.verdict is Verdict.GOOD
         assert WAS_SQUASHED in one.findings

@@ -16,8 +16,7 @@ from fieldcalib.assess.remedies import NOT_WHOLE
 from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.assess.words import Verdict
 from fieldcalib.images.enlarged import LARGEST_SOFTNESS
-from fieldcalib.images.enlarged_clip import Detail, softness_of_shot
-from fieldcalib.images.interpolation_pattern import SecondDifferences, are_interpolated
+from fieldcalib.images.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
 
 PART = (720, 405)  # px: three quarters of a frame
 RNG = np.random.default_rng(0)

@@ -16,9 +16,8 @@ from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.processes.jobs import Processes
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import PackedCalibrations, calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.packed_calibrations import PackedCalibrations
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)

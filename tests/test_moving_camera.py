@@ -17,8 +17,8 @@ from fieldcalib.images.background_motion import background_motion, mapped, plane
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path
-from fieldcalib.solve.remaining_frames import OFF_PATH
 from fieldcalib.solve.sequence_problem import SHARED_IN_MOTION
+from fieldcalib.solve.sequence_solver import OFF_PATH
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path, flight
 

@@ -10,8 +10,7 @@ import pytest
 
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.matroska import missing_bytes
-from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter
+from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter, missing_bytes
 from fieldcalib.run_folder.clip_input import ClipInput, VideoClip
 from fieldcalib.run_folder.images import Frame
 

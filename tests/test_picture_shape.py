@@ -14,8 +14,8 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import _pixels_in_picture
 from fieldcalib.editor.fitting import mark_errors
 from fieldcalib.editor.frame import Edit, FrameEditor
+from fieldcalib.editor.journal import edit_from_record, edit_to_record
 from fieldcalib.editor.known import Known
-from fieldcalib.editor.records import edit_from_record, edit_to_record
 from fieldcalib.web.records import shown_aspect
 
 FIELD, SHOWN = soccer(), (1280, 720)

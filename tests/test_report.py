@@ -17,9 +17,8 @@ from fieldcalib.assess.words import REMEDIES
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
 from fieldcalib.web.bundle import bundled, one_file
-from fieldcalib.web.report import write_report
+from fieldcalib.web.report import ReportTable, write_report
 from fieldcalib.web.report_advice import LOOK_AND_LABEL, UNREADABLE, Commands
-from fieldcalib.web.report_table import ReportTable
 from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 3)]

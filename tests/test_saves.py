@@ -24,9 +24,8 @@ from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.given_labels import LabelWarning
-from fieldcalib.editor.journal import JOURNAL
+from fieldcalib.editor.journal import JOURNAL, edit_to_record
 from fieldcalib.editor.known import Known
-from fieldcalib.editor.records import edit_to_record
 from fieldcalib.editor.versions import STAGED, ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError

@@ -14,7 +14,6 @@ from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import (
@@ -28,6 +27,7 @@ from fieldcalib.assess.whole_picture import (
     differs_in_aspect,
     features,
     largest_error_of_part,
+    log_ratio_of_cut,
     score,
     seems_part,
 )

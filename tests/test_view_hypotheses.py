@@ -13,8 +13,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.images.circle_hypotheses import circles_of
 from fieldcalib.images.court_hypotheses import FieldLines
-from fieldcalib.images.place_search import search_from
-from fieldcalib.images.view_hypotheses import STEP, views_through
+from fieldcalib.images.place_search import STEP, search_from, views_through
 from fieldcalib.images.views import Place, Views
 from fieldcalib.localize.long_lines import LongLines
 from fieldcalib.localize.straightened import Bend

@@ -14,17 +14,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from dataclasses import field as attribute
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from fieldcalib._checks import one_of
+from fieldcalib._checks import is_number, one_of
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame import Edit
+from fieldcalib.editor.known import Known
 from fieldcalib.editor.label_files import SOCCERNET
-from fieldcalib.editor.marks import History
-from fieldcalib.editor.records import edit_from_record, edit_to_record
+from fieldcalib.editor.marks import FARTHEST, History, Mark, Marks
 from fieldcalib.editor.versions import Announced, State, Versions
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
@@ -382,3 +382,43 @@ class Journal:
     def _give_up_claim(self) -> None:
         self._claim.close()
         self._is_claimed = False
+
+
+def edit_to_record(edit: Edit) -> dict[str, Any]:
+    """An edit as a dict for `json.dumps`; the inverse is `edit_from_record`."""
+    return {
+        "marks": [[one.label, one.x, one.y, one.by_hand] for one in edit.marks.all],
+        "known": asdict(edit.known),
+        "automatic": edit.automatic,
+    }
+
+
+def edit_from_record(record: dict[str, Any]) -> Edit:
+    """The edit of a dict of `edit_to_record`.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+
+    Examples
+    --------
+    >>> edit = Edit(Marks().added("Middle line", [(480, 100)]), Known(focal_length=1500.0))
+    >>> edit_from_record(edit_to_record(edit)) == edit
+    True
+    """
+    try:
+        marks = [Mark(str(label), *_pixel(x, y), bool(by_hand)) for label, x, y, by_hand in record["marks"]]
+        known = record["known"].items()
+        values: dict[str, Any] = {name: tuple(one) if isinstance(one, list) else one for name, one in known}
+        return Edit(Marks(tuple(marks)), Known(**values), bool(record["automatic"]))
+    except WRONG_RECORD as error:
+        raise ValueError(f"is no edit of a frame: {error}") from None
+
+
+def _pixel(x: Any, y: Any) -> tuple[float, float]:
+    """A pixel of numbers that are finite."""
+    for value in (x, y):
+        if not is_number(value) or not abs(value) < FARTHEST:
+            raise ValueError(f"expected pixels below {FARTHEST:g}, got {value!s:.40}")
+    return float(x), float(y)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from dataclasses import field as attribute
 
 import numpy as np
 
@@ -19,12 +20,15 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.court_search import search_courts
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.enlarged import window_prior
 from fieldcalib.images.enlarged_clip import Detail, softness_of_shot
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
-from fieldcalib.images.searched_keyframes import SearchedKeyframes
+from fieldcalib.images.place_search import search_from
+from fieldcalib.images.pooled_place import place_of
+from fieldcalib.images.views import Place
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
@@ -40,6 +44,8 @@ MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no f
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
 LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
 LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
+
+MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again when more is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,3 +271,48 @@ def _confirmed(excess: Array) -> Array:
         return np.zeros_like(excess)
     before, after = np.concatenate([[0.0], excess[:-1]]), np.concatenate([excess[1:], [0.0]])
     return np.asarray(np.minimum(excess, np.maximum(before, after)))
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedKeyframes:
+    """Keyframes by their numbers, as far as they were searched."""
+
+    options: ClipOptions
+    found: Mapping[int, Calibration] = attribute(default_factory=dict)
+    """Accepted cameras."""
+    refused: Mapping[int, Image] = attribute(default_factory=dict)
+    """Images in which no court was found."""
+
+    @property
+    def place(self) -> Place | None:
+        """Where the tripod stands; None if that is not known, or the camera moves."""
+        field = self.options.task.field
+        if field is None or "centre" not in self.options.shared:
+            return None
+        return place_of(list(self.found.values()))
+
+    def searched(self, images: Mapping[int, Image]) -> SearchedKeyframes:
+        """Search further keyframes from the place of the tripod, if it is known, and where that fails from anywhere."""
+        after = self
+        for t, image in images.items():
+            calibration = after._from_place(image) or search_courts(after.options.task, [image])[0]
+            if calibration.accepted:
+                after = replace(after, found={**after.found, t: calibration})
+            elif len(after.refused) < MOST_REFUSED:
+                after = replace(after, refused={**after.refused, t: image})
+        return after
+
+    def searched_again(self) -> SearchedKeyframes:
+        """Search the refused keyframes from the place that the others tell."""
+        again = {t: self._from_place(image) for t, image in self.refused.items()}
+        return replace(
+            self, found={**self.found, **{t: one for t, one in again.items() if one is not None}}, refused={}
+        )
+
+    def _from_place(self, image: Image) -> Calibration | None:
+        """An accepted camera at the place of the tripod; None if there is none."""
+        place, field = self.place, self.options.task.field
+        if place is None or field is None:
+            return None
+        found = search_from(self.options.task, field, image, place)
+        return found if found.accepted else None

@@ -25,7 +25,6 @@ from fieldcalib.images.pictures import Method, with_aspect_estimated, without_bo
 from fieldcalib.images.place_search import search_from
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.images.resized import on_field_as_seen
-from fieldcalib.images.second_opinion import may_be_searched, with_second_opinion
 from fieldcalib.images.twins import CameraSide
 from fieldcalib.images.unusable import said_plainly
 from fieldcalib.images.views import Place
@@ -49,6 +48,8 @@ LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
 LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
 # times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
 LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
+
+NOTE = "the network's labels gave no camera"
 
 
 def calibrate_from_images(
@@ -334,3 +335,22 @@ def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Cal
         for one in calibrations
     ]
     return calibrations[int(np.argmax(share))]
+
+
+def with_second_opinion(
+    calibrate: Method, task: Task, estimate_size: bool, images: Sequence[Image]
+) -> list[Calibration]:
+    """Calibrate pictures by a network; where its camera is refused, take the one that is found by search, if any."""
+    found = calibrate(images)
+    refused = [index for index, one in enumerate(found) if not one.accepted]
+    searched = search_courts(task, [images[index] for index in refused], estimate_size=estimate_size)
+    for index, one in zip(refused, searched, strict=True):
+        if one.accepted:
+            found[index] = replace(one, message=f"{NOTE}; {one.message}")
+    return found
+
+
+def may_be_searched(task: Task) -> bool:
+    """Whether a field can be searched for: it has stands, and nothing of the camera is given."""
+    field = task.field
+    return field is not None and bool(field.stands or field.named_stands) and task.given.is_empty

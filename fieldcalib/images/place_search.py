@@ -1,33 +1,45 @@
 """Cameras of a court from a picture, where the place of the camera is known: of a tripod, from its other pictures.
 
-Views through the lines and ellipses of the picture (`fieldcalib.images.view_hypotheses`) are compared with its stripes
+Views through the lines and ellipses of the picture are compared with its stripes
 by the likelihood ratio of `fieldcalib.images.stripe_likelihood`, with larger deviations than are expected of cameras
 as place and bend are only known roughly. The best different ones are pulled onto the stripes; the best of these is
 refined on the picture, with the place as a prior.
+
+Views from a known place see lines or circles of a field in lines or ellipses of a picture. Two lines are enough for
+pan, tilt, roll and focal length: the planes through the camera and its lines must meet at the same angle as those
+through the two lines of the field. A line alone, or an ellipse, leaves the focal length of a level camera open; for
+each of some, a direction of the world that is seen in a known ray gives pan and tilt. Such directions are the normal
+of the plane through a line, and the way to the middle of a circle. So a few thousand views are left of the half
+million that a grid needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import islice
+from dataclasses import dataclass, replace
+from itertools import islice, permutations
 
 import numpy as np
 
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
-from fieldcalib.images.court_hypotheses import Cameras
-from fieldcalib.images.court_ranking import Ranked, in_order, principal_point
+from fieldcalib.geometry.rotation import angles_from_rotation
+from fieldcalib.images.circle_hypotheses import SeenCircles, circles_of
+from fieldcalib.images.court_hypotheses import Cameras, FieldLines, are_within
+from fieldcalib.images.court_ranking import Curves, Ranked, in_order, principal_point
 from fieldcalib.images.court_refinement import refine_courts, with_errors
 from fieldcalib.images.court_rivals import distances, first_apart, grid_of
+from fieldcalib.images.few_lines import LEVEL, planes_of, rays_of, unit
 from fieldcalib.images.hidden_markings import with_hidden_markings
 from fieldcalib.images.picture_stripes import PictureStripes
 from fieldcalib.images.pulled_cameras import Freedom, pulled
 from fieldcalib.images.stripe_likelihood import MarkingPoints, StripeMaps
-from fieldcalib.images.view_hypotheses import views_through
 from fieldcalib.images.views import Place, Views
 from fieldcalib.io.image import Image, size_of
+from fieldcalib.localize.ellipses import Ellipse
+from fieldcalib.localize.long_lines import LongLines
 from fieldcalib.localize.straightened import Bend
 from fieldcalib.localize.stripes import at_working_size
 from fieldcalib.solve.task import Task
@@ -42,6 +54,9 @@ SURE_SCORE = 250.0  # of one that tells which markings are hidden
 REFINED = 3  # cameras that are refined on the picture
 RIVAL = 0.7  # share of the score that another camera must not reach
 NOTHING = "no view from the place of the camera shows the field's lines"
+
+STEP = 9.0  # px: by which focal lengths that are tried move the border of the picture
+HEIGHT = 1.3  # factor by which the height of the camera that a circle tells may differ from that of the place
 
 
 def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
@@ -108,3 +123,145 @@ def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calib
     if doubts:
         return replace(best, status=Status.IMPROBABLE, message=f"{'; '.join(doubts)}; {best.message}")
     return with_hidden_markings(best) if score[first] >= SURE_SCORE else best
+
+
+def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Views:
+    """Views from a place that see lines of a field in some lines, or a circle of it in an ellipse.
+
+    Curves are those of the picture without distortion.
+    """
+    lines, ellipses = curves
+    on_field, seen = LinesFromPlace.of(field, place), SeenLines.of(lines, size)
+    f = place.focal_lengths(size[0], STEP)
+    parts = [_through_pairs(seen, on_field, place, size), _through_lines(seen, on_field, place, size, f)]
+    parts.append(_through_ellipses(ellipses, place, field, size, f))
+    views = Views.joined(parts)
+    return views.take(views.looks_at(field) & (np.abs(views.angles[:, 2]) < LEVEL))
+
+
+@dataclass(frozen=True, eq=False)
+class LinesFromPlace:
+    """Lines of a field, as they are seen from a place."""
+
+    normal: Array
+    """Of the planes through the place and each, unit vectors, (M, 3)."""
+    axis: IntArray
+    """The axis of the field along which each runs, 0 or 1, (M,)."""
+    reach: Array
+    """Between which places of that axis there are markings, metres, (M, 2)."""
+
+    @classmethod
+    def of(cls, field: Field, place: Place) -> LinesFromPlace:
+        """Those of a field's long lines."""
+        lines = FieldLines.of(field)
+        axis = np.repeat([1, 0], [len(lines.across), len(lines.along)])
+        point = np.zeros((len(axis), 3))
+        point[np.arange(len(axis)), 1 - axis] = np.concatenate([lines.across, lines.along])
+        normal = unit(np.cross(point - place.C, np.eye(3)[axis]))
+        return cls(normal, axis, np.concatenate([lines.across_reach, lines.along_reach]))
+
+
+@dataclass(frozen=True, eq=False)
+class SeenLines:
+    """Lines of a picture, from its middle, in widths of it."""
+
+    line: Array
+    """``l . (x, y, 1) = 0`` on each, with a unit normal, (L, 3)."""
+    ends: Array
+    """(L, 2, 2)."""
+
+    @classmethod
+    def of(cls, lines: LongLines, size: tuple[int, int]) -> SeenLines:
+        """The long lines of a picture."""
+        return cls(*lines.seen_from(0.5 * np.array(size), float(size[0])))
+
+
+def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Views:
+    """Those that see two lines of the field in two lines.
+
+    With normals ``(f n, c)`` of the planes through two lines, F = f^2 and k the cosine between the planes on the field,
+    ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``.
+    """
+    one, other = np.triu_indices(len(seen.line), 1)
+    pair = np.array(list(permutations(range(len(on_field.axis)), 2)), dtype=np.intp).reshape(-1, 2)
+    k = np.square(np.sum(on_field.normal[pair[:, 0]] * on_field.normal[pair[:, 1]], axis=1))
+    n = np.sum(seen.line[one, :2] * seen.line[other, :2], axis=1)[:, None]
+    c1, c2 = seen.line[one, 2][:, None], seen.line[other, 2][:, None]
+    a, b, c = n * n - k, 2.0 * n * c1 * c2 - k * (c1 * c1 + c2 * c2), (1.0 - k) * np.square(c1 * c2)
+    found = [Views.none(place.C, size)]
+    for sign in (-1.0, 1.0):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            f = np.sqrt((sign * np.sqrt(b * b - 4.0 * a * c) - b) / (2.0 * a))
+        p, q = np.nonzero((f > place.zoom[0]) & (f < place.zoom[1]))
+        own = f[p, q]
+        planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
+        normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
+        alike = np.sign(np.sum(planes[0] * planes[1], axis=1) * np.sum(normals[0] * normals[1], axis=1))
+        planes[1] *= alike[:, None]
+        for way in (1.0, -1.0):
+            R = _frames(way * planes[0], way * planes[1]) @ np.swapaxes(_frames(*normals), 1, 2)
+            views = Views(angles_from_rotation(R), own * size[0], place.C, size)
+            good = _ends_on(views, seen.ends[one[p]], on_field, pair[q, 0])
+            good &= _ends_on(views, seen.ends[other[p]], on_field, pair[q, 1])
+            found.append(views.take(good))
+    return Views.joined(found)
+
+
+def _frames(a: Array, b: Array) -> Array:
+    """Orthonormal bases (N, 3, 3), in columns, of which the first two vectors span those of N pairs, a the first."""
+    third = unit(np.cross(a, b))
+    return np.stack([a, np.cross(third, a), third], axis=2)
+
+
+def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Views:
+    """Level ones that see a line of the field in a line, for all focal lengths (F,) in pixels."""
+    line, focal = (one.ravel() for one in np.indices((len(seen.line), len(f))))
+    plane = unit(planes_of(seen.line[line], f[focal] / size[0]))
+    found = [Views.none(place.C, size)]
+    for k, normal in enumerate(on_field.normal):
+        for way in (normal, -normal):
+            views, own = _seen_in(plane, way, f[focal], place, size)
+            found.append(views.take(_ends_on(views, seen.ends[line[own]], on_field, np.full(len(own), k))))
+    return Views.joined(found)
+
+
+def _through_ellipses(
+    ellipses: Sequence[Ellipse], place: Place, field: Field, size: tuple[int, int], f: Array
+) -> Views:
+    """Level ones that see a circle of the field in an ellipse, for all focal lengths (F,) in pixels."""
+    found = [Views.none(place.C, size)]
+    if len(ellipses):
+        seen = SeenCircles.of(ellipses, f / size[0], size)
+        for x, y, radius in circles_of(field).tolist():
+            height = radius / seen.radius
+            near = np.abs(np.log(height / -place.C[2])) < np.log(HEIGHT)
+            towards = np.array([x, y, 0.0]) - place.C
+            towards /= np.linalg.norm(towards)
+            found.append(_seen_in(unit(seen.centre[near]), towards, seen.f[near] * size[0], place, size)[0])
+    return Views.joined(found)
+
+
+def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int, int]) -> tuple[Views, IntArray]:
+    """Level views that see a direction of the world (3,) in rays (N, 3) for focal lengths (N,), and the ray of each.
+
+    With down = (0, sin t, cos t) in the camera, ``ray . down`` is the direction's third coordinate: there are two tilts
+    t, or none.
+    """
+    _, y, z = ray.T
+    with np.errstate(invalid="ignore"):
+        off = np.arccos(towards[2] / np.hypot(y, z))
+    tilt = np.angle(np.exp(1j * (np.arctan2(y, z) + np.array([[1.0], [-1.0]]) * off)))
+    ahead = z * np.sin(tilt) - y * np.cos(tilt)
+    pan = np.arctan2(towards[1], towards[0]) + np.arctan2(ahead, ray[:, 0])
+    _, own = real = np.nonzero(np.isfinite(tilt))
+    return Views.level(pan[real], tilt[real], f[own], place.C, size), own
+
+
+def _ends_on(views: Views, ends: Array, on_field: LinesFromPlace, index: IntArray) -> BoolArray:
+    """In which views the ends (B, 2, 2) of a line lie within the markings of a line of the field, (B,)."""
+    seen = rays_of(ends, views.f / views.size[0]) @ views.cameras.R
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(seen[..., 2] > 0.0, -views.C[2] / seen[..., 2], np.nan)
+    at = views.C[:2] + depth[..., None] * seen[..., :2]
+    along = np.take_along_axis(at, on_field.axis[index][:, None, None], axis=2)[..., 0]
+    return are_within(np.sort(along, axis=1), on_field.reach[index])

@@ -21,7 +21,6 @@ from . import key_points as key_points
 from . import label_studio as label_studio
 from . import labelme as labelme
 from . import line_log as line_log
-from . import matroska as matroska
 from . import output_folder as output_folder
 from . import overwriting as overwriting
 from . import parquet as parquet

@@ -12,7 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, native_name, replacement
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
-from fieldcalib.io.matroska import missing_bytes
 
 WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
 LONGEST_SOUND = 1.0  # seconds that the sound may go on after the last frame
@@ -37,6 +36,10 @@ LONGEST_WAIT = 20.0  # seconds for a damaged frame: OpenCV waits 30 for a source
 _OPENING = Lock()  # held while the variable below is set: another thread that opens a video would read it too
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
 NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
+
+HEADER, SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"  # ids of the two elements that such a file has
+LONGEST = 8  # bytes of a size
+UNKNOWN = 0  # size of a live recording
 
 
 class FrameReader:
@@ -466,3 +469,29 @@ class VideoWriter:
             found = count_frames(self._unfinished, self._threads) if self._written else 0
             if found != self._written:
                 raise OSError(f"{self._path}: {found} of {self._written} frames were written: is the disk full?")
+
+
+def missing_bytes(path: Path) -> int:
+    """Number of bytes that are missing at the end of a Matroska file; 0 for any other file, or if it does not say.
+
+    The size of an element is a number of 1 to 8 bytes: the zeros before its first bit count the further bytes.
+    """
+    with path.open("rb") as file:
+        if file.read(len(HEADER)) != HEADER:
+            return 0
+        file.seek(_size(file), 1)
+        if file.read(len(SEGMENT)) != SEGMENT:
+            return 0
+        size = _size(file)
+        end = file.tell() + size
+    return max(end - path.stat().st_size, 0) if size != UNKNOWN else 0
+
+
+def _size(file: BinaryIO) -> int:
+    first = file.read(1)
+    if not first or not first[0]:
+        return UNKNOWN
+    length = LONGEST + 1 - first[0].bit_length()
+    bits = 7 * length
+    value = int.from_bytes(first + file.read(length - 1), "big") & ((1 << bits) - 1)
+    return UNKNOWN if value == (1 << bits) - 1 else value

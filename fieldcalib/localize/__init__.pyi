@@ -5,7 +5,6 @@ from . import grid as grid
 from . import long_lines as long_lines
 from . import network as network
 from . import ridges as ridges
-from . import rulers as rulers
 from . import skeletons as skeletons
 from . import straightened as straightened
 from . import stripe_colours as stripe_colours

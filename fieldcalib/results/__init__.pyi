@@ -6,7 +6,6 @@ from . import inputs as inputs
 from . import reading as reading
 from . import saving as saving
 from . import sources as sources
-from . import tables as tables
 from .collection import Results as Results
 from .entry import calibrate as calibrate
 from .reading import read as read

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -12,10 +13,14 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import several, truth
 from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.camera_errors import NoErrors
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.words import Status
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
     Pixels,
@@ -37,7 +42,6 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
-from fieldcalib.solve.packed_calibrations import PackedCalibrations
 from fieldcalib.solve.task import Task
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
@@ -254,3 +258,36 @@ def _chunks(object_segments: ObjectSegments, pixels: PixelTable) -> Iterator[Int
         size = max(1, int(np.searchsorted(padded, CHUNK_PIXELS, side="right")))
         yield order[begin : begin + size]
         begin += size
+
+
+@dataclass(frozen=True, eq=False)
+class PackedCalibrations:
+    """Calibrations without solver state; the shared state is stored once."""
+
+    calibrations: Sequence[Calibration]
+    """The calibrations without solver state and field."""
+    states: Mapping[int, tuple[Evaluation, Array]]
+    """Solver states, each with the unit of its parameters."""
+    places: Sequence[tuple[int, int] | None]
+    """Index of each calibration's state and of its frame therein; None without solver state."""
+
+    @classmethod
+    def of(cls, calibrations: Sequence[Calibration]) -> PackedCalibrations:
+        """Pack calibrations of one field, as `calibrate_batch` returns them."""
+        solved = [one.solved for one in calibrations]
+        return cls(
+            [replace(one, errors=NoErrors(), field=None) for one in calibrations],
+            {id(one.evaluation): (one.evaluation, one.unit) for one in solved if one is not None},
+            [None if one is None else (id(one.evaluation), one.frame) for one in solved],
+        )
+
+    def unpacked(self, field: Field | None) -> list[Calibration]:
+        """The calibrations with solver state and field."""
+        return [
+            replace(
+                one,
+                errors=NoErrors() if place is None else Solved(*self.states[place[0]], place[1]),
+                field=None if one.camera is None else field,
+            )
+            for one, place in zip(self.calibrations, self.places, strict=True)
+        ]
