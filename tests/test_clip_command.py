@@ -152,7 +152,7 @@ def test_a_clip_without_a_pitch(know, tmp_path):
     (note,) = tripods.pop("notes")
     assert "is this soccer?" in note
     assert tripods == {
-        "format": 2,
+        "format": 3,
         "frames_per_second": 25.0,
         "shots": [{"first_frame": 0, "last_frame": 2, "tripod": None}],
         "tripods": [],

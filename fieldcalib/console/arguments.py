@@ -154,7 +154,8 @@ def _format(text: str) -> str:
 
 def add_run_options(parser: argparse.ArgumentParser, *names: str) -> None:
     """--jobs, --shard, --resume and --overwrite, or some of them."""
-    again = parser.add_mutually_exclusive_group()
+    names = names or ("jobs", "shard", "resume", "overwrite")
+    again = parser.add_mutually_exclusive_group() if {"resume", "overwrite"} & set(names) else parser
     added: dict[str, Callable[[], object]] = {
         "jobs": lambda: parser.add_argument(
             "--jobs",
@@ -179,7 +180,7 @@ def add_run_options(parser: argparse.ArgumentParser, *names: str) -> None:
             "--overwrite", action="store_true", help="remove the results of an earlier run in DIR first"
         ),
     }
-    for name in names or added:
+    for name in names:
         added[name]()
 
 

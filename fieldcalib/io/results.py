@@ -55,7 +55,7 @@ def split_line(line: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]
     --------
     >>> main, solver = split_line({"id": "1", "status": "accepted", "message": "", "version": 1, "solved": None})
     >>> main
-    {'id': '1', 'status': 'accepted', 'message': '', 'version': 2}
+    {'id': '1', 'status': 'accepted', 'message': '', 'version': 3}
     >>> solver, joined_line(main, solver) == {"status": "accepted", "message": "", **solver}
     ({'id': '1', 'version': 1, 'solved': None}, True)
     """
