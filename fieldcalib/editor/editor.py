@@ -6,8 +6,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import RLock, Thread
 from typing import Self
 from warnings import warn
@@ -43,7 +41,6 @@ from fieldcalib.editor.table import Row, Table
 from fieldcalib.editor.versions import Announce, Announced
 from fieldcalib.fields.field import Field
 from fieldcalib.images.twins import CameraSide
-from fieldcalib.io.abandoned import TEMPORARY
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
@@ -742,13 +739,13 @@ class Editor:
         with self.lock:
             saves, calibrations = stored.saves, [stored.calibration(id) for id in self.ids]
         clip = stored.clip()
-        with TemporaryDirectory(dir=stored.folder, prefix=TEMPORARY) as folder:
-            draw_again(Path(folder), self.frames, calibrations, clip, self.field, names, progress)
+        with stored.drawing() as folder:
+            draw_again(folder, self.frames, calibrations, clip, self.field, names, progress)
             with self.lock:
                 if stored.saves != saves:
                     return []
                 self._go_on()
-                stored.draw(Path(folder), self._new.options, self._announcing("written"))
+                stored.draw(folder, self._new.options, self._announcing("written"))
                 self._finish()
         return names
 

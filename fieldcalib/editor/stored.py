@@ -11,9 +11,10 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import shutil
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from itertools import count
@@ -67,6 +68,7 @@ from fieldcalib.run_folder.results import (
 BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
 BY_HAND_TOO = "labelled by hand and by the network"  # of one in which marks of the network are left too
 HISTORY = "history"
+DRAWING = ".fieldcalib-drawing"  # folder of what is being drawn
 COMMAND = "open"
 OF_CLIP = (TRIPODS, CLIP)
 SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
@@ -476,6 +478,17 @@ class Stored:
         """Files that show cameras and were moved to the history, as these have changed since."""
         moved = self._summary.get("moved", [])
         return [name for name in DRAWN if name in moved and not (self.folder / name).is_file()]
+
+    @contextmanager
+    def drawing(self) -> Iterator[Path]:
+        """A folder for what is drawn, on the same disk, which is removed at the end of the context."""
+        folder = self.folder / DRAWING
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        folder.mkdir()
+        try:
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
     def draw(self, drawn: Path, options: Mapping[str, Any], announce: Announce) -> None:
         """Take files from a folder on the same disk, and write the summary, which no longer says that they are gone.
