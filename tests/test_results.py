@@ -31,8 +31,10 @@ from fieldcalib import (
 )
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.result import with_findings
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.assess.words import Finding, SuspectLabel, Verdict, What
 from fieldcalib.cli.main import main
@@ -539,6 +541,19 @@ def test_words_of_earlier_versions_are_kept(batch):
     read = Calibration.from_dict({**record, "complaints": ["2 of 7 labels are suspect"]})
     assert read.verdict == "check"
     assert "2 of 7 labels are suspect; rms" in read.reason
+
+
+def test_clips_of_earlier_versions_are_read():
+    """Without findings of their own, with doubts and complaints in words."""
+    nothing = calibrate_sequence(soccer(), [{}, {}], SIZE)
+    doubted = with_doubts(nothing, [1], Finding(What.SAID, "it may be mixed"))
+    shape = Shape(Placement(SIZE, SIZE, None), "", (Finding(What.SAID, "not 16:9"),))
+    video = VideoCalibration((doubted,), (Shot(0, 2, 0),), np.zeros(2, dtype=int), np.arange(2), shape=shape)
+    record = json.loads(json.dumps(video.to_dict()))
+    del record["findings"], record["shape"]["findings"]
+    record["shape"]["complaints"] = ["not 16:9"]
+    record["tripods"][0]["frames"]["doubts"] = [[1, "it may be mixed"]]
+    assert VideoCalibration.from_dict(record).to_dict() == video.to_dict()
 
 
 def test_doubts_of_a_sequence_are_findings():

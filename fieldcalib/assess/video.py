@@ -68,7 +68,9 @@ class VideoCalibration(FrameSequence):
         "notes": Codec(list, texts_from_json),
         "shape": Codec(Shape.to_dict, Shape.from_dict).or_none,
         "is_side_open": Codec(bool, bool),
-        "findings": Codec(lambda findings: [one.to_dict() for one in findings], findings_from_json),
+        "findings": Codec(
+            lambda findings: [one.to_dict() for one in findings], lambda record: findings_from_json(record or [])
+        ),
     }
     _added: ClassVar[frozenset[str]] = frozenset({"shape", "is_side_open", "findings"})
     tripods: tuple[SequenceCalibration, ...]
