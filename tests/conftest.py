@@ -21,6 +21,7 @@ if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
 
 settings.register_profile(
     "random",  # cases that failed are kept in .hypothesis and tried first
+    derandomize=False,  # which Hypothesis would do by itself where CI is set
     deadline=None,
     max_examples=20,
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no property of the code
