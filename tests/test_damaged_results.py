@@ -167,9 +167,9 @@ def test_damaged_results_are_told(folders, damaged, data):
 
 
 @pytest.mark.slow
-@settings(max_examples=2000)
+@settings(max_examples=500)
 @given(st.data())
-def test_two_thousand_damaged_results_are_told(folders, damaged, data):
+def test_five_hundred_damaged_results_are_told(folders, damaged, data):
     read_damaged(folders, damaged, data)
 
 
