@@ -669,17 +669,12 @@ class Editor:
 
         def announce(announced: Announced) -> None:
             assert self._journal is not None
-            edits = {self.ids[n]: state.edits.history.present for n, state in self._begun(numbers).items()}
-            note = self._journal.announce(announced, kind, list(edits))
-            touched = {n: self._states[n] for n in numbers if not self._states[n].is_untouched}
-            edits = {self.ids[n]: state.edits.history.present for n, state in touched.items()}
+            states = {self.ids[n]: self._states[n] for n in numbers}
+            note = self._journal.announce(announced, kind, [id for id, state in states.items() if state.has_begun])
+            edits = {id: state.edits.history.present for id, state in states.items() if not state.is_untouched}
             self._unfinished = Unfinished(announced, note, edits, done)
 
         return announce
-
-    def _begun(self, numbers: Iterable[int]) -> dict[int, FrameState]:
-        """Those of some frames that are in the journal."""
-        return {n: self._states[n] for n in numbers if n in self._states and self._states[n].has_begun}
 
     def _finish(self) -> None:
         """Note that the files are there that were announced."""

@@ -204,13 +204,13 @@ class Versions:
             staging.mkdir()
             staged = Staged(staging, self.folder)
             yield staged
-            for name in staged.names:
-                if self.is_own(name) and State.of(staging / name, with_digest=True).is_content_of(self.folder / name):
+            states = {name: State.of(staging / name, with_digest=True) for name in staged.names}
+            for name in list(states):
+                if self.is_own(name) and states[name].is_content_of(self.folder / name):
                     (staging / name).unlink()  # it is there already
+                    del states[name]
             removed = [name for name in sorted(staged.removed) if self.knows(name)]
-            names = staged.names
-            kept = self._keep(names, removed)
-            states = {name: State.of(staging / name, with_digest=True) for name in names}
+            kept = self._keep([*states], removed)
             states |= dict.fromkeys(removed, MISSING)
             states |= {name: State.of(self.folder / name) for name in beside if name not in states}
             there = {name: State.of(self.folder / name) for name in states}
