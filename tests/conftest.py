@@ -56,7 +56,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def one_thread():
-    """OpenCV on one thread: its ECC adds in float32, and on several the results differ from run to run."""
+    """OpenCV on one thread, as in each of several processes."""
     import cv2  # slow, and most tests draw nothing
 
     before = cv2.getNumThreads()

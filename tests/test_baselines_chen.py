@@ -184,10 +184,18 @@ def test_refinement_brings_the_homography_home(database):
     assert np.mean(by_recipe["wider"]) > np.mean(by_recipe["published"])
 
 
-def test_the_homography_is_for_images_of_the_given_size(database, one_thread):
+def assert_same_view(H, other, image_size):
+    """Homographies of one view: OpenCV's ECC adds in float32, in an order that differs from call to call, so that what
+    is hardly determined differs by 0.2 percent, and the pixels of what is in view by 0.002."""
+    xy = np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 1, 2)
+    there = cv2.perspectiveTransform(xy, H @ np.linalg.inv(other))
+    np.testing.assert_allclose(there, xy, atol=0.1)
+
+
+def test_the_homography_is_for_images_of_the_given_size(database):
     view = edge_images(central(1, 4).homographies, PIECES)[0]
     large, small = (homography(database, view, size) for size in (IMAGE_SIZE, (640, 360)))
-    np.testing.assert_allclose(scaling((640, 360)) @ large, small, rtol=1e-9)
+    assert_same_view(scaling((640, 360)) @ large, small, (640, 360))
 
 
 def test_no_line_no_homography(database):
@@ -205,8 +213,7 @@ def test_a_database_is_read_back(extract, tmp_path):
     assert read.distribution == "uniform"
     np.testing.assert_array_equal(read.features, made.features)
     np.testing.assert_array_equal(read.extract(view[None]), made.extract(view[None]))
-    # OpenCV's ECC adds in float32 on several threads: from run to run it differs, by 7e-5 in OpenCV 4.10
-    np.testing.assert_allclose(*(homography(one, view, IMAGE_SIZE) for one in (read, made)), rtol=1e-3)
+    assert_same_view(*(homography(one, view, IMAGE_SIZE) for one in (read, made)), IMAGE_SIZE)
     assert [path.name for path in tmp_path.iterdir()] == ["some.npz"]
 
 
