@@ -177,6 +177,22 @@ def test_a_pointed_camera_knows_only_its_own_frame(name):
     assert np.ptp(together[:, LOG_F]) > 0.1  # and zooms as far as it needs
 
 
+@pytest.mark.parametrize("factor", [2, 3])
+def test_an_enlarged_frame_has_the_same_starts(factor):
+    """Else the searches of the two sizes end in cameras that differ, and so does what is chosen there."""
+    frames, _ = random_frames(20, seed=5, noise=1.0)
+    size = (factor * SIZE[0], factor * SIZE[1])
+    enlarged = [{label: factor * xy for label, xy in frame.items()} for frame in frames]
+    known = nothing_known()
+    small = initial_cameras(pack(FIELD, frames, SIZE), gaussian_priors([MAIN_CENTER], Layout.of(SIZE)), known)
+    known[PRINCIPAL_POINT] *= factor
+    large = initial_cameras(pack(FIELD, enlarged, size), gaussian_priors([MAIN_CENTER], Layout.of(size)), known)
+    of_small = small.theta.copy()
+    of_small[:, LOG_F] += np.log(factor)
+    of_small[:, PRINCIPAL_POINT] *= factor
+    np.testing.assert_allclose(large.theta, of_small, rtol=1e-6, atol=1e-6)
+
+
 def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
     frames, _ = random_frames(7, seed=2)
     starts = initial_cameras(

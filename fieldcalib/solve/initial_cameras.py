@@ -31,6 +31,7 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short segments, depth of the nearest one
+LEAST_SPREAD = 1e-3  # of the image's diagonal, and of the depth: added to spreads, which may be 0
 ON_GROUND = 1e-9  # metres
 MOST_MEMBERS = 1_000_000  # pixels, of all frames, times labels whose lines are fitted at a time: some 60 MB
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
@@ -114,7 +115,8 @@ def pointed_camera(
     if np.isnan(known[LOG_F]):
         Xc = (X - theta[..., None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[..., ANGLES]), -1, -2)
         x = Xc[..., :2] / np.maximum(Xc[..., 2:], NEAREST * scale)
-        log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
+        least = LEAST_SPREAD * np.hypot(*observations.image_size)
+        log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + least) / (_spread(x, weight) + LEAST_SPREAD))
         mean, margin = prior.mean[..., LOG_F, None], DEVIATIONS * prior.sigma[..., LOG_F, None]
         theta[..., LOG_F] = np.clip(log_f, mean - margin, mean + margin)
     if np.isnan(known[PAN]):
