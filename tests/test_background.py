@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
 from strategies import bounded, examples, vectors
@@ -77,8 +77,12 @@ def test_derivatives_are_those_of_the_residuals(p, way, turn, walls):
         return np.array([np.concatenate(BackgroundTerm(pairs, LAYOUT, one).r[:, 0]) for one in moved])
 
     for frame, by in ((0, by_first), (1, by_second)):
-        # short steps: the depth of a ray has a kink where wall and ground meet
-        numeric = central_differences(lambda x, f=frame: residuals(x, f), np.zeros((1, len(free))), 1e-5)[0]
+        numeric, half = (
+            central_differences(lambda x, f=frame: residuals(x, f), np.zeros((1, len(free))), step)[0]
+            for step in (1e-5, 5e-6)
+        )
+        # the depth of a ray has a kink where wall and ground meet: differences across it depend on their step
+        assume(np.max(column_errors(half, numeric, floor=1.0)) < 2e-6)
         assert np.max(column_errors(by[0].T, numeric, floor=1.0)) < 1e-5
 
 
