@@ -32,14 +32,13 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_keyframes import KeyframeLabels, read_keyframes
-from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import find_clip_lines, finish_clip
-from fieldcalib.images.frame import Frame
-from fieldcalib.images.keyframes import TiedFrame, tied_frames
-from fieldcalib.images.matches import Matches, match_background
-from fieldcalib.images.solved_shots import solve_shots
-from fieldcalib.images.solved_tripods import solve_tripods
+from fieldcalib.images.background.keyframe_tracking import TiedFrame, tied_frames
+from fieldcalib.images.background.matches import Matches, match_background
+from fieldcalib.images.background.matching_frame import Frame
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip
+from fieldcalib.images.clip.keyframes import KeyframeLabels, read_keyframes
+from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader

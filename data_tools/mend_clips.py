@@ -34,7 +34,7 @@ from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_keyframes import KeyframeLabels, are_consistent
+from fieldcalib.images.clip.keyframes import KeyframeLabels, are_consistent
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.numbered_frames import NumberedFrames, NumberedVideo
 from fieldcalib.solve.from_segments import calibrate_from_segments
@@ -182,7 +182,7 @@ def with_spoiled_labels(first: FirstPass, field: Field, rng: np.random.Generator
         found = calibrate_from_segments(field, pixels, first.keyframes.shots.image_size)
         if found.solved is None:
             del labels[t]
-        else:  # as `fieldcalib.images.clip_keyframes.labels_of` does
+        else:  # as `fieldcalib.images.clip.keyframes.labels_of` does
             evaluation = found.solved.alone.evaluation
             labels[t] = KeyframeLabels(found.solved.pixels, found.accepted, are_consistent(evaluation))
     return replace(first, keyframes=replace(first.keyframes, labels=labels))

@@ -27,7 +27,7 @@ from torch import Tensor, nn
 from data_tools.network import MarkingsNet
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.localize import BACKGROUND
-from fieldcalib.localize.description import NetworkDescription
+from fieldcalib.localize.network import NetworkDescription
 
 CHANNELS = "RGB"
 MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as is usual

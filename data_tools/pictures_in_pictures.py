@@ -40,8 +40,8 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import calibrate_video
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork

@@ -1,4 +1,4 @@
-"""Cameras that are searched for in pictures of courts (`fieldcalib.images.court_search`), against what is true.
+"""Cameras that are searched for in pictures of courts (`fieldcalib.images.search.court_search`), against what is true.
 
     python -m data_tools.score_courts clips FOLDER [--field NAME]
     python -m data_tools.score_courts frames --field NAME [--frames N] [--seed N] [--least-view SHARE] [--nominal]
@@ -60,8 +60,7 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_evidence import CourtEvidence
-from fieldcalib.images.court_search import FoundCourt, find_courts
+from fieldcalib.images.search.court_search import CourtEvidence, FoundCourt, find_courts
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.io.videos import VideoReader
@@ -275,7 +274,7 @@ def _shares(log_odds: Array, other: float = -np.inf) -> Array:
 
 
 def _surprise(log_odds: Array, is_same: BoolArray) -> float:
-    """Negative logarithm of the probability (`fieldcalib.images.court_evidence.probabilities`) of what is true."""
+    """Negative logarithm of the probability (`fieldcalib.images.search.court_search.probabilities`) of what is true."""
     every = np.logaddexp.reduce(np.append(log_odds, 0.0))
     return float(every - (np.logaddexp.reduce(log_odds[is_same]) if np.any(is_same) else 0.0))
 

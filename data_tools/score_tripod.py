@@ -1,4 +1,4 @@
-"""Courts in pictures of one camera (`fieldcalib.images.pooled_place`), against points that were set by hand.
+"""Courts in pictures of one camera (`fieldcalib.images.search.place_search`), against points that were set by hand.
 
     python -m data_tools.score_tripod FOLDER
 
@@ -22,7 +22,7 @@ from fieldcalib.assess.words import Verdict
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.pooled_place import pooled_place
+from fieldcalib.images.search.place_search import pooled_place
 from fieldcalib.io.images import parse_image
 
 

@@ -5,10 +5,10 @@
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
 its zoom and lens are calibrated (`fieldcalib.synthetic.paths`), on a pitch whose lines are painted some centimetres
 off. With `--matches` half of the frames have no labels, and static points tie each frame to others as
-`fieldcalib.images.keyframes` does. With `--flies` the camera moves, and static points are on the ground. Printed are,
-for each basis of frames, the median errors of focal length (percent), centre and field in view (metres) and of the
-field in the image (pixels of 1280 columns), how often the 95 % regions contain the truth (percent), and the mean error
-of the pitch's size (metres).
+`fieldcalib.images.background.keyframe_tracking` does. With `--flies` the camera moves, and static points are on the
+ground. Printed are, for each basis of frames, the median errors of focal length (percent), centre and field in view
+(metres) and of the field in the image (pixels of 1280 columns), how often the 95 % regions contain the truth (percent),
+and the mean error of the pitch's size (metres).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.keyframes import BACK
+from fieldcalib.images.background.keyframe_tracking import BACK
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import paint_sigma
 from fieldcalib.solve.sequence import calibrate_sequence

@@ -31,8 +31,8 @@ from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import calibrate_video
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork

@@ -7,8 +7,8 @@ from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS
-from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.images.background.keyframe_tracking import tied_frames
+from fieldcalib.images.clip.keyframes import EXTRA_OFFSETS
 from fieldcalib.localize import BACKGROUND
 
 FIELD = soccer()

@@ -43,7 +43,7 @@ from fieldcalib import (
 )
 from fieldcalib.draw import overhead_camera
 from fieldcalib.draw.scene import render_field
-from fieldcalib.images.matches import Matches
+from fieldcalib.images.background.matches import Matches
 from fieldcalib.localize import BACKGROUND, Localization
 from fieldcalib.metrics import Confusion, ProjectionError, evaluate_segments
 from fieldcalib.plot import soccer_pitch

@@ -14,10 +14,9 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.table import Row
 from fieldcalib.fields import tennis
-from fieldcalib.images.anchored_clip import _without_contradicted
-from fieldcalib.images.clip_keyframes import KeyframeLabels
-from fieldcalib.images.keyframes import tied_frames
-from fieldcalib.images.linked_frames import linked_frames
+from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
+from fieldcalib.images.clip.clip_with_anchors import _without_contradicted
+from fieldcalib.images.clip.keyframes import KeyframeLabels
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.run_folder.numbered_frames import NumberedArrays as Arrays
 

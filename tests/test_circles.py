@@ -11,12 +11,12 @@ from data_tools.score_courts import Truth
 from fieldcalib import Arc, Camera, Field, Line
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import ice_hockey, soccer, tennis
-from fieldcalib.images.circle_hypotheses import circle_hypotheses, circles_of
-from fieldcalib.images.court_search import find_courts
-from fieldcalib.images.few_lines import focal_lengths
-from fieldcalib.localize.ellipses import Ellipse, find_ellipses
-from fieldcalib.localize.long_lines import long_lines
-from fieldcalib.localize.stripes import find_stripes
+from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses, circles_of
+from fieldcalib.images.search.cameras_from_lines import focal_lengths
+from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
+from fieldcalib.images.search.long_lines import long_lines
+from fieldcalib.images.search.stripes import find_stripes
 
 RINK = ice_hockey("nhl")
 END = Camera.from_angles(np.radians(32), np.radians(74), 0.0, 1700.0, (2.0, 36.0, -13.0), SIZE)  # of the rink

@@ -11,10 +11,9 @@ from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.words import Verdict
-from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
-from fieldcalib.images.clip_models import HeldOut, parts
-from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.finished_clip import (
+from fieldcalib.images.clip.clip_models import CameraModel, HeldOut, Pieces, parts
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.finished_clip import (
     UNTIED,
     ClipLines,
     find_clip_lines,
@@ -22,9 +21,8 @@ from fieldcalib.images.finished_clip import (
     finish_clip_again,
     off_paint,
 )
-from fieldcalib.images.pieces import CameraModel, Pieces
-from fieldcalib.images.solved_shots import solve_shots
-from fieldcalib.images.solved_tripods import solve_tripods
+from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
+from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.ties import cell_means
@@ -144,8 +142,8 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)
     found = replace(found, tripods=tuple(one.seen_in_images({0: (beside,)}) for one in found.tripods))
     nothing = finished(replace(result, tripods=()))
-    monkeypatch.setattr("fieldcalib.images.finished_clip.find_clip_lines", lambda *_: None)
-    monkeypatch.setattr("fieldcalib.images.finished_clip.finish_clip", lambda *_: nothing)
+    monkeypatch.setattr("fieldcalib.images.clip.finished_clip.find_clip_lines", lambda *_: None)
+    monkeypatch.setattr("fieldcalib.images.clip.finished_clip.finish_clip", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
     assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}, {}), [], None) is found
 
@@ -260,7 +258,7 @@ def test_alternating_places_make_two_tripods():
 
 def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypatch):
     """Whatever the places of the pieces say."""
-    monkeypatch.setattr("fieldcalib.images.solved_tripods.grouped_by_tripod", lambda shots: [sorted(shots)])
+    monkeypatch.setattr("fieldcalib.images.clip.solved_shots.grouped_by_tripod", lambda shots: [sorted(shots)])
     one = panned(10, -0.4, 0.4)
     cameras = [*one[:6], *(moved(camera, (9.0, 6.0, 0.0)) for camera in panned(8, -0.3, 0.3)), *one[6:]]
     clip = clip_of(cameras, piece=[0] * 6 + [1] * 8 + [2] * 4)
@@ -322,7 +320,7 @@ def test_a_zoom_off_the_middle_is_found_out():
 
 
 def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatch):
-    monkeypatch.setattr("fieldcalib.images.solved_shots._cut_out", lambda solved, piece: solved)
+    monkeypatch.setattr("fieldcalib.images.clip.solved_shots._cut_out", lambda solved, piece: solved)
     cameras = [one.cropped((0, 0), (720, 405)).scaled(SIZE) for one in panned(12, -0.4, 0.4)]
     video = finished(solved(clip_of(cameras)))
     assert {one.verdict for one in video} == {Verdict.CHECK}

@@ -14,11 +14,11 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.assess.words import Verdict
-from fieldcalib.images import clip_shape
-from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
-from fieldcalib.images.pictures import within_borders
-from fieldcalib.images.tracker import Tracker
+from fieldcalib.images.clip import clip_shape
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
+from fieldcalib.images.clip.tracker import Tracker
+from fieldcalib.images.shape.borders_and_squash import within_borders
 from fieldcalib.solve.aspect import WAS_SQUASHED
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS
 from fieldcalib.synthetic.film import Scene, TrueFrame, film

@@ -12,9 +12,9 @@ from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.assess.words import Verdict
-from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS, MOST_EXTRA
-from fieldcalib.images.finished_clip import MIXED
-from fieldcalib.images.keyframes import EVERY, tied_frames
+from fieldcalib.images.background.keyframe_tracking import EVERY, tied_frames
+from fieldcalib.images.clip.finished_clip import MIXED
+from fieldcalib.images.clip.keyframes import EXTRA_OFFSETS, MOST_EXTRA
 from fieldcalib.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path
 
@@ -258,7 +258,7 @@ def test_every_is_one_or_more(one_tripod):
 @pytest.mark.slow
 def test_a_long_video_is_calibrated_part_by_part(one_tripod, monkeypatch):
     """A part ends at a keyframe: those of the first shot are 0, 3 and 6, the second one begins with another."""
-    monkeypatch.setattr("fieldcalib.images.from_video.PART", 5)
+    monkeypatch.setattr("fieldcalib.images.clip.from_video.PART", 5)
     pictures, cameras = one_tripod, cameras_of([*LEFT, *RIGHT])
     keys = [tied.index for _, tied in tied_frames(pictures, every=3) if tied.is_key]
     found = calibrate_video(KNOWN, pictures, KnownCameras([cameras[t] for t in keys]), every=3)

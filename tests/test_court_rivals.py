@@ -5,10 +5,9 @@ import pytest
 
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
-from fieldcalib.images.court_hypotheses import Cameras
-from fieldcalib.images.court_ranking import Ranked
-from fieldcalib.images.court_rivals import Rivals, are_apart, distances, grid_of, seen_grids
-from fieldcalib.localize.straightened import Bend
+from fieldcalib.images.search.court_hypotheses import Cameras
+from fieldcalib.images.search.court_ranking import Ranked, Rivals, are_apart, distances, grid_of, seen_grids
+from fieldcalib.images.search.straightened import Bend
 
 SIZE = (1280, 720)
 FIELD = tennis()

@@ -16,8 +16,8 @@ from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.assess.words import Verdict
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.console.options import add_options
-from fieldcalib.images import enlarged
-from fieldcalib.images.enlarged import LARGEST_SOFTNESS, may_be_enlarged, softness
+from fieldcalib.images.shape import enlarged
+from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, may_be_enlarged, softness
 
 TRUTH = camera(-22, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
 VIEW = View(cv2.GaussianBlur(picture(TRUTH), (0, 0), 0.8), TRUTH, FIELD)

@@ -15,8 +15,8 @@ from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
 from fieldcalib.assess.remedies import NOT_WHOLE
 from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.assess.words import Verdict
-from fieldcalib.images.enlarged import LARGEST_SOFTNESS
-from fieldcalib.images.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
+from fieldcalib.images.clip.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
+from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS
 
 PART = (720, 405)  # px: three quarters of a frame
 RNG = np.random.default_rng(0)

@@ -9,10 +9,10 @@ from fieldcalib import Camera
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.words import Verdict
 from fieldcalib.fields import futsal, tennis
-from fieldcalib.images.court_search import find_courts
-from fieldcalib.images.hidden_markings import with_hidden_markings
-from fieldcalib.images.place_search import search_from
-from fieldcalib.images.views import Place
+from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.court_refinement import with_hidden_markings
+from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.place_search import search_from
 from fieldcalib.solve.task import Task
 
 SIZE = (1280, 720)

@@ -7,7 +7,7 @@ from synthetic import observe, whole_circle_markings
 from views import camera
 
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.images.hypotheses import calibrate_from_consensus
+from fieldcalib.images.from_images import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.simulated import camera_difference

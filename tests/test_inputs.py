@@ -274,7 +274,7 @@ def test_a_damaged_frame_of_a_stream_is_left_out(know, picture, tmp_path, on_std
 def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_stdin, monkeypatch, capfd):
     know([TRUTH] * 6)
     on_stdin(film)
-    from fieldcalib.images.tracker import Tracker
+    from fieldcalib.images.clip.tracker import Tracker
 
     update, seen = Tracker.update, []
 
@@ -297,7 +297,7 @@ def test_a_live_stream_goes_on_when_its_other_process_is_killed(
     know, film, tmp_path, on_stdin, monkeypatch, capfd, frame
 ):
     """As the system kills one when memory is short: cameras, lines and overlay go on."""
-    from fieldcalib.images.tracker import Tracker
+    from fieldcalib.images.clip.tracker import Tracker
 
     know([TRUTH] * 6)
     on_stdin(film)

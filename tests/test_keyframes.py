@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.images.keyframes import CONFIRMED, EVERY, KeyframeTracker, tied_frames
+from fieldcalib.images.background.keyframe_tracking import CONFIRMED, EVERY, KeyframeTracker, tied_frames
 
 SIZE = (640, 360)
 WHITE = np.full(SIZE[::-1], 250, np.uint8)

@@ -17,9 +17,8 @@ from views import camera
 import fieldcalib
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
-from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
-from fieldcalib.localize.network import resized
+from fieldcalib.localize.network import NetworkDescription, resized
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss

@@ -10,9 +10,9 @@ from views import camera
 
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.images.background_motion import Motion, _rotation, _turn
-from fieldcalib.images.frame import Frame, same_picture
-from fieldcalib.images.matches import match_background, match_far
+from fieldcalib.images.background.background_motion import Motion, _rotation, _turn
+from fieldcalib.images.background.matches import match_background, match_far
+from fieldcalib.images.background.matching_frame import Frame, same_picture
 
 SIZE = (1280, 720)
 SCOREBOARD = (slice(40, 110), slice(80, 420))

@@ -13,7 +13,7 @@ from tripods import SIZE, far_off
 from data_tools.synthetic.clips import background_matches, labelled
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.images.background_motion import background_motion, mapped, plane_motion
+from fieldcalib.images.background.background_motion import background_motion, mapped, plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path

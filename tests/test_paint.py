@@ -13,8 +13,8 @@ from fieldcalib.fields import FIELDS, american_football, field_named, ice_hockey
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point
 from fieldcalib.fields.traits import WHITE, Paint
-from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import find_lines, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import find_lines, pixels_of_lines, profiles_along
 
 PIXEL = 0.02  # m
 

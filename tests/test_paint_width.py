@@ -13,10 +13,9 @@ from fieldcalib.assess.markings import MarkingInView, paint_findings, paint_is_t
 from fieldcalib.assess.remedies import SMALLER
 from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.scene import render_field
-from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import profiles_along
-from fieldcalib.images.paint_evidence import paint_evidence
-from fieldcalib.images.paint_width import paint_widths, widths_by_marking, with_widths
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import profiles_along
+from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_widths
 from fieldcalib.synthetic.film import clip_frames
 
 CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))

@@ -12,7 +12,7 @@ from onnx_networks import DESCRIPTION, coloured, write_network
 
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork
-from fieldcalib.localize.description import NetworkDescription
+from fieldcalib.localize.network import NetworkDescription
 
 
 def in_another_process(network, images):

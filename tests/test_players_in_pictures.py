@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldcalib.images.frame import Frame
-from fieldcalib.images.matches import match_background
-from fieldcalib.images.players import blobs_on_ground, thumbnail
+from fieldcalib.images.background.matches import match_background
+from fieldcalib.images.background.matching_frame import Frame, blobs_on_ground, thumbnail
 from fieldcalib.io.image import Image
 
 GRASS, WOOD = (60, 140, 60), (110, 170, 210)

@@ -13,8 +13,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import CUT, SHAPE
 from fieldcalib.assess.words import REMEDIES, Finding, Status, What
 from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import calibrate_video
 
 SIZES = [in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5])]
 ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER]

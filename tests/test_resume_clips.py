@@ -11,7 +11,7 @@ from networks import FIELD, looked_at
 from fieldcalib import Camera, calibrate_video
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import render_field
-from fieldcalib.images import from_video
+from fieldcalib.images.clip import from_video
 from fieldcalib.io.videos import VideoWriter
 
 TRUTHS = [

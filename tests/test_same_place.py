@@ -14,12 +14,11 @@ from fieldcalib.assess.words import Status
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import field_named, tennis
-from fieldcalib.images.clip_keyframes import SearchedKeyframes
-from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.place_search import search_from
-from fieldcalib.images.pooled_place import place_of, pooled_place
-from fieldcalib.images.twins import twin_of
-from fieldcalib.images.views import Place
+from fieldcalib.images.camera_side import twin_of
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.keyframes import SearchedKeyframes
+from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.place_search import place_of, pooled_place, search_from
 from fieldcalib.solve.task import Task
 
 SIZE = (960, 540)
@@ -88,7 +87,7 @@ def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
     nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing was found")
     first = SearchedKeyframes(ClipOptions(COURT))
     with monkeypatch.context() as patched:
-        patched.setattr("fieldcalib.images.clip_keyframes.search_courts", lambda task, images: [nothing])
+        patched.setattr("fieldcalib.images.clip.keyframes.search_courts", lambda task, images: [nothing])
         first = first.searched({0: render_field(close, COURT)})
     assert list(first.refused) == [0]
     again = first.searched({25: render_field(whole, COURT)}).searched_again()

@@ -10,7 +10,7 @@ from strategies import any_angles, bounded, numbers
 
 from fieldcalib import calibrate_sequence, soccer
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.images.solved_tripods import LEAST_LOG_RATIO, grouped_by_tripod, same_tripod_log_ratio
+from fieldcalib.images.clip.solved_shots import LEAST_LOG_RATIO, grouped_by_tripod, same_tripod_log_ratio
 
 PLACE = ("x", "y", "z")
 SIZED = (*PLACE, "length", "width")

@@ -19,7 +19,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand
 from fieldcalib.fields.stands import ALL_STANDS, OPPOSITE_TRIBUNE
-from fieldcalib.images.twins import CameraSide
+from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.images import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame

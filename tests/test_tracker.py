@@ -16,13 +16,12 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.words import Verdict
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images import tracker as tracker_module
-from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.keyframes import KeyframeTracker
-from fieldcalib.images.live_shot import MOST_EXTRAPOLATED
-from fieldcalib.images.paint_evidence import PaintEvidence
-from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, solve_shot
-from fieldcalib.images.tracker import Tracker
+from fieldcalib.images.background.keyframe_tracking import KeyframeTracker
+from fieldcalib.images.clip import tracker as tracker_module
+from fieldcalib.images.clip.clip_problem import ClipOptions, ClipProblem
+from fieldcalib.images.clip.live_shot import MOST_EXTRAPOLATED, SegmentedImage, ShotProblem, solve_shot
+from fieldcalib.images.clip.tracker import Tracker
+from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path

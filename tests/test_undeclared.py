@@ -36,7 +36,7 @@ from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.pictures import shape_within, shown_part, within_borders
+from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.problem.simulated import observe as demo_labels
 from fieldcalib.problem.simulated import pan_over_field

@@ -11,12 +11,12 @@ from data_tools.nonsense import nonsense
 from fieldcalib import Camera
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
-from fieldcalib.images.circle_hypotheses import circles_of
-from fieldcalib.images.court_hypotheses import FieldLines
-from fieldcalib.images.place_search import STEP, search_from, views_through
-from fieldcalib.images.views import Place, Views
-from fieldcalib.localize.long_lines import LongLines
-from fieldcalib.localize.straightened import Bend
+from fieldcalib.images.search.cameras_at_place import Place, Views
+from fieldcalib.images.search.cameras_from_ellipses import circles_of
+from fieldcalib.images.search.court_hypotheses import FieldLines
+from fieldcalib.images.search.long_lines import LongLines
+from fieldcalib.images.search.place_search import STEP, search_from, views_through
+from fieldcalib.images.search.straightened import Bend
 from fieldcalib.solve.task import Task
 
 COURT = tennis()

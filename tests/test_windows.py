@@ -13,10 +13,10 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.assess.words import Status, Verdict, What
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.clip_shape import ShapeEstimator
-from fieldcalib.images.pictures import without_borders
-from fieldcalib.images.windows import windows_of
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.clip_shape import ShapeEstimator
+from fieldcalib.images.shape.borders_and_squash import without_borders
+from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.io.image import size_of
 from fieldcalib.problem.simulated import observe
 

@@ -22,8 +22,8 @@ from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution, stands_around
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import find_lines, profiles_along
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import find_lines, profiles_along
 from fieldcalib.images.refinement import line_support, refine_on_image
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import split_circles

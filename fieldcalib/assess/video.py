@@ -83,7 +83,7 @@ class VideoCalibration(FrameSequence):
     """Index of each frame among those of its tripod, (T,)."""
     notes: tuple[str, ...] = ()
     """Model of the camera, and the reason, where frames do not share the parameters that they were to share
-    (`fieldcalib.images.clip_models`)."""
+    (`fieldcalib.images.clip.clip_models`)."""
     shape: Shape | None = None
     """Borders, of windows too, and pixels that are not square; `tripods` are in square pixels within the borders, the
     frames of this sequence in pixels of the pictures. None where there are neither."""

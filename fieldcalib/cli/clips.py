@@ -13,7 +13,7 @@ from fieldcalib._progress import solving
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.network import digest_of, load_network, or_search
-from fieldcalib.images.from_video import PART, calibrate_video
+from fieldcalib.images.clip.from_video import PART, calibrate_video
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames

@@ -9,7 +9,7 @@ from typing import cast
 from fieldcalib._messages import say
 from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
 from fieldcalib.console.network import load_network
-from fieldcalib.images.tracker import Tracker
+from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter

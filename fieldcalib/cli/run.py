@@ -38,8 +38,8 @@ from fieldcalib.console.options import add_options
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.pooled_place import MOST, pooled_place
-from fieldcalib.images.views import Place
+from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of

@@ -20,8 +20,8 @@ from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import SIDES, Side
-from fieldcalib.images.from_video import Mount
-from fieldcalib.images.twins import CameraSide
+from fieldcalib.images.camera_side import CameraSide
+from fieldcalib.images.clip.from_video import Mount
 from fieldcalib.io.cuts import Cut
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels

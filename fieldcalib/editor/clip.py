@@ -19,13 +19,12 @@ from fieldcalib.assess.words import Finding, Verdict, What
 from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.anchored_clip import Anchors, solve_around
-from fieldcalib.images.clip_keyframes import KeyframeLabels, Keyframes, read_keyframes
-from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
-from fieldcalib.images.clip_shape import ShapeEstimator
-from fieldcalib.images.from_video import PART, SHARED_BY, Mount
-from fieldcalib.images.keyframes import tied_frames
-from fieldcalib.images.linked_frames import linked_frames
+from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
+from fieldcalib.images.clip.clip_problem import ClipOptions, shared_parameters
+from fieldcalib.images.clip.clip_shape import ShapeEstimator
+from fieldcalib.images.clip.clip_with_anchors import Anchors, solve_around
+from fieldcalib.images.clip.from_video import PART, SHARED_BY, Mount
+from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, read_keyframes
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network

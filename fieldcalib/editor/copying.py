@@ -8,7 +8,7 @@ from fieldcalib._types import Array
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.marks import Marks
 from fieldcalib.geometry.projective import dehomogenize, homogenize
-from fieldcalib.images.matches import Matches, match_background, match_far
+from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image, size_of
 
 NEAREST = 12  # matches around a mark: they tell what the homography, which has no lens, leaves

@@ -40,7 +40,7 @@ from fieldcalib.editor.stored import LastSave, NewRun, Saved, Spilled, Stored, i
 from fieldcalib.editor.table import Row, Table
 from fieldcalib.editor.versions import Announce, Announced
 from fieldcalib.fields.field import Field
-from fieldcalib.images.twins import CameraSide
+from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image

@@ -16,7 +16,7 @@ from fieldcalib.editor.fitting import fitted
 from fieldcalib.editor.known import Known
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
-from fieldcalib.images.pictures import log_ratio_of_squash
+from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.aspect import likelier, may_be_squashed, shown_size
 from fieldcalib.solve.given_camera import GivenCamera

@@ -1,4 +1,11 @@
-"""Calibration of images: pixels labelled by a network, a calibration, and its refinement on the image."""
+"""Calibration of images: pixels labelled by a network, a calibration, and its refinement on the image.
+
+Cameras from subsets of the segments, for an image whose segments are inconsistent.
+
+Hypothesise and verify, where a hypothesis is scored on the image (line support) instead of by its number of inliers: a
+network that mistakes a mowing pattern for a penalty area does so for several of its lines, which are then consistent
+with one another but have no line support.
+"""
 
 from __future__ import annotations
 
@@ -6,38 +13,110 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
+from fieldcalib._types import Array
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
 from fieldcalib.assess.words import Finding, Status, What, in_words
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
-from fieldcalib.images.court_search import search_courts
-from fieldcalib.images.detected_lines import SEARCH_RANGES
-from fieldcalib.images.enlarged import with_enlarged_parts
-from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, label_weights
-from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
-from fieldcalib.images.place_search import search_from
+from fieldcalib.images.camera_side import CameraSide
+from fieldcalib.images.field_size_from_image import on_field_as_seen
+from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
+from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
-from fieldcalib.images.resized import on_field_as_seen
-from fieldcalib.images.twins import CameraSide
-from fieldcalib.images.unusable import said_plainly
-from fieldcalib.images.views import Place
+from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.court_search import search_courts
+from fieldcalib.images.search.place_search import search_from
+from fieldcalib.images.shape.borders_and_squash import Method, with_aspect_estimated, without_borders
+from fieldcalib.images.shape.enlarged import with_enlarged_parts
+from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.batch import calibrate_pixels
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.given_camera import GivenCamera
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.solve.task import Task
+
+HEAVIEST = 5  # segments with the largest weights, from which hypotheses are made
+PER_HYPOTHESIS = 3  # segments, the fewest that determine a camera: 10 hypotheses
+VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
+NO_MARKING = "no marking was found in the image"
+SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
+
+
+def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> list[Calibration]:
+    """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
+
+    A camera is calibrated from every three of the five heaviest segments. For each of the two cameras with the highest
+    line support, a camera is calibrated from all segments within 12 px of it (in an image of 960x540).
+
+    Parameters
+    ----------
+    task : Task
+        Calibration object, flags, prior and what is known of the camera.
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    found : PixelTable
+        Labelled pixels of the image.
+
+    Returns
+    -------
+    list of Calibration
+        The one of the best supported hypothesis first; empty if there are too few segments for subsets.
+
+    References
+    ----------
+    Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
+    """
+    weight = label_weights(found)
+    heaviest = np.argsort(-weight, kind="stable")[: min(HEAVIEST, np.count_nonzero(weight))].tolist()
+    if len(heaviest) <= PER_HYPOTHESIS:
+        return []
+    size, markings = size_of(image), Markings.of(task.object_segments)
+    parts = [found.take(np.isin(found.label, labels)) for labels in combinations(heaviest, PER_HYPOTHESIS)]
+    cameras = [one.camera for one in calibrate_localized(task, parts, size) if one.camera is not None]
+    share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
+    best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
+    near = near_labels(task.object_segments, best, len(best) * [found], max(SEARCH_RANGES))
+    chosen = dict.fromkeys(map(tuple, near.tolist()))
+    return calibrate_localized(task, [found.take(np.array(is_near)[found.label]) for is_near in chosen], size)
+
+
+def label_weights(found: PixelTable) -> Array:
+    """Weights (L,) of the labels that a network found in an image; longer segments have more pixels and weigh more."""
+    count = len(found.labels)
+    return np.asarray(np.bincount(found.label, found.weight, count) * np.bincount(found.label, minlength=count), float)
+
+
+def calibrate_localized(task: Task, found: Sequence[PixelTable], size: tuple[int, int]) -> list[Calibration]:
+    """Calibrate localized images of one size, without the search for mislabelled segments."""
+    # a network's pixels are too coarse to determine the principal point
+    task = replace(task, trust_labels=True).with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
+    pixels = PixelTable.joined(task.object_segments, found)
+    return [_with_advice(one) for one in calibrate_pixels(task, pixels, size)]
+
+
+def _with_advice(calibration: Calibration) -> Calibration:
+    """The calibration; where a network labelled too few pixels, its message says what would help."""
+    if calibration.status is not Status.TOO_FEW_SEGMENTS:
+        return calibration
+    if not calibration.pixel_counts:
+        return replace(calibration, message=f"{NO_MARKING}: {SHOW_MORE}")
+    labels, equations, unknowns = next(one for one in calibration.findings if one.what is What.TOO_FEW_LABELS).numbers
+    few = f"{labels:.0f} segment{'s' * (labels != 1)}: {equations:.0f} equations for {unknowns:.0f} unknowns"
+    return replace(calibration, message=f"{few}; {SHOW_MORE}")
+
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
@@ -82,9 +161,9 @@ def calibrate_from_images(
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the field is searched for in each image
-        (`fieldcalib.images.court_search.find_courts`); then nothing of the camera may be given, cameras are always
-        refined, and the aspect is not estimated. With one it is searched for where the network's camera is refused,
-        if nothing of the camera is given and cameras are refined.
+        (`fieldcalib.images.search.court_search.find_courts`); then nothing of the camera may be given, cameras are
+        always refined, and the aspect is not estimated. With one it is searched for where the network's camera is
+        refused, if nothing of the camera is given and cameras are refined.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
         that flags fix are kept by the refinement too, to the last bit.
@@ -92,9 +171,9 @@ def calibrate_from_images(
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
     take_off_borders : bool
-        Whether black borders and what is around frames in windows (`fieldcalib.images.windows`) are left out, where no
-        `camera_matrix` is given: cameras are in pixels of the whole pictures, with the principal point near the middle
-        of what is shown.
+        Whether black borders and what is around frames in windows (`fieldcalib.images.shape.picture_in_picture`) are
+        left out, where no `camera_matrix` is given: cameras are in pixels of the whole pictures, with the principal
+        point near the middle of what is shown.
     estimate_aspect : bool
         Whether pictures of another shape than 16:9 may have been squashed from it, as in `calibrate_from_segments`; not
         without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
@@ -104,11 +183,11 @@ def calibrate_from_images(
         nothing of the camera is given.
     may_be_enlarged : bool
         Whether pictures of the shape of a frame may be enlarged parts of larger ones (digital zoom), whose principal
-        point is not in the middle (`fieldcalib.images.enlarged`). Only with a network and a prior, where cameras are
-        refined and nothing of the camera is given.
+        point is not in the middle (`fieldcalib.images.shape.enlarged`). Only with a network and a prior, where cameras
+        are refined and nothing of the camera is given.
     place : Place, optional
-        Where the one camera stands that took all images (`fieldcalib.images.pooled_place.pooled_place`): courts are
-        searched for from there. Not with a network.
+        Where the one camera stands that took all images (`fieldcalib.images.search.place_search.pooled_place`): courts
+        are searched for from there. Not with a network.
     side : {"main", "opposite"}, optional
         The side of the field that the camera is on, where this looks the same from both (`fieldcalib.fields.sides`):
         "main" in front of the near touchline or behind the left end, "opposite" beyond the far one or behind the right

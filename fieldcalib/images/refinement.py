@@ -20,12 +20,25 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, detected_lines, with_replaced
-from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.line_profiles import Strips, pixels_of_lines, profiles_along
-from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, paint_evidence, wide_strips, with_lines
-from fieldcalib.images.paint_width import widths_by_marking, with_widths
-from fieldcalib.images.traced_lines import with_traced
+from fieldcalib.images.paint.detected_lines import (
+    SEARCH_RANGES,
+    calibrate_on_lines,
+    detected_lines,
+    with_replaced,
+    with_traced,
+)
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Strips, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.paint_evidence import (
+    PaintEvidence,
+    Ridges,
+    evidence_of,
+    paint_evidence,
+    wide_strips,
+    widths_by_marking,
+    with_lines,
+    with_widths,
+)
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
@@ -67,7 +80,7 @@ def refine_on_image(
         Its markings must be within about 12 px of the lines in an image of 960x540, within 24 px in one of 1920x1080.
     image_segments : mapping of str to (N, 2) array_like, optional
         Labelled pixels; used for segments whose line is not found in the image. Lines of these segments that are too
-        faint for single profiles are located by the contrast along the whole marking (`images.traced_lines`).
+        faint for single profiles are located by the contrast along the whole marking (`images.paint.detected_lines`).
     weights : mapping of str to float or (N,) array_like, optional
         Weights of these.
     flags, prior

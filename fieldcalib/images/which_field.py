@@ -11,10 +11,10 @@ from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.court_search import courts_in
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.picture_stripes import PictureToSearch
-from fieldcalib.images.stripe_likelihood import MarkingPoints
+from fieldcalib.images.search.court_search import courts_in
+from fieldcalib.images.search.picture_stripes import PictureToSearch
+from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.grid import classes_without_segment
@@ -66,7 +66,8 @@ def which_field(
     names : sequence of str
         Names of fields in the catalogue.
     network : Network, optional
-        Finds the fields that it knows; the others are found by search (`fieldcalib.images.court_search.find_courts`).
+        Finds the fields that it knows; the others are found by search
+        (`fieldcalib.images.search.court_search.find_courts`).
 
     Examples
     --------

@@ -1,14 +1,8 @@
-from . import description as description
-from . import ellipses as ellipses
 from . import flow as flow
 from . import grid as grid
-from . import long_lines as long_lines
 from . import network as network
 from . import ridges as ridges
 from . import skeletons as skeletons
-from . import straightened as straightened
-from . import stripe_colours as stripe_colours
-from . import stripes as stripes
 from .flow import Network as Network
 from .flow import localize as localize
 from .grid import BACKGROUND as BACKGROUND

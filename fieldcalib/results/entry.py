@@ -15,7 +15,7 @@ from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
-from fieldcalib.images.from_video import Mount
+from fieldcalib.images.clip.from_video import Mount
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.image import Image
@@ -83,7 +83,7 @@ def calibrate(
         Width and height of the pictures that pixels were labelled in, where these do not say it.
     network : Network, optional
         Finds the markings in pictures; by default the one that comes with the package, for soccer. Courts of other
-        fields are found by search (`fieldcalib.images.court_search.find_courts`).
+        fields are found by search (`fieldcalib.images.search.court_search.find_courts`).
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         What is known of the camera, as in `calibrate_from_segments`.
     camera : {"tripod", "moving"}

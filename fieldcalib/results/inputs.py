@@ -22,9 +22,9 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
 from fieldcalib.geometry.camera import checked_image_size
+from fieldcalib.images.clip.from_video import Mount, calibrate_video
+from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import Mount, calibrate_video
-from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError

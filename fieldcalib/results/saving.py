@@ -17,7 +17,7 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.images.from_video import PART
+from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image

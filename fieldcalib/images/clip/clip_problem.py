@@ -1,0 +1,138 @@
+"""Frames of one camera that are calibrated together, from the lines in some of them and the matches that tie them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from fieldcalib._checks import truth
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
+from fieldcalib.images.background.matches import Matches
+from fieldcalib.images.camera_side import CameraSide
+from fieldcalib.images.from_images import ImageTask, calibrate_alone
+from fieldcalib.images.paint.detected_lines import line_loss
+from fieldcalib.images.search.court_search import search_courts
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.localize.flow import check_network
+from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, default_flags, paint_sigma
+from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
+from fieldcalib.solve.task import Task
+from fieldcalib.solve.ties import LEAST_CELLS, cell_means
+
+Cells = tuple[Array, Array]
+"""Matched pixels (n, 2) of two frames, averaged over cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClipOptions:
+    """Options for the calibration of a clip."""
+
+    object_segments: ObjectSegments
+    flags: int = DEFAULT_FLAGS
+    prior: Prior = ALL
+    shared: tuple[str, ...] = SHARED
+    """Names of the parameters that frames share, as in `calibrate_sequence`."""
+    given: GivenCamera = NOTHING_GIVEN
+    side: Side | None = None
+    """As `Task.side`."""
+    may_be_enlarged: bool = True
+    """Whether frames may be enlarged parts of larger ones (`fieldcalib.images.clip.enlarged_clip`)."""
+
+    def check(self, network: Network | None) -> None:
+        """Raise a ValueError for an invalid calibration object or network, or flags that cannot hold for a clip."""
+        check_object(self.object_segments)
+        if network is not None:
+            check_network(network)
+        check_of_clip(self.flags)
+
+    @property
+    def field(self) -> Field | None:
+        """The calibration object if it is a `Field`."""
+        return self.object_segments if isinstance(self.object_segments, Field) else None
+
+    @property
+    def task(self) -> Task:
+        """The task of each frame by itself."""
+        return Task(self.object_segments, self.given, self.flags, prior=self.prior, side=self.side)
+
+    def calibrate_alone(self, images: Sequence[Image], network: Network | None) -> list[Calibration]:
+        """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio.
+
+        Without a network the court is searched for.
+        """
+        if network is None:
+            return search_courts(self.task, images)
+        return calibrate_alone(ImageTask(self.task, network), images)
+
+    def not_sharing(self, name: str) -> ClipOptions:
+        """The options without one of the names in `shared`."""
+        return replace(self, shared=tuple(one for one in self.shared if one != name))
+
+    @property
+    def flags_together(self) -> int:
+        """The flags for frames that are solved together.
+
+        k2 is estimated too by default and with CALIB_AUTO_LENS: all frames together determine the lens.
+        """
+        position = self.flags & CalibrationFlags.CALIB_FIX_POSITION
+        if self.flags == DEFAULT_FLAGS | position or self.flags & CalibrationFlags.CALIB_AUTO_LENS:
+            return default_flags(self.prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
+        return self.flags
+
+
+def on_side(options: ClipOptions, side: Side | None) -> tuple[ClipOptions, CameraSide]:
+    """The options for cameras on a side of the field, and that side; a ValueError as `CameraSide.of`."""
+    check_object(options.object_segments)
+    on = CameraSide.of(options.field, options.given, options.flags, options.prior, side)
+    return replace(options, prior=on.prior(options.prior, options.field), side=on.side), on
+
+
+def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:
+    """Names of shared parameters, without the size of the field unless it is to be estimated."""
+    is_estimated = truth(estimate_size, "estimate_size")
+    return tuple(name for name in names if is_estimated or name != SIZE)
+
+
+def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:
+    """Matches averaged over cells; None if they are too few to tie two frames."""
+    cells = cell_means(matches.first, matches.second, image_size)
+    return cells if len(cells[0]) >= LEAST_CELLS else None
+
+
+def between(frames: Sequence[int], matches: Mapping[tuple[int, int], Cells]) -> dict[tuple[int, int], Cells]:
+    """The matches between some frames, which are numbered from 0 in their order."""
+    number = {frame: k for k, frame in enumerate(frames)}
+    return {(number[i], number[j]): cells for (i, j), cells in matches.items() if i in number and j in number}
+
+
+@dataclass(frozen=True, eq=False)
+class ClipProblem:
+    """Frames of one camera, with the lines and the matches that they are calibrated from."""
+
+    options: ClipOptions
+    image_size: tuple[int, int]
+    frames: Sequence[int]
+    """Numbers of the T frames, ascending."""
+    labels: Mapping[int, PixelTable]
+    """Lines by frame; those of frames that are not in `frames` are ignored."""
+    matches: Mapping[tuple[int, int], Cells]
+    """Matches by the numbers of both frames; those of other frames are ignored."""
+
+    @property
+    def from_zero(self) -> SequenceProblem:
+        """This problem with frames numbered from 0."""
+        options, loss = self.options, line_loss(self.image_size)
+        paint = paint_sigma(options.object_segments)
+        task = replace(options.task, flags=options.flags_together, loss=loss, paint=paint, trust_labels=True)
+        labels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
+        pixels = PixelTable.joined(options.object_segments, labels)
+        matches = between(self.frames, self.matches)
+        return SequenceProblem.of(task.options(self.image_size), pixels, options.shared, matches)

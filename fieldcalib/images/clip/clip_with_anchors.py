@@ -1,0 +1,189 @@
+"""A clip solved again around frames whose lines are known for sure, as where a person has labelled them.
+
+The stages are those of `fieldcalib.images.clip.from_video`. What takes longest, matches and the labels of the network,
+does not depend on the anchors: `Keyframes` of an earlier solution serve again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+
+import numpy as np
+
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.images.clip.clip_models import Pieces
+from fieldcalib.images.clip.finished_clip import LONGEST_GAP, ClipLines, find_clip_lines, finish_clip, picture_sigma
+from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes
+from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
+from fieldcalib.images.paint.detected_lines import with_replaced
+from fieldcalib.images.refinement import near_labels
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.options import pixel_unit
+
+FAR, SIGMAS = 12.0, 3.0  # px of a 960 x 540 image, and standard deviations of the picture: labels farther off are wrong
+ROUNDS = 3  # of leaving labels out
+GRID = (7, 5)  # places across and down the picture whose errors are looked at
+STEP = 0.01  # m by which ground points are moved to see how far they move in the picture
+WEIGHT = 8.0  # of a segment in an anchor, beside 1 of one that a network found
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """What is known of a clip."""
+
+    labels: Mapping[int, KeyframeLabels] = attribute(default_factory=dict)
+    """Lines by frame; they are accepted if they tell a camera by themselves."""
+    cuts: Sequence[int] | None = None
+    """First frames of the shots; None where matches tell them."""
+
+
+def solve_around(
+    keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]], network: Network | None
+) -> VideoCalibration:
+    """Calibrate the frames of a part of a clip, given what is known of some.
+
+    Parameters
+    ----------
+    keyframes : Keyframes
+        Matches and labels of the part.
+    anchors : Anchors
+        Frames are numbered from the first one of the part.
+    images : callable
+        Gives the images of the part, from the first one on.
+    network : Network, optional
+    """
+    keyframes = _with_cuts(keyframes, anchors.cuts)
+    held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}
+    known = _without_contradicted(keyframes, held)
+    lines = find_clip_lines(solve_tripods(solve_shots(known)), images(), network)
+    return finish_clip(_with_lines(lines, held))
+
+
+def _heavy(labels: PixelTable) -> PixelTable:
+    return replace(labels, weight=WEIGHT * labels.weight)
+
+
+def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabels]) -> Keyframes:
+    """Keyframes with the labels of anchors, and without those that contradict them, matches and the tripod.
+
+    Labels that are far from what cameras project are left out, and all labels of a keyframe in which these are the
+    most. The labels that are left make the cameras surer, so that more labels may turn out to be far.
+    """
+    number = keyframes.shots.pieces.number
+    anchored = {int(number[t]) for t in held} or set(number.tolist())
+    others = {t: one for t, one in keyframes.labels.items() if int(number[t]) in anchored and t not in held}
+    rest = {t: one for t, one in keyframes.labels.items() if t not in others and t not in held}
+    cameras, kept = _first_cameras(keyframes, rest, others, held), others
+    for _ in range(ROUNDS):
+        before = kept
+        near = {t: _near(keyframes, one, cameras.get(t)) for t, one in others.items()}
+        kept = {t: one for t, one in near.items() if one is not None}
+        if _pixel_counts(kept) == _pixel_counts(before):
+            break
+        cameras = _cameras(replace(keyframes, labels={**rest, **kept, **held}))
+    labels = rest | kept
+    told = {int(number[t]) for t, one in labels.items() if one.accepted}
+    sure = {t: replace(one, accepted=one.accepted or int(number[t]) in told) for t, one in held.items()}
+    return replace(keyframes, labels=labels | sure)
+
+
+def _first_cameras(
+    keyframes: Keyframes,
+    rest: Mapping[int, KeyframeLabels],
+    others: Mapping[int, KeyframeLabels],
+    held: Mapping[int, KeyframeLabels],
+) -> dict[int, Calibration]:
+    """Cameras to begin with, by frame: those that anchors alone determine, else those of all labels together.
+
+    Labels of frames that no match ties are left out: the cameras of the frames around can contradict them, while they
+    cannot contradict themselves.
+    """
+    tied = {t for pair in keyframes.shots.matches for t in pair}
+    labels = {**rest, **{t: one for t, one in others.items() if t in tied}, **held}
+    found = _cameras(replace(keyframes, labels=labels))
+    if held:
+        far = FAR * pixel_unit(keyframes.shots.image_size)
+        by_anchors = _cameras(replace(keyframes, labels={**rest, **held}))
+        found |= {t: one for t, one in by_anchors.items() if one.camera is not None and _sigma(one) < far}
+    return found
+
+
+def _pixel_counts(labels: Mapping[int, KeyframeLabels]) -> dict[int, int]:
+    return {t: len(one.labels.label) for t, one in labels.items()}
+
+
+def _cameras(keyframes: Keyframes) -> dict[int, Calibration]:
+    """Calibrations of the frames that have a tripod, by frame; frames that nothing ties are interpolated."""
+    solved = solve_tripods(solve_shots(keyframes, only_tripods=True))
+    found: dict[int, Calibration] = {}
+    for tripod in solved.tripods:
+        frames = solved.pieces.frames(tripod.pieces)
+        found |= zip(
+            frames.tolist(), tripod.calibration.interpolated(solved.pieces.number[frames], LONGEST_GAP), strict=True
+        )
+    return found
+
+
+def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration | None) -> KeyframeLabels | None:
+    """The labels of a keyframe that are near what its camera projects; None if most are far."""
+    if calibration is None or calibration.camera is None:
+        return labels
+    objects = keyframes.options.object_segments if calibration.field is None else calibration.field
+    unit = pixel_unit(keyframes.shots.image_size)
+    table, reach = labels.labels, FAR + SIGMAS * _sigma(calibration) / unit
+    (is_near,) = near_labels(objects, [calibration.camera], [table], reach)
+    near = table.take(is_near[table.label])
+    if 2 * len(np.unique(near.label)) < len(np.unique(table.label)):
+        return None
+    return replace(labels, labels=near)
+
+
+def _sigma(calibration: Calibration) -> float:
+    """Standard deviation of the projection of ground in view, pixels: the median over the picture.
+
+    That of the picture as a whole is larger: a turn of the camera and a shift of its centre compensate on the ground.
+    """
+    camera, field = calibration.required_camera, calibration.field
+    x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(camera.image_size, GRID, strict=True))
+    X = camera.image_to_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    with np.errstate(invalid="ignore"):
+        inside = np.isfinite(X).all(axis=1) if field is None else np.all(np.abs(X[:, :2]) < field.half_extent, axis=1)
+    X, errors = X[inside], calibration.uncertainty.if_level
+    if not len(X):
+        return picture_sigma(calibration)
+    derivative, _ = errors.ground_jacobian(X)
+    steps = STEP * np.eye(3)[:2]
+    A = np.stack([(camera.project(X + step) - camera.project(X - step)) / (2.0 * STEP) for step in steps], axis=-1)
+    V = A @ errors.propagated(derivative) @ np.swapaxes(A, 1, 2)
+    return float(np.sqrt(np.median(np.linalg.eigvalsh(V)[:, -1])))
+
+
+def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
+    """Keyframes with other shots; matches across a cut are left out."""
+    if cuts is None:
+        return keyframes
+    shots = keyframes.shots
+    count = len(shots.pieces.number)
+    number = np.searchsorted(sorted({cut for cut in cuts if 0 < cut < count}), np.arange(count), side="right")
+    matches = {(i, j): cells for (i, j), cells in shots.matches.items() if number[i] == number[j]}
+    return replace(
+        keyframes,
+        shots=replace(shots, pieces=Pieces(number), loose=np.zeros(count, dtype=bool), matches=matches),
+    )
+
+
+def _with_lines(lines: ClipLines, held: Mapping[int, KeyframeLabels]) -> ClipLines:
+    """Lines with those of anchors in the place of what was found at the same markings.
+
+    Where the labels of an anchor do not tell its camera, what was found is more exact than they are.
+    """
+    both = {}
+    for t, one in held.items():
+        found = lines.labels.get(t, NO_PIXELS)
+        both[t] = with_replaced(found, one.labels) if one.accepted else with_replaced(one.labels, found)
+    return replace(lines, labels={**lines.labels, **both})

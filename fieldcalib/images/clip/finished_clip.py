@@ -1,0 +1,279 @@
+"""The second pass over a part of a video: lines in every frame, and all frames of every tripod solved from them.
+
+Lines are searched near the markings that the cameras of the first pass project.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.assess.whole_picture import CUT
+from fieldcalib.assess.words import Finding, What
+from fieldcalib.images.clip.clip_models import CameraModel, Pieces
+from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.enlarged_clip import (
+    OFF_MIDDLE,
+    enlarged_note,
+    is_better_free,
+    may_be_enlarged,
+    off_middle,
+    with_doubts_of_all,
+    with_doubts_of_part,
+)
+from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
+from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.projection import Projection
+from fieldcalib.solve.from_segments import NO_PIXELS
+
+PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
+LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
+LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
+MIXED = Finding(What.MIXED)
+UNTIED = (  # lines are looked for only near markings that a camera projects: this says nothing of what is shown
+    "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
+    "no camera of its own"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipLines:
+    """The lines in the frames of a clip, near the markings that the cameras of its tripods project."""
+
+    solved: SolvedTripods
+    members: tuple[tuple[int, ...], ...]
+    """Pieces of each tripod whose frames show its lines."""
+    labels: Mapping[int, PixelTable]
+    """Lines by frame."""
+    ridges: Mapping[int, Ridges]
+    """Ridges beside the markings of some frames."""
+    widths: Mapping[int, Mapping[str, Array]]
+    """Widths of the paint of markings in these frames, as `widths_by_marking` measures them."""
+
+
+class _FrameLines(NamedTuple):
+    """Lines in one frame."""
+
+    labels: PixelTable
+    ridges: Ridges | None
+    widths: Mapping[str, Array]
+    profiles: tuple[int, int]
+    """Number of profiles with a line, and of all profiles."""
+
+
+def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network | None) -> ClipLines:
+    """Find the lines in all frames; in keyframes and in every fifth frame, paint beside the markings too.
+
+    The network sees the frames of pieces that are calibrated one by one.
+    """
+    pieces, options = solved.pieces, solved.keyframes.options
+    given = Markings.of(options.object_segments)
+    cameras: dict[int, tuple[Calibration, Markings]] = {}
+    for tripod in solved.tripods:
+        field = tripod.calibration.field
+        markings = given if field is None else Markings.of(field)
+        frames = pieces.frames(tripod.pieces).tolist()
+        cameras |= {t: (one, markings) for t, one in zip(frames, tripod.calibration, strict=True)}
+    keys = {key for key, _ in solved.keyframes.shots.matches}
+    labels: dict[int, PixelTable] = {}
+    ridges: dict[int, Ridges] = {}
+    widths: dict[int, Mapping[str, Array]] = {}
+    counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
+    for t, image in enumerate(images):
+        if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
+            (calibration,) = options.calibrate_alone([image], network)
+            one = _fitted(image, calibration, given)
+        else:
+            one = _near_markings(image, *cameras.pop(t), t in keys or t % PAINT_EVERY == 0) if t in cameras else None
+        if one is None:
+            continue
+        labels[t] = one.labels
+        counts[:, pieces.number[t]] += one.profiles
+        if one.ridges is not None:
+            ridges[t], widths[t] = one.ridges, one.widths
+    shown = set(np.flatnonzero(counts[0] / np.maximum(counts[1], 1.0) >= LEAST_LINES).tolist())
+    members = tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods)
+    return ClipLines(solved, members, labels, ridges, widths)
+
+
+def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:
+    """The lines from which a single frame was calibrated; None if it has no camera."""
+    if calibration.camera is None or calibration.solved is None:
+        return None
+    ridges = Ridges.of(image, calibration.camera, markings)
+    return _FrameLines(
+        calibration.solved.pixels, ridges, widths_by_marking(image, calibration.camera, markings), (1, 1)
+    )
+
+
+def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
+    """The lines near the markings that the camera of a frame projects; None without a camera."""
+    camera = calibration.camera
+    if camera is None:
+        return None
+    labels, profiles = detected_lines(image, camera, markings, picture_sigma(calibration))
+    counts = len(labels.frame), profiles
+    if not with_ridges:
+        return _FrameLines(labels, None, {}, counts)
+    ridges = Ridges.of(image, camera, markings)
+    labels = with_replaced(labels, evidence_of(ridges, markings).beside)
+    return _FrameLines(labels, ridges, widths_by_marking(image, camera, markings), counts)
+
+
+def picture_sigma(calibration: Calibration) -> float:
+    """Standard deviation of the position of the picture as a whole, pixels.
+
+    Where a window moves, the turn of the camera and the shift of the window are each known much worse than their sum.
+    """
+    errors, f = calibration.uncertainty.if_level, calibration.required_camera.focal_length
+    layout = errors.layout
+    if not np.any(layout.free[PRINCIPAL_POINT]):
+        return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))
+    projection = Projection(errors.theta[None], layout)
+    middle = np.divide(layout.image_size, 2.0).reshape(1, 1, 2).repeat(2, axis=1)
+    s = projection.ideal_offset(projection.observed_offset(middle))
+    (J,) = projection.derivatives(s, np.zeros((1, 2)), np.eye(2)[:, None], np.ones(layout.size, dtype=bool))
+    return float(np.sqrt(np.max(np.diagonal(J.T @ errors.covariance @ J))))
+
+
+def finish_clip(lines: ClipLines) -> VideoCalibration:
+    """Calibrate all frames of every tripod; paint beside projected markings counts against a camera."""
+    solved, pieces = lines.solved, lines.solved.pieces
+    tripod_of, number = np.full(len(pieces.number), NO_TRIPOD), np.zeros(len(pieces.number), dtype=np.intp)
+    calibrations: list[SequenceCalibration] = []
+    notes = list(solved.notes)
+    for tripod, members in zip(solved.tripods, lines.members, strict=True):
+        if not members:
+            continue
+        frames = pieces.frames(members)
+        tripod_of[frames], number[frames] = len(calibrations), np.arange(len(frames))
+        finished, note = _finished_tripod(lines, tripod, members)
+        calibrations.append(finished)
+        notes.extend(note)
+    for t in _mixed(solved.keyframes.shots.loose, tripod_of):
+        if tripod_of[t] != NO_TRIPOD:
+            calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], [int(number[t])], MIXED)
+    shots = [pieces.frames([p]) for p in pieces.numbers]
+    return VideoCalibration(
+        tuple(calibrations),
+        tuple(Shot(int(one[0]), int(one[-1]) + 1, int(tripod_of[one[0]])) for one in shots),
+        tripod_of,
+        number,
+        tuple(notes),
+    )
+
+
+def _finished_tripod(
+    lines: ClipLines, tripod: Tripod, members: tuple[int, ...]
+) -> tuple[SequenceCalibration, list[str]]:
+    """All frames of the pieces of a tripod whose frames show its lines, and notes for the user on them."""
+    options, pieces = lines.solved.keyframes.options, lines.solved.pieces
+    start = tripod.calibration if members == tripod.pieces else None
+    found = _calibrated(lines, pieces, members, start)
+    frames, models = pieces.frames(members), pieces.models_of(members)
+    softness = lines.solved.keyframes.softness(frames)
+    if models == {CameraModel.TRIPOD} and np.any(found.accepted) and may_be_enlarged(found, options, softness):
+        for piece in members:
+            pieces = pieces.with_model(piece, CameraModel.CUT_OUT)
+        freed = _calibrated(lines, pieces, members, None)
+        if not freed.together or may_be_enlarged(freed, options, softness, is_free=True):
+            if not is_better_free(found, freed, options):
+                return with_doubts_of_all(found), []
+            return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
+    return _with_place_of_picture(found, options, models), []
+
+
+def _calibrated(
+    lines: ClipLines, pieces: Pieces, members: Sequence[int], start: SequenceCalibration | None
+) -> SequenceCalibration:
+    """All frames of some pieces, with the paint that they show; the pieces say which camera models these have."""
+    frames = pieces.frames(members)
+    found = lines.solved.keyframes.calibrate(pieces, members, lines.labels, start)
+    if pieces.models_of(members) != {CameraModel.ALONE}:
+        found = found.interpolated(pieces.number[frames], LONGEST_GAP)
+    found = found.with_notes({NO_PIXELS: UNTIED})
+    return found.seen_in_images(_markings_seen(lines, found, frames))
+
+
+def _with_place_of_picture(
+    calibration: SequenceCalibration, options: ClipOptions, models: Collection[CameraModel]
+) -> SequenceCalibration:
+    """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
+    off = off_middle(calibration, options)
+    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
+        return calibration
+    return with_doubts(calibration, range(len(calibration)), CUT)
+
+
+def finish_clip_again(
+    first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network | None
+) -> VideoCalibration:
+    """Find lines near the markings of finished cameras, and finish again if more markings lie on paint then."""
+    kept = [members for members in lines.members if members]
+    tripods = tuple(Tripod(*one) for one in zip(kept, first.tripods, strict=True))
+    second = finish_clip(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
+    return second if _cameras(second) >= _cameras(first) and off_paint(second) < off_paint(first) else first
+
+
+def off_paint(video: VideoCalibration) -> float:
+    """Share of the frames with a camera in which a marking lies beside its paint; 0 without any."""
+    off = [any(one.is_beside for one in seen) for tripod in video.tripods for seen in tripod.frames.markings.values()]
+    return sum(off) / max(_cameras(video), 1)
+
+
+def _cameras(video: VideoCalibration) -> int:
+    """Number of frames with a camera."""
+    return sum(int(np.count_nonzero(tripod.usable)) for tripod in video.tripods)
+
+
+def _mixed(loose: BoolArray, tripod: IntArray) -> list[int]:
+    """Numbers of loose frames between frames of two tripods; `loose` and `tripod` are (T,)."""
+    edges = np.flatnonzero(np.diff(loose, prepend=False, append=False)).tolist()
+    runs = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b < len(loose)]
+    return [t for run in runs if tripod[run.start - 1] != tripod[run.stop] for t in run]
+
+
+def _markings_seen(
+    lines: ClipLines, calibration: SequenceCalibration, frames: IntArray
+) -> dict[int, tuple[MarkingInView, ...]]:
+    """The markings that frames of a tripod show, by the numbers of the frames in it.
+
+    A frame in which none were looked for takes those of the nearest other frame, if that is near and of the same piece.
+    The widths of their paint are those of all frames: they show the same lines.
+    """
+    field, number = calibration.field, lines.solved.pieces.number[frames]
+    markings = Markings.of(lines.solved.keyframes.options.object_segments if field is None else field)
+    cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
+    seen = {
+        k: evidence_of(lines.ridges[int(frames[k])].seen_by(camera, markings), markings).markings
+        for k, camera in cameras.items()
+        if camera is not None
+    }
+    if not seen:
+        return {}
+    widths = _together([lines.widths[int(frames[k])] for k in seen])
+    seen = {k: with_widths(one, widths) for k, one in seen.items()}
+    looked_at = np.array(list(seen))
+    nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
+    is_near = (np.abs(frames[nearest] - frames) < PAINT_EVERY) & (number[nearest] == number)
+    return {k: seen[int(nearest[k])] for k in np.flatnonzero(is_near).tolist()}
+
+
+def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    """The widths of the markings of several frames."""
+    labels = {label for one in widths for label in one}
+    return {label: np.concatenate([one[label] for one in widths if label in one]) for label in labels}

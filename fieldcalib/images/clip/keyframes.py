@@ -1,0 +1,317 @@
+"""The first pass over a part of a video: its shots, what ties their frames, and the labels in keyframes.
+
+The labels that the network finds in keyframes also check the cameras that all frames together have. Lines are searched
+near the markings that a camera projects, so lines that are found confirm it: one that lies elsewhere is not found, and
+contradicts nothing. The labels of the network were found without that camera and can contradict it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from dataclasses import field as attribute
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.label_errors import rms_by_label
+from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.background.keyframe_tracking import TiedFrame
+from fieldcalib.images.clip.clip_models import CameraModel, Pieces, loose_at_end, numbered
+from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.clip.enlarged_clip import Detail, softness_of_shot
+from fieldcalib.images.paint.detected_lines import line_loss
+from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.court_search import search_courts
+from fieldcalib.images.search.place_search import place_of, search_from
+from fieldcalib.images.shape.enlarged import window_prior
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.localize import Network
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
+
+EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
+MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
+EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
+LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
+LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
+
+MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again when more is known
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """The pieces of a part of a video, and the matches between their frames."""
+
+    begin: int
+    """Number of the first frame in the video; in this part frames are numbered from 0."""
+    image_size: tuple[int, int]
+    pieces: Pieces
+    loose: BoolArray
+    """Whether each frame is untied, and at the end of its shot, (T,); such frames make pieces of their own."""
+    matches: Mapping[tuple[int, int], Cells]
+    """Matches by the numbers of the keyframe and of the other frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframes:
+    """Shots, with the labels that a network found in their keyframes, and in some other frames."""
+
+    options: ClipOptions
+    shots: Shots
+    labels: Mapping[int, KeyframeLabels]
+    details: Mapping[int, Detail] = field(default_factory=dict)
+    """Evidence that frames were enlarged, by keyframe; of some only."""
+
+    @property
+    def accepted(self) -> dict[int, PixelTable]:
+        """Labels of keyframes whose camera was accepted."""
+        return {t: one.labels for t, one in self.labels.items() if one.accepted}
+
+    @property
+    def doubtful(self) -> dict[int, PixelTable]:
+        """Labels of keyframes whose camera was not accepted."""
+        return {t: one.labels for t, one in self.labels.items() if not one.accepted}
+
+    def softness(self, frames: IntArray) -> float:
+        """How much the keyframes among some frames look enlarged, `softness_of_shot`."""
+        return softness_of_shot([self.details[t] for t in frames.tolist() if t in self.details])
+
+    def calibrate(
+        self,
+        pieces: Pieces,
+        members: Sequence[int],
+        labels: Mapping[int, PixelTable],
+        start: SequenceCalibration | None = None,
+        left_out: Collection[tuple[int, int]] = (),
+    ) -> SequenceCalibration:
+        """Calibrate all frames of some pieces, from the lines in some frames and from matches that are not left out.
+
+        The labels of keyframes are witnesses for or against their cameras.
+        """
+        options, size = self.options, self.shots.image_size
+        frames, models = pieces.frames(members).tolist(), pieces.models_of(members)
+        if CameraModel.WINDOW in models:
+            prior = window_prior(options.prior, options.object_segments, size)
+            options = replace(options.not_sharing("principal point"), prior=prior)
+        elif CameraModel.CUT_OUT in models:
+            options = replace(options, prior=window_prior(options.prior, options.object_segments, size))
+        elif models == {CameraModel.MOVING}:
+            options = options.not_sharing("centre")
+        matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
+        problem = ClipProblem(options, size, frames, labels, matches).from_zero
+        if models == {CameraModel.ALONE}:
+            calibration = calibrate_one_by_one(problem)
+        else:
+            calibration = solve_sequence(problem, start).calibration
+        witnesses = witnesses_of(self.labels, frames, calibration)
+        return with_witnesses(options.object_segments, calibration, witnesses)
+
+
+def read_keyframes(
+    frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptions, network: Network | None
+) -> Keyframes:
+    """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
+
+    Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
+    searched for in these frames: in each alone until some are found, then from where the tripod of these stands; in
+    the end the others are searched again from there.
+    """
+    begin, size = 0, (0, 0)
+    piece: list[int] = []
+    linked: list[bool] = []
+    matches: dict[tuple[int, int], Cells] = {}
+    labels: dict[int, KeyframeLabels] = {}
+    details: dict[int, Detail] = {}
+    waiting: dict[int, Image] = {}  # frames that the network is to see
+    searched = SearchedKeyframes(options)
+    extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
+
+    def look() -> None:
+        nonlocal searched
+        if network is None:
+            searched = searched.searched(waiting)
+            found = labels_of([searched.found[t] for t in waiting if t in searched.found])
+            seen = [t for t in waiting if t in searched.found]
+        else:
+            seen, found = list(waiting), labels_of(options.calibrate_alone(list(waiting.values()), network))
+        if options.may_be_enlarged:
+            details.update({t: Detail.of(image) for t, image in waiting.items()})
+        labels.update({t: one for t, one in zip(seen, found, strict=True) if one is not None})
+        waiting.clear()
+
+    for t, (image, tied) in enumerate(frames):
+        if t == 0:
+            begin, size = tied.index, size_of(image)
+        piece.append(tied.piece)
+        linked.append(tied.is_key or bool(tied.ties))
+        ties = {
+            (key - begin, t): cells
+            for key, found in tied.ties
+            if key >= begin and (cells := cells_of(found, size)) is not None
+        }
+        matches |= ties
+        unsure = not any(one.accepted and piece[key] == tied.piece for key, one in labels.items())
+        is_extra = unsure and extra.get(tied.piece, 0) > 0 and tied.index - tied.key in EXTRA_OFFSETS
+        if tied.is_key or not ties or is_extra:  # an untied frame can only be calibrated from its own labels
+            waiting[t] = image
+            extra[tied.piece] = extra.get(tied.piece, MOST_EXTRA) - is_extra
+            if len(waiting) == IMAGES_AT_ONCE or unsure:
+                look()
+    look()
+    again = searched.searched_again().found
+    labels |= {t: one for t, one in zip(again, labels_of(list(again.values())), strict=True) if one is not None}
+    labels = dict(sorted(labels.items()))
+    loose = loose_at_end(piece, linked)
+    pieces = Pieces(np.array(numbered(piece, loose), dtype=np.intp))
+    return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels, details)
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeLabels:
+    """Labels of a keyframe, to which a camera was fitted."""
+
+    labels: PixelTable
+    accepted: bool = True
+    """Whether that camera was accepted; if not, the labels are doubtful."""
+    consistent: bool = True
+    """Whether that camera explains enough of the labels."""
+
+
+def labels_of(calibrations: Sequence[Calibration]) -> list[KeyframeLabels | None]:
+    """Labels of keyframes that were calibrated as single images; None where no camera could be fitted."""
+    return [
+        None
+        if one.solved is None
+        else KeyframeLabels(one.solved.pixels, one.accepted, are_consistent(one.solved.alone.evaluation))
+        for one in calibrations
+    ]
+
+
+def are_consistent(evaluation: Evaluation) -> bool:
+    """Whether the camera of one frame explains at least four of its labels, and at least half of them.
+
+    Otherwise the labels contradict one another, as in narrow pictures without corners.
+    """
+    (by_label,) = rms_by_label(evaluation)
+    by_label = by_label[np.isfinite(by_label)]
+    explained = int(np.count_nonzero(by_label < EXPLAINED * pixel_unit(evaluation.problem.layout.image_size)))
+    return explained >= max(LEAST_CONSISTENT, 0.5 * len(by_label))
+
+
+def witnesses_of(
+    keyframes: Mapping[int, KeyframeLabels], frames: Sequence[int], calibration: SequenceCalibration
+) -> dict[int, KeyframeLabels]:
+    """The labels of keyframes that have a camera among some frames, which are numbered from 0.
+
+    Labels that contradict one another are left out where enough keyframes were accepted by themselves.
+    """
+    found = {k: keyframes[t] for k, t in enumerate(frames) if t in keyframes}
+    enough = sum(one.accepted for one in found.values()) >= LEAST_FRAMES
+    usable = calibration.usable
+    return {
+        k: one
+        for k, one in found.items()
+        if usable[k] and one.labels.has_pixels.any() and (one.accepted or one.consistent or not enough)
+    }
+
+
+def with_witnesses(
+    object_segments: ObjectSegments, calibration: SequenceCalibration, witnesses: Mapping[int, KeyframeLabels]
+) -> SequenceCalibration:
+    """A calibration with the misfit of the labels of keyframes where that is larger than its own.
+
+    Frames in between are interpolated. The misfit of a keyframe counts up to the larger one of the keyframes before and
+    after it. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that
+    of `fieldcalib.assess.misfit`. Of the others a camera must explain half; if it explains fewer, the misfit is the
+    median distance of the labels.
+    """
+    if not witnesses or calibration.layout is None:
+        return calibration
+    frames = np.array(sorted(witnesses), dtype=np.intp)
+    segments = object_segments if calibration.field is None else calibration.field
+    keyframes = [witnesses[t] for t in frames.tolist()]
+    excess = _excess(segments, keyframes, calibration.layout, calibration.frames.theta[frames])
+    between = np.interp(np.arange(len(calibration)), frames, _confirmed(excess))
+    has_camera = np.isfinite(calibration.frames.theta).all(axis=1)
+    found = np.where(has_camera, np.fmax(calibration.frames.misfit, between), np.nan)
+    return replace(calibration, frames=replace(calibration.frames, misfit=found))
+
+
+def _excess(
+    object_segments: ObjectSegments, keyframes: Sequence[KeyframeLabels], layout: Layout, theta: Array
+) -> Array:
+    """Misfit (B,) in pixels of the labels of keyframes to cameras theta (B, n)."""
+    pixels = PixelTable.joined(object_segments, [one.labels for one in keyframes])
+    observations = Observations.of(object_segments, pixels, layout.image_size)
+    all_labels = evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
+    rms, table = rms_by_label(all_labels), observations.pixels
+    worst = np.where(np.sum(np.isfinite(rms), axis=1) >= LEAST_WITHOUT_WORST, np.nanargmax(rms, axis=1), -1)
+    others = observations.relabelled(np.where(table.label == worst[table.frame], -1, table.label))
+    evaluation = evaluate(replace(all_labels.problem, observations=others), theta)
+    rms = rms_by_label(evaluation)
+    labelled = np.isfinite(rms)
+    explained = np.sum(labelled & (rms < EXPLAINED * pixel_unit(layout.image_size)), axis=1)
+    off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(rms, axis=1), 0.0)
+    return np.where([one.accepted for one in keyframes], misfit(evaluation).excess, off)
+
+
+def _confirmed(excess: Array) -> Array:
+    """Each misfit, up to the larger one of its neighbours: in one keyframe of forty, labels lie beside the paint."""
+    if len(excess) < 2:
+        return np.zeros_like(excess)
+    before, after = np.concatenate([[0.0], excess[:-1]]), np.concatenate([excess[1:], [0.0]])
+    return np.asarray(np.minimum(excess, np.maximum(before, after)))
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedKeyframes:
+    """Keyframes by their numbers, as far as they were searched."""
+
+    options: ClipOptions
+    found: Mapping[int, Calibration] = attribute(default_factory=dict)
+    """Accepted cameras."""
+    refused: Mapping[int, Image] = attribute(default_factory=dict)
+    """Images in which no court was found."""
+
+    @property
+    def place(self) -> Place | None:
+        """Where the tripod stands; None if that is not known, or the camera moves."""
+        field = self.options.task.field
+        if field is None or "centre" not in self.options.shared:
+            return None
+        return place_of(list(self.found.values()))
+
+    def searched(self, images: Mapping[int, Image]) -> SearchedKeyframes:
+        """Search further keyframes from the place of the tripod, if it is known, and where that fails from anywhere."""
+        after = self
+        for t, image in images.items():
+            calibration = after._from_place(image) or search_courts(after.options.task, [image])[0]
+            if calibration.accepted:
+                after = replace(after, found={**after.found, t: calibration})
+            elif len(after.refused) < MOST_REFUSED:
+                after = replace(after, refused={**after.refused, t: image})
+        return after
+
+    def searched_again(self) -> SearchedKeyframes:
+        """Search the refused keyframes from the place that the others tell."""
+        again = {t: self._from_place(image) for t, image in self.refused.items()}
+        return replace(
+            self, found={**self.found, **{t: one for t, one in again.items() if one is not None}}, refused={}
+        )
+
+    def _from_place(self, image: Image) -> Calibration | None:
+        """An accepted camera at the place of the tripod; None if there is none."""
+        place, field = self.place, self.options.task.field
+        if place is None or field is None:
+            return None
+        found = search_from(self.options.task, field, image, place)
+        return found if found.accepted else None

@@ -1,0 +1,339 @@
+"""A shot of a live video: its keyframes so far, and the cameras of frames that are tied to them.
+
+Every function goes from one frozen value to the next.
+
+The keyframes of a shot of a live video, solved together.
+
+    keyframes -> matches between them; labels in the newest one -> cameras of all of them, and what they share
+
+Problems and solutions can be pickled: they are worked on in another process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, Float32
+from fieldcalib.assess.frame_table import Basis, FrameTable
+from fieldcalib.assess.interpolation import STEP
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.own_errors import OwnErrors, ground_errors
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.assess.words import Status
+from fieldcalib.fields.field import tolerance_of
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.background.keyframe_tracking import KeyframePair
+from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.clip.finished_clip import LEAST_LINES
+from fieldcalib.images.clip.keyframes import labels_of
+from fieldcalib.images.paint.detected_lines import detected_lines
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.io.image import Image
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
+from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
+from fieldcalib.solve.shared_parameters import SharedParameters
+from fieldcalib.solve.ties import Ties, stepped, with_tied
+
+
+class FrameCamera(NamedTuple):
+    """The camera of a frame to which other frames can be tied."""
+
+    theta: Array
+    """Parameters, (n,)."""
+    errors: OwnErrors
+    """Errors of one frame: E (o, o) and F (o, S)."""
+
+    @classmethod
+    def of(cls, frames: FrameTable, k: int = 0) -> FrameCamera:
+        """The camera of row k of a table."""
+        return cls(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedShot:
+    """The keyframes of a shot, solved together."""
+
+    shared: SharedParameters
+    sequence: SequenceCalibration
+    markings: Markings
+    cameras: Mapping[int, FrameCamera]
+    """Cameras of the keyframes that have one."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the parameters of each camera."""
+        return self.shared.options.layout
+
+    @property
+    def some_theta(self) -> Array:
+        """Parameters (n,) of one of the cameras, of which the shared ones are used."""
+        return next(iter(self.cameras.values())).theta
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentedImage:
+    """An image with its class probabilities; it stands in for the network that found them."""
+
+    image: Image
+    classes: tuple[str, ...]
+    probabilities: Float32
+    """(1, K, h, w)"""
+
+    def __call__(self, images: Sequence[Image]) -> Float32:
+        """The probabilities, whatever the images."""
+        return self.probabilities
+
+
+@dataclass(frozen=True, eq=False)
+class ShotProblem:
+    """Keyframes of a shot with a new one."""
+
+    problem: ClipProblem
+    """The keyframes; labels are empty where no camera is found."""
+    new: int
+    """Number of the new keyframe."""
+    pairs: Sequence[KeyframePair] = ()
+    """Keyframes that are still to be matched."""
+    layout: Layout | None = None
+    """Layout of cameras that are known already; None without any."""
+    cameras: Mapping[int, Array] = field(default_factory=dict)
+    """Parameters (n,) of these cameras."""
+
+
+class ShotSolution(NamedTuple):
+    """The result of solving the keyframes of a shot."""
+
+    labels: Mapping[int, PixelTable]
+    """Labels that the network found in the new keyframe, by its number; empty if they stay as they were."""
+    matches: Mapping[tuple[int, int], Cells]
+    """New matches between keyframes."""
+    tried: Sequence[tuple[int, int]]
+    """Keyframes that were to be matched."""
+    solved: SolvedShot | None
+    """None as long as no keyframe has a camera."""
+
+
+def prepare(options: ClipOptions) -> None:
+    """Import what `solve_shot` needs, which takes longer than the first keyframe.
+
+    `OtherProcess.run` calls it with the options, and raises an error at once if these cannot be pickled.
+    """
+    import_module("scipy.spatial.transform")
+
+
+def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolution:
+    """Match the keyframes that are to be matched, label the new one if it was segmented, and solve all of them."""
+    problem = shot.problem
+    matches = {
+        pair.indices: cells
+        for pair in shot.pairs
+        if (found := pair.matches()) is not None and (cells := cells_of(found, problem.image_size)) is not None
+    }
+    labels = {}
+    if segmented is not None:
+        (keyframe,) = labels_of(problem.options.calibrate_alone([segmented.image], segmented))
+        if keyframe is not None and keyframe.accepted:
+            labels = {shot.new: keyframe.labels}
+    problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})
+    tried = [pair.indices for pair in shot.pairs]
+    return ShotSolution(labels, matches, tried, _solved(problem, shot.layout, shot.cameras))
+
+
+def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, Array]) -> SolvedShot | None:
+    if layout is None:
+        sequence, shared = solve_sequence(problem.from_zero)
+    else:
+        number = {key: k for k, key in enumerate(problem.frames)}
+        known_cameras = {number[key]: theta for key, theta in cameras.items()}
+        sequence, shared = solve_from_cameras(problem.from_zero, layout, known_cameras)
+    if shared is None or not np.any(sequence.usable):
+        return None
+    known = {key: FrameCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
+    return SolvedShot(shared, sequence, Markings.of(shared.object_segments), known)
+
+
+MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
+MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedFrame:
+    """A frame that was calibrated from the keyframes it is tied to."""
+
+    calibration: Calibration
+    basis: Basis = Basis.NOTHING
+    lines: PixelTable = NO_PIXELS
+    """The lines in the frame."""
+    camera: FrameCamera | None = None
+    """Camera of the frame, for frames that are tied to it; None if it is not tied itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveShot:
+    """The keyframes of a shot so far."""
+
+    identity: tuple[int, int] = (0, 0)
+    """Number of the tracker's resets, and number of the shot since the last reset."""
+    segmented: int = 0
+    """Number of keyframes that the network has seen."""
+    labels: Mapping[int, PixelTable] = field(default_factory=dict)
+    """Lines in keyframes; empty where no camera is found."""
+    matches: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
+    """Matches between keyframes."""
+    pairs: Mapping[tuple[int, int], KeyframePair] = field(default_factory=dict)
+    """Keyframes that are still to be matched."""
+    solved: SolvedShot | None = None
+    """The keyframes that were solved together last."""
+    followed: Mapping[int, FrameCamera] = field(default_factory=dict)
+    """Cameras of keyframes that are not solved yet, calibrated from solved ones."""
+    last: tuple[tuple[int, FrameCamera], ...] = ()
+    """The last two tied frames, from which the motion is extrapolated."""
+    paint: tuple[int, tuple[MarkingInView, ...]] | None = None
+    """The markings that were seen in a frame, with its number."""
+
+    @property
+    def known(self) -> dict[int, FrameCamera]:
+        """The cameras of keyframes."""
+        return {**self.followed, **(self.solved.cameras if self.solved is not None else {})}
+
+    def with_keyframe(
+        self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
+    ) -> LiveShot:
+        """The shot with a new keyframe, tied to earlier ones, and its camera if it has one."""
+        camera = None if found is None else found.camera
+        return replace(
+            self,
+            labels={**self.labels, index: NO_PIXELS if found is None else found.lines},
+            matches={**self.matches, **{(key, index): cells for key, cells in ties.items()}},
+            pairs={**self.pairs, **{pair.indices: pair for pair in pairs}},
+            followed=self.followed if camera is None else {**self.followed, index: camera},
+        )
+
+    def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
+        """The problem to be solved when a new keyframe has come."""
+        keys = sorted(self.labels)[-MOST_KEYS:]
+        labels = {key: self.labels[key] for key in keys}
+        matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
+        return ShotProblem(
+            ClipProblem(options, image_size, keys, labels, matches),
+            new,
+            tuple(self.pairs.values()),
+            None if self.solved is None else self.solved.layout,
+            {key: one.theta for key, one in self.known.items() if key in keys},
+        )
+
+    def with_solution(self, solution: ShotSolution) -> LiveShot:
+        """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
+        labels = {**self.labels, **solution.labels}
+        pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
+        shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
+        if solution.solved is None:
+            return shot
+        cameras = solution.solved.cameras
+        followed = {key: one for key, one in shot.followed.items() if key not in cameras}
+        shot = replace(shot, solved=solution.solved, followed=followed)
+        for key in sorted(key for key in labels if key > max(cameras) and key not in followed):
+            ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
+            found = _tied(shot, solution.solved, ties, None) if ties else None
+            if found is not None:
+                shot = replace(shot, followed={**shot.followed, key: FrameCamera.of(found[0])})
+        return shot
+
+    def with_tied(self, index: int, camera: FrameCamera | None) -> LiveShot:
+        """The shot with the camera of the newest frame, if that is tied."""
+        return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
+
+
+def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame:
+    """Calibrate an image from the keyframes that it is tied to, or from the motion of the frames before."""
+    known = shot.known
+    keys = sorted(key for key in ties if key in known)
+    if index in known:  # a keyframe that has been solved by now
+        return _placed(solved, known[index], Basis.LINES)
+    if not keys:
+        camera = _extrapolated(shot.last, index, solved.layout.free)
+        if camera is None:
+            return _without_camera("nothing ties this frame to a keyframe that has a camera")
+        if not _shows_lines(image, solved.layout.camera(camera.theta), solved.markings):
+            return _without_camera(
+                "nothing ties this frame, and it shows no lines where the camera should have them: a cut?"
+            )
+        return _placed(solved, camera, Basis.INTERPOLATED)
+    found = _tied(shot, solved, {key: ties[key] for key in keys}, image)
+    if found is None:
+        return _without_camera("the matches of this frame contradict its keyframes")
+    row, lines = found
+    return _of_only_frame(solved, row, lines, FrameCamera.of(row))
+
+
+def _tied(
+    shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
+) -> tuple[FrameTable, PixelTable] | None:
+    """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
+    known = shot.known
+    keys, shared, layout = sorted(ties), solved.shared, solved.layout
+    here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
+    pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
+    local = Ties.of(shared.options.object_segments, pairs, len(keys) + 1, layout.image_size)
+    near = image is not None and bool(shot.last)
+    last = shot.last[-1][1] if near else known[keys[-1]]
+    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
+    towards = local.towards(here, theta, is_known)
+    if near:
+        theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
+    else:
+        theta, reached = with_tied(shared.options, local, theta, is_known, here, layout)
+        contradicted = not reached[-1]
+    if contradicted:
+        return None
+    lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
+    of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
+    followed = shared.solved(theta[-1:], lines, towards, shared.prior(theta[-1:]))
+    return solved_rows(shared, SolvedFrames(followed, shared.errors(followed, of_first), np.array([True]))), lines
+
+
+def _placed(solved: SolvedShot, camera: FrameCamera, basis: Basis) -> FollowedFrame:
+    """A frame with a camera that is known already."""
+    shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
+    metres = ground_errors(theta, errors, shared.considered, shared.options.field)
+    tolerance = tolerance_of(shared.options.field)
+    row = table_without_cameras(shared, 1).with_cameras(theta, errors, metres, basis, tolerance)
+    return _of_only_frame(solved, row)
+
+
+def _of_only_frame(
+    solved: SolvedShot, row: FrameTable, lines: PixelTable = NO_PIXELS, camera: FrameCamera | None = None
+) -> FollowedFrame:
+    sequence = replace(solved.sequence, frames=row)
+    return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
+
+
+def _without_camera(message: str) -> FollowedFrame:
+    return FollowedFrame(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message))
+
+
+def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
+    """Whether enough of the markings in view have a line in the image."""
+    lines, profiles = detected_lines(image, camera, markings, np.inf)
+    return len(lines.frame) >= LEAST_LINES * max(profiles, 1)
+
+
+def _extrapolated(last: Sequence[tuple[int, FrameCamera]], index: int, free: BoolArray) -> FrameCamera | None:
+    """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
+    if not last or index - last[-1][0] > MOST_EXTRAPOLATED:
+        return None
+    (before, other), (t, camera) = last[0], last[-1]
+    gap = index - t
+    motion = np.zeros_like(camera.theta) if t == before else (camera.theta - other.theta) / (t - before)
+    spread = gap * (0.5 * np.abs(motion[free]) + STEP * gap)
+    errors = camera.errors._replace(own=camera.errors.own + np.diag(np.square(spread)))
+    return FrameCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)

@@ -1,0 +1,338 @@
+"""Each shot of a clip from its keyframes, with the camera model that predicts best what is left out.
+
+Which shots of a clip were taken from the same tripod, and their calibration together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.images.clip.clip_models import (
+    CameraModel,
+    HeldOut,
+    Misprediction,
+    Pieces,
+    is_preferred,
+    misfit_note,
+    model_note,
+    parts,
+)
+from fieldcalib.images.clip.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, cut_out_note, off_middle
+from fieldcalib.images.clip.keyframes import Keyframes, witnesses_of
+from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.solve.centres import nearest_places
+from fieldcalib.solve.options import CalibrationFlags
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedShots:
+    """Pieces of a clip, each calibrated by itself."""
+
+    keyframes: Keyframes
+    pieces: Pieces
+    """The pieces of the keyframes, or parts of these, with their camera models."""
+    calibrations: Mapping[int, SequenceCalibration]
+    """Calibrations of the frames of each piece, in order."""
+    notes: tuple[str, ...] = ()
+    """Notes for the user on frames that no tripod explains."""
+
+
+def solve_shots(keyframes: Keyframes, *, only_tripods: bool = False) -> SolvedShots:
+    """Calibrate each piece by itself: on a tripod, or if that fails in parts or with another camera model.
+
+    While some labels may be wrong, they must not choose the model: then there are only tripods.
+    """
+    solved = SolvedShots(keyframes, _with_loose_frames(keyframes), {})
+    if only_tripods:
+        pieces, labels = solved.pieces, keyframes.accepted
+        return replace(solved, calibrations={p: keyframes.calibrate(pieces, [p], labels) for p in pieces.numbers})
+    while left := [piece for piece in solved.pieces.numbers if piece > max(solved.calibrations, default=-1)]:
+        solved = _with_next(solved, left[0])
+    return solved
+
+
+def _with_loose_frames(keyframes: Keyframes) -> Pieces:
+    """Let loose frames at the end of a piece belong to it, unless the labels in them contradict it."""
+    shots, pieces = keyframes.shots, keyframes.shots.pieces
+    labelled = {int(pieces.number[t]) for t in keyframes.accepted}
+    for piece in np.unique(pieces.number[shots.loose])[::-1].tolist():
+        if piece not in labelled or (piece - 1 in labelled and _belongs(keyframes, pieces, piece)):
+            pieces = pieces.joined(piece)
+    return pieces
+
+
+def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
+    """Whether one place explains the labels in a piece and in the one before."""
+    both = [piece - 1, piece]
+    frames, found = pieces.frames(both), keyframes.calibrate(pieces, both, keyframes.accepted)
+    wrong = is_contradicted(found.frames.misfit, keyframes.shots.image_size) | ~found.usable
+    labelled, is_own = np.isin(frames, list(keyframes.accepted)), pieces.number[frames] == piece
+    return not np.any(wrong[labelled & is_own]) and bool(np.mean(wrong[labelled & ~is_own]) < LEAST_SHARE)
+
+
+def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
+    """The solved shots with one more piece, or with the parts into which it is divided, numbered from its number on."""
+    clip, pieces = solved.keyframes, solved.pieces
+    options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
+    calibration = clip.calibrate(pieces, [piece], clip.accepted)
+    keyframes = np.array(sorted(witnesses_of(clip.labels, frames.tolist(), calibration)), dtype=np.intp)
+    excess = calibration.frames.misfit[keyframes]
+    labelled = np.count_nonzero(np.isin(frames, list(clip.accepted)))
+    is_wrong = bool(labelled >= LEAST_FRAMES and is_of_wrong_model(excess, size))
+    found = SolvedShots(clip, pieces, {piece: calibration})
+    is_free = "centre" in options.shared and not options.flags & CalibrationFlags.CALIB_FIX_POSITION
+    if is_free and calibration.together and (is_wrong or not is_whole_shape(size)):
+        first: list[list[int]] = []
+        if is_wrong:
+            found = replace(found, notes=(misfit_note(clip.shots.begin + frames),))
+            first = [parts(frames[keyframes], is_contradicted(excess, size)), _parts_of_two_places(found, piece)]
+        found = _best_model(found, piece, _other_models(found, piece, first, is_wrong=is_wrong))
+    if is_free and piece not in found.pieces.models:
+        found = _cut_out(found, piece)
+    return replace(
+        found, calibrations={**solved.calibrations, **found.calibrations}, notes=(*solved.notes, *found.notes)
+    )
+
+
+def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
+    """A piece on a tripod, with a principal point far from the middle if its frames tell that it is there."""
+    clip, options = on_tripod.keyframes, on_tripod.keyframes.options
+    if options.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
+        return on_tripod
+    pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
+    found = clip.calibrate(pieces, [piece], clip.accepted)
+    if not found.together or off_middle(found, options) < OFF_MIDDLE:
+        return on_tripod
+    notes = (*on_tripod.notes, cut_out_note(clip.shots.begin + pieces.frames([piece]), found))
+    return replace(on_tripod, pieces=pieces, calibrations={**on_tripod.calibrations, piece: found}, notes=notes)
+
+
+def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
+    """First keyframes of parts, where each single keyframe is put to the nearer of two places of the camera."""
+    pieces = solved.pieces.with_model(piece, CameraModel.ALONE)
+    alone = solved.keyframes.calibrate(pieces, [piece], solved.keyframes.accepted)
+    keyframes = np.flatnonzero(alone.accepted)
+    return parts(pieces.frames([piece])[keyframes], nearest_places([alone[k] for k in keyframes.tolist()]) > 0)
+
+
+def _other_models(
+    on_tripod: SolvedShots, piece: int, first: Sequence[Sequence[int]], *, is_wrong: bool
+) -> Iterator[tuple[CameraModel, IntArray, Pieces]]:
+    """Other camera models of a piece, the simplest one first, with the frames to be named to the user and all pieces.
+
+    `first` are keyframes before which the piece may be divided into parts. Where a tripod is not wrong, only a window
+    is tried.
+    """
+    options, pieces = on_tripod.keyframes.options, on_tripod.pieces
+    frames = pieces.frames([piece])
+    is_known = options.given.camera_matrix is not None or options.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    if options.prior is not None and not is_known:
+        yield CameraModel.WINDOW, frames, pieces.with_model(piece, CameraModel.WINDOW)
+    for k, some in enumerate(first):
+        if some and some not in first[:k]:
+            yield CameraModel.PARTS, np.array(some), pieces.divided(some)
+    for model in (CameraModel.MOVING, CameraModel.ALONE) if is_wrong else ():
+        yield model, frames, pieces.with_model(piece, model)
+
+
+def _best_model(
+    on_tripod: SolvedShots, piece: int, models: Iterable[tuple[CameraModel, IntArray, Pieces]]
+) -> SolvedShots:
+    """A piece with the camera model that predicts best: a tripod, unless another model is clearly better."""
+    clip, best = on_tripod.keyframes, on_tripod
+    left_out = _left_out(clip, on_tripod.pieces, piece)
+    of_tripod = of_best = _misprediction(on_tripod, left_out)
+    for model, frames, pieces in models:
+        members = range(piece, piece + 1 + pieces.numbers[-1] - on_tripod.pieces.numbers[-1])
+        tried = SolvedShots(clip, pieces, {p: clip.calibrate(pieces, [p], clip.accepted) for p in members})
+        if model is not CameraModel.ALONE and not any(one.together for one in tried.calibrations.values()):
+            continue
+        score = _misprediction(tried, left_out)
+        if is_preferred(model, score, of_best, of_tripod):
+            note = model_note(model, clip.shots.begin + frames, of_tripod, score)
+            best, of_best = replace(tried, notes=(note,)), score
+    return best
+
+
+def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
+    """The misprediction of labels and matches that are left out, by pieces solved again without them."""
+    clip, pieces = solved.keyframes, solved.pieces
+    found = [
+        (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))
+        for p, start in solved.calibrations.items()
+    ]
+    return left_out.misprediction(clip.options.object_segments, found)
+
+
+def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
+    """Labels of the keyframes of a piece, and matches of keyframes with one another, without some of them."""
+    keys = {key for key, _ in clip.shots.matches}
+    labels = {t: one for t, one in clip.accepted.items() if pieces.number[t] == piece}
+    between = {
+        pair: cells for pair, cells in clip.shots.matches.items() if pair[1] in keys and pieces.number[pair[1]] == piece
+    }
+    return HeldOut.of(labels, between)
+
+
+PLACE = ("x", "y", "z")
+SIZE = ("length", "width")
+SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of where other cameras stand
+LEAST_LOG_RATIO = 1.0  # of the likelihoods: two places that are hardly known agree by chance
+UNMODELLED = 0.1  # m: standard deviation of each coordinate beyond its covariance
+
+
+class Tripod(NamedTuple):
+    """Pieces of a clip from one tripod."""
+
+    pieces: tuple[int, ...]
+    calibration: SequenceCalibration
+    """Calibration of their frames, in order."""
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedTripods:
+    """The tripods of a clip, each calibrated from the keyframes of its pieces."""
+
+    keyframes: Keyframes
+    pieces: Pieces
+    tripods: tuple[Tripod, ...]
+    """The tripod with most frames comes first."""
+    notes: tuple[str, ...] = ()
+    """Notes for the user on the clip."""
+
+
+def solve_tripods(shots: SolvedShots) -> SolvedTripods:
+    """Calibrate shots of one tripod together."""
+    options, pieces = shots.keyframes.options, shots.pieces
+    stands = "centre" in options.shared
+    located = [piece for piece, shot in shots.calibrations.items() if shot.together]
+    moving = [piece for piece in located if pieces.models.get(piece) is CameraModel.MOVING]
+    cut_out = [piece for piece in located if pieces.models.get(piece) is CameraModel.CUT_OUT]
+    if not stands:
+        groups = [[piece] for piece in located]
+    elif options.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
+        groups = [located] if located else []
+    else:
+        standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
+        groups = grouped_by_tripod({piece: shot for piece, shot in standing.items() if piece not in cut_out})
+        if cut_out:  # these have another principal point
+            groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})
+        groups += [[piece] for piece in moving]
+    groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
+    tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
+    if stands:
+        tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods)
+    return SolvedTripods(shots.keyframes, pieces, tuple(tripods), shots.notes)
+
+
+def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:
+    """The tripods of groups of pieces; pieces that turn out to have another camera make tripods of their own.
+
+    A piece that hardly determines its place joins any group; solved together, its own lines may contradict the others.
+    """
+    found, left, keyframes = [], list(groups), shots.keyframes
+    while left:
+        members = left.pop(0)
+        calibration = (
+            shots.calibrations[members[0]]
+            if len(members) == 1
+            else keyframes.calibrate(shots.pieces, members, keyframes.accepted)
+        )
+        others = _contradicted(shots, members, calibration)
+        if others:
+            left.append([piece for piece in members if piece not in others])
+            left += grouped_by_tripod({piece: shots.calibrations[piece] for piece in others})
+        else:
+            found.append(Tripod(tuple(members), calibration))
+    return found
+
+
+def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: SequenceCalibration) -> list[int]:
+    """Pieces whose lines fit their own tripod, but not that of all members; never all of them."""
+    options, size = shots.keyframes.options, shots.keyframes.shots.image_size
+    if len(members) == 1 or options.flags & CalibrationFlags.CALIB_FIX_POSITION:
+        return []
+    number = shots.pieces.number[shots.pieces.frames(members)]
+    excess = {p: calibration.frames.misfit[number == p] for p in members}
+    wrong = [
+        p
+        for p in members
+        if is_of_wrong_model(excess[p], size) and not is_of_wrong_model(shots.calibrations[p].frames.misfit, size)
+    ]
+    return wrong if len(wrong) < len(members) else [max(wrong, key=lambda p: float(np.nanmedian(excess[p])))]
+
+
+def _with_doubtful_pieces(keyframes: Keyframes, pieces: Pieces, tripods: Sequence[Tripod]) -> list[Tripod]:
+    """Tripods with the pieces that have doubtful labels only, where these fit a camera on that tripod."""
+    found = list(tripods)
+    for k, tripod in enumerate(tripods):
+        if pieces.models_of(tripod.pieces) == {CameraModel.ALONE}:
+            continue
+        taken = {piece for one in found for piece in one.pieces}
+        doubtful = {t: labels for t, labels in keyframes.doubtful.items() if int(pieces.number[t]) not in taken}
+        if not doubtful:
+            break
+        labels = {**keyframes.accepted, **doubtful}
+        members = sorted({*tripod.pieces, *(int(pieces.number[t]) for t in doubtful)})
+        accepted = keyframes.calibrate(pieces, members, labels).accepted
+        number = pieces.number[pieces.frames(members)]
+        fitting = tuple(p for p in members if np.any(accepted[number == p]))
+        if set(fitting) > set(tripod.pieces):
+            found[k] = Tripod(fitting, keyframes.calibrate(pieces, fitting, labels))
+    return found
+
+
+def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
+    """Log likelihood ratio of one tripod to two, from the difference (3 + k,) of two estimates and its covariance.
+
+    The first three numbers are of the centre, the others of the size of the field, which is the same in any case. On
+    one tripod the difference is nothing but error. Otherwise the second camera stands beside the first one or somewhere
+    else, both with the same probability.
+
+    Examples
+    --------
+    >>> sure = 0.01 * np.eye(3)
+    >>> same_tripod_log_ratio(np.array([0.1, 0.0, 0.0]), sure) > 4.0 > 0.0 > same_tripod_log_ratio(np.ones(3), sure)
+    True
+    >>> same_tripod_log_ratio(np.ones(3), 10000.0 * sure) < LEAST_LOG_RATIO  # undecided
+    True
+    """
+    is_place = np.arange(len(difference)) < len(PLACE)
+    V = covariance + 2.0 * UNMODELLED**2 * np.eye(len(difference))
+
+    def log_density(sigma: float) -> float:
+        W = V + sigma**2 * np.diag(is_place)
+        return float(-0.5 * (difference @ np.linalg.solve(W, difference) + np.linalg.slogdet(W)[1]))
+
+    return log_density(0.0) - float(np.logaddexp(log_density(SAME_PLATFORM), log_density(ELSEWHERE)) - np.log(2.0))
+
+
+def grouped_by_tripod(shots: Mapping[int, SequenceCalibration]) -> list[list[int]]:
+    """Group shots by their tripods; those whose place was not found are in no group.
+
+    The shot with the most certain place comes first. Each joins the group that it most probably belongs to, or begins a
+    new one. The place of a group is that of its first shot.
+    """
+    found = {number: shot for number, shot in shots.items() if shot.names}
+    groups: list[list[int]] = []
+    for number in sorted(found, key=lambda number: float(np.trace(found[number].covariance_if_level[:3, :3]))):
+        ratios = [_log_ratio(found[group[0]], found[number]) for group in groups]
+        if ratios and max(ratios) >= LEAST_LOG_RATIO:
+            groups[int(np.argmax(ratios))].append(number)
+        else:
+            groups.append([number])
+    return [sorted(group) for group in groups]
+
+
+def _log_ratio(one: SequenceCalibration, two: SequenceCalibration) -> float:
+    names = [name for name in (*PLACE, *SIZE) if name in one.names and name in two.names]
+    i, j = ([shot.names.index(name) for name in names] for shot in (one, two))
+    V, W = one.covariance_if_level[np.ix_(i, i)], two.covariance_if_level[np.ix_(j, j)]
+    return same_tripod_log_ratio(one.values[i] - two.values[j], V + W)

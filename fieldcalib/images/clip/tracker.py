@@ -1,0 +1,313 @@
+"""The cameras of a live video, each as soon as its frame comes.
+
+    frame -> matches with its keyframe -> predicted camera -> lines at its projected markings -> camera
+    keyframe -> (in a thread) network -> (in another process) all keyframes of the shot together
+
+Nothing waits for the network: until the first keyframe of a shot is calibrated its frames have no camera, and what the
+keyframes share is as old as the last keyframe that is done.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Self
+
+from numpy.typing import ArrayLike
+
+from fieldcalib._checks import truth, whole_number
+from fieldcalib.assess.frame_table import Basis
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sides import Side
+from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
+from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, cells_of, on_side, shared_parameters
+from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator
+from fieldcalib.images.clip.live_shot import (
+    FollowedFrame,
+    LiveShot,
+    SegmentedImage,
+    ShotProblem,
+    ShotSolution,
+    follow,
+    prepare,
+    solve_shot,
+)
+from fieldcalib.images.paint.paint_evidence import paint_evidence, widths_by_marking, with_widths
+from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.localize import Network
+from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.sequence_problem import SHARED
+
+LOG = logging.getLogger(__name__)
+TRIALS = 2  # of a keyframe, by processes that end
+NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
+PRELOADED = ("cv2", "fieldcalib.images.clip.live_shot")  # modules that this process imports at once
+SEGMENTED = 4  # first keyframes of a shot, all of which the network sees and after each of which all are solved
+SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later: keyframes per solution, and per one that the network sees
+PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
+
+
+@dataclass(frozen=True, eq=False)
+class _Keyframe:
+    """A keyframe that is to be calibrated."""
+
+    shot: tuple[int, int]
+    """Identity of its shot."""
+    index: int
+    size: tuple[int, int]
+    image: Image | None
+    """The image, if the network is to see it."""
+
+
+class Tracker:
+    """Calibrates a live video: every image gets its camera as it comes, from what came before.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object that the network was trained for, e.g. `soccer()`.
+    network : Network, optional
+        Finds the markings of keyframes; by default the one that comes with the package.
+    camera_matrix, dist_coeffs, rvec, tvec, flags, prior
+        As in `calibrate_video`.
+    take_off_borders, estimate_aspect : bool
+        As in `calibrate_video`, from the images so far, but windows are not looked for; when the estimate changes, the
+        tracker begins anew. Until it is known whether pictures of another shape than 16:9 were squashed, all cameras
+        are to be checked.
+    estimate_size : bool
+        As in `calibrate_video`.
+    every : int
+        Frames from one keyframe to the next, at most.
+    side : {"main", "opposite"}, optional
+        The side of the field that the camera is on, as in `calibrate_from_images`.
+    wait : bool
+        Whether `update` waits until a keyframe is calibrated: for files, where each run is to give the same result.
+        Otherwise a thread runs the network, and another Python process does the rest; the classes of `object_segments`
+        and `prior` must then be defined in modules, not in the script.
+
+    Raises
+    ------
+    ValueError
+        If `object_segments` or `network` is invalid, or as `calibrate_video` for what is known of the camera.
+    RuntimeError
+        If no other process can be started (without `wait`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import soccer
+    >>> with Tracker(soccer()) as tracker:
+    ...     calibration = tracker.update(np.zeros((540, 960, 3), np.uint8))
+    >>> str(calibration.status), calibration.message
+    ('too few segments', 'no keyframe of this shot has a camera yet')
+    """
+
+    def __init__(
+        self,
+        object_segments: ObjectSegments,
+        network: Network | None = None,
+        camera_matrix: ArrayLike | None = None,
+        dist_coeffs: ArrayLike | None = None,
+        rvec: ArrayLike | None = None,
+        tvec: ArrayLike | None = None,
+        *,
+        flags: int = DEFAULT_FLAGS,
+        prior: Prior = ALL,
+        take_off_borders: bool = True,
+        estimate_aspect: bool = True,
+        estimate_size: bool = True,
+        every: int = EVERY,
+        side: Side | None = None,
+        wait: bool = False,
+    ) -> None:
+        wait, every = truth(wait, "wait"), whole_number(every, "every", 1)
+        given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+        shared = shared_parameters(SHARED, estimate_size)
+        self._options, self._side = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)
+        self._options.check(network)
+        self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
+        self._thread = ThreadPoolExecutor(max_workers=1)
+        # one core is left to `update`
+        network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
+        self._network = self._side.network(network, self._options.field)
+        if self._other is not None:
+            self._other.run(prepare, self._options)
+        estimator = ShapeEstimator(self._options, self._network, take_off_borders, estimate_aspect)
+        self._shape = LiveShape(estimator, self._submit)
+        self._size: tuple[int, int] | None = None  # of the images
+        self._every = every
+        self._running: tuple[_Keyframe, Future[ShotSolution]] | None = None
+        self._is_closed = False
+        self._basis = Basis.NOTHING
+        self._shot = LiveShot()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget all images so far."""
+        self._keyframes = KeyframeTracker(self._every, leave_pairs=True)
+        self._next: _Keyframe | None = None
+        self._shot = LiveShot((self._shot.identity[0] + 1, 0))
+        self._index = 0
+
+    def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
+        """Begin to work on images, in the thread unless it waits."""
+        if self._other is not None:
+            return self._thread.submit(function, images)
+        done: Future[float] = Future()
+        done.set_result(function(images))
+        return done
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread and the process; what they have not done is dropped."""
+        self._is_closed = True
+        if self._other is not None:
+            self._other.close()
+        self._thread.shutdown(cancel_futures=True)
+
+    @property
+    def basis(self) -> Basis:
+        """Data that the camera of the last image rests on."""
+        return self._basis
+
+    def update(self, image: Image) -> Calibration:
+        """The camera of the next image.
+
+        Parameters
+        ----------
+        image : (height, width, 3) uint8 array
+            Blue, green, red, of the same size as those before.
+
+        Returns
+        -------
+        Calibration
+            While nothing ties the images to a keyframe, the camera is extrapolated as long as lines lie near its
+            markings, and its errors grow. After a cut there is no camera until the first keyframe of the new shot is
+            calibrated.
+
+        Raises
+        ------
+        ValueError
+            If the image is not of the size of those before, or no uint8 image, or the tracker is closed. Errors of the
+            network come as they are, with a later image.
+        RuntimeError
+            If the other process has ended, as for lack of memory, and no other one can be started.
+        """
+        if self._is_closed:
+            raise ValueError("the tracker is closed: it takes no more images")
+        image = checked_image(image)
+        size = size_of(image)
+        if self._size is None or size == self._size:  # `KeyframeTracker` raises for an image of another size
+            self._size = size
+            if self._shape.update(image):
+                self._begin()
+            image = self._shape.image_in_frame(image)
+        calibration = self._side.with_alternatives(self._updated(image), self._options.field)
+        return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
+
+    def _updated(self, image: Image) -> Calibration:
+        """The camera of the next image, in its frame."""
+        index, self._index = self._index, self._index + 1
+        tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
+        if tied is not None and tied.piece != self._shot.identity[1]:
+            self._shot, self._next = LiveShot((self._shot.identity[0], tied.piece)), None
+        found = () if tied is None else tied.ties
+        ties = {key: cells for key, one in found if (cells := cells_of(one, size_of(image))) is not None}
+        self._work()
+        followed = self._follow(index, image, ties)
+        if tied is not None and tied.is_key:
+            self._shot = self._shot.with_keyframe(index, ties, tied.unmatched, followed)
+            self._add(index, image, has_lines=followed is not None and bool(followed.lines.has_pixels.any()))
+            if self._other is None and (followed is None or followed.camera is None):
+                followed = self._follow(index, image, ties)
+        if followed is None:
+            self._basis = Basis.NOTHING
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
+        self._basis = followed.basis
+        return self._with_paint(followed.calibration, index, image)
+
+    def _follow(self, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame | None:
+        """Calibrate a frame from keyframes; None as long as no keyframe has a camera."""
+        if self._shot.solved is None:
+            return None
+        found = follow(self._shot, self._shot.solved, index, image, ties)
+        self._shot = self._shot.with_tied(index, found.camera)
+        return found
+
+    def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
+        """A calibration with the markings that this or one of the last images shows."""
+        shot = self._shot
+        if calibration.camera is None or shot.solved is None:
+            return calibration
+        paint = shot.paint
+        if paint is None or index - paint[0] >= PAINT_INTERVAL:
+            camera, markings = calibration.camera, shot.solved.markings
+            seen = paint_evidence(image, camera, markings).markings
+            paint = index, with_widths(seen, widths_by_marking(image, camera, markings))
+            self._shot = replace(shot, paint=paint)
+        return calibration.seen_in_image(paint[1])
+
+    def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
+        """Plan to calibrate the newest keyframe if it is time to; it replaces a planned one."""
+        shot, count = self._shot, len(self._shot.labels) - 1
+        segments = not has_lines or shot.segmented < SEGMENTED or count % SEGMENT_AGAIN == 0
+        if not segments and count % SOLVE_AGAIN:
+            return
+        self._shot = replace(shot, segmented=shot.segmented + segments)
+        kept = image.copy() if segments else None  # the caller may use its image again
+        self._next = _Keyframe(shot.identity, index, size_of(image), kept)
+        self._work()
+
+    def _work(self) -> None:
+        """Take a solution that is done, and begin with the next keyframe."""
+        if self._running is not None and self._running[1].done():
+            keyframe, done = self._running
+            self._running = None
+            self._take(keyframe, done.result())
+        if self._next is None or self._running is not None:
+            return
+        keyframe, self._next = self._next, None
+        problem = self._shot.problem(self._options, keyframe.size, keyframe.index)
+        if self._other is None:
+            self._take(keyframe, self._solution(problem, keyframe.image))
+        else:
+            self._running = keyframe, self._thread.submit(self._solution, problem, keyframe.image)
+
+    def _solution(self, problem: ShotProblem, image: Image | None) -> ShotSolution:
+        seen = None if image is None else SegmentedImage(image, tuple(self._network.classes), self._network([image]))
+        return solve_shot(problem, seen) if self._other is None else self._solution_there(problem, seen)
+
+    def _solution_there(self, problem: ShotProblem, seen: SegmentedImage | None) -> ShotSolution:
+        """The solution of the other process; where that ends another one tries again, then the keyframe is left out."""
+        for _ in range(TRIALS):
+            assert self._other is not None
+            try:
+                return self._other.run(solve_shot, problem, seen)
+            except ProcessEndedError as error:
+                if self._is_closed:
+                    raise
+                LOG.warning(
+                    "the process that solves keyframes has ended, with exit code %d: another one goes on",
+                    error.exit_code,
+                )
+            self._other = OtherProcess(NICENESS, PRELOADED)
+            if self._is_closed:  # in the meantime
+                self._other.close()
+        return ShotSolution({}, {}, (), None)
+
+    def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
+        """Take the solution of a keyframe, unless its shot is over."""
+        if keyframe.shot == self._shot.identity:
+            self._shot = self._shot.with_solution(solution)

@@ -1,0 +1,368 @@
+"""Detection of painted lines near projected markings, in intensity profiles across the markings.
+
+All profiles are sampled at once by cv2.remap, in steps of a third of the expected line width, so that one filter fits
+lines at any distance. (skimage.measure.profile_line samples one profile per call.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.fields.traits import LineLook
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.options import pixel_unit
+
+# Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or
+# doubled, 1 to 4, except where a number is given below. IoU_part stays within 95.6 and 96.0 % (mean).
+# Lengths are in pixels of a 960 x 540 image and grow with the image.
+SPACING = 12.0  # px between profiles
+LEAST_PROFILES, MOST_PROFILES = 4, 30  # of a segment: fewer cannot confirm a line, more cost time
+SHORTEST = 12.0  # px: shorter projections of a segment get no profiles
+MARGIN = 2.0  # px from the border of the image, where samples are extrapolated
+ROWS, ROW_SPACING = 3, 2.0  # parallel rows, and px between them, that are averaged for a profile
+NEIGHBOURS = 5  # profiles, itself included, most of which must show the line at the same offset,
+SAME_LINE = 2.0  # px: tolerance of that offset
+PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
+
+BLUR = 1.5  # px of any image: width added to lines by lens, motion and compression
+# samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
+FLANK = 4
+# weights of blue, green, red (Rec. 601): video has less resolution in colour
+LUMA = np.array([0.114, 0.587, 0.299], np.float32)
+LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
+OTHER_COLOUR = 4.0  # times the median colour difference of ground: larger ones are no ground; 99 % of ground is below
+SAME_GROUND = 0.2  # of the contrast of a line: smaller differences between both sides come from lossy compression
+NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Places on projected markings across which an image is sampled, segment by segment."""
+
+    member: IntArray
+    """Index of the marking of each, (n,)."""
+    xy: Array
+    """Pixels, (n, 2)."""
+    normal: Array
+    """Unit vectors across the marking, (n, 2)."""
+    width: Array
+    """Expected width of the line, px, (n,)."""
+    room: Array
+    """Half the distance to the next marking, px, (n,)."""
+    on_ground: BoolArray
+    """Whether the marking is on the ground, (n,)."""
+    inwards: Array
+    """Vectors from the middle of the paint to the segment, pixels, (n, 2)."""
+    spacing: Array
+    """Length of the projected marking for each profile, px, (n,)."""
+    look: LineLook
+    """Appearance of the lines."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+    def take(self, index: IntArray) -> Profiles:
+        """The profiles of an index (k,), in its order."""
+        return replace(self, **{one.name: getattr(self, one.name)[index] for one in fields(self) if one.name != "look"})
+
+
+def profiles_along(camera: Camera, markings: Markings) -> Profiles:
+    """Profiles across the markings in view, evenly spaced on each."""
+    unit = pixel_unit(camera.image_size)
+    xy = camera.project(markings.X)
+    x, y = xy.T
+    low, (right, bottom) = MARGIN * unit, np.subtract(camera.image_size, 1.0) - MARGIN * unit
+    inside = (x >= low) & (y >= low) & (x <= right) & (y <= bottom)  # false for NaN
+    joined = inside[1:] & inside[:-1] & (markings.member[1:] == markings.member[:-1])
+    step = np.zeros(len(xy))
+    step[1:][joined] = np.hypot(np.diff(x)[joined], np.diff(y)[joined])
+
+    length = np.bincount(markings.member, step, len(markings.labels))
+    many = np.clip(np.floor(length / (SPACING * unit)), LEAST_PROFILES, MOST_PROFILES)
+    count = np.where(length > SHORTEST * unit, many, 0.0)
+    before = np.cumsum(length) - length
+    share = (np.cumsum(step) - before[markings.member]) / np.maximum(length, 1.0)[markings.member]
+    cell = np.floor(share * count[markings.member] + 0.5)
+    place = np.flatnonzero(joined & (np.diff(cell) > 0.0)) + 1
+
+    X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
+    across = np.where(on_ground[:, None], _cross(along, (0.0, 0.0, 1.0)), _cross(along, X - camera.C))
+    with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
+        across *= 0.5 * markings.width[place, None] / np.linalg.norm(across, axis=1, keepdims=True)
+        one_end, other_end, one_side, other_side = camera.project(X + [0.1 * along, -0.1 * along, across, -across])
+        towards = one_end - other_end
+        normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
+    width = np.abs(np.sum((one_side - other_side) * normal, axis=1))
+    good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
+    place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
+    member, xy = markings.member[place], xy[place]
+    inwards = np.zeros_like(xy)
+    if np.any(markings.inwards):
+        inwards = camera.project(markings.X[place] + markings.inwards[place]) - xy
+    spacing = (length / np.maximum(count, 1.0))[member]
+    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, inwards, spacing, markings.look)
+
+
+def _cross(a: Array, b: ArrayLike) -> Array:
+    """Cross products (n, 3); np.cross takes five times as long."""
+    (ax, ay, az), (bx, by, bz) = a.T, np.asarray(b).T
+    return np.column_stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _room(member: IntArray, xy: Array) -> Array:
+    """Half the distance (n,) of points to the nearest one of another marking; infinite if there is none."""
+    x, y = xy.T.astype(np.float32)  # to 1e-4 px, in a third of the time
+    squared, dy = x[:, None] - x, y[:, None] - y
+    squared *= squared
+    dy *= dy
+    squared += dy
+    np.copyto(squared, np.inf, where=member[:, None] == member)
+    return np.asarray(0.5 * np.sqrt(np.min(squared, axis=1, initial=np.inf)), dtype=float)
+
+
+def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> PixelTable:
+    """Labelled pixels of lines that cross profiles at an `offset` (n,) from the markings, NaN for none."""
+    found = np.flatnonzero(np.isfinite(offset))
+    xy = profiles.xy[found] + offset[found, None] * profiles.normal[found] + profiles.inwards[found]
+    weight = np.full(len(found), 1.0 / PROFILES_PER_SEGMENT)
+    return PixelTable(markings.labels, 1, np.zeros(len(found), np.intp), profiles.member[found], xy, weight)
+
+
+def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
+    """Signed distance of the line from the marking along the normal of each profile: (n,) pixels, NaN without a line.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    profiles : Profiles
+    search_range : float
+        Largest distance of the line, in pixels of a 960 x 540 image; less where another marking is near.
+
+    Notes
+    -----
+    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides. The ground has the same
+    colour on both sides, about as beside most other markings: white letters on a board are no line. The line is located
+    at the largest contrast, which must exceed a threshold and the noise of the profile, and most neighbouring profiles
+    of the segment must show it at the same offset.
+    """
+    return Strips.of(image, profiles, search_range).lines(search_range)
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """An image sampled across the projected markings, once for several search ranges."""
+
+    profiles: Profiles
+    unit: float
+    """Pixels of the image per pixel of a 960 x 540 image."""
+    width: Array
+    """Expected width of the line in the image, px, (n,)."""
+    offset: Array
+    """Distance of each sample from the marking, px, (n, m)."""
+    contrast: Float32
+    """Brightness of each sample above both of its sides, (n, m); below them if lines are darker than the ground."""
+    may_be_line: BoolArray
+    """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
+    is_black: BoolArray
+    """Whether the pixel of the profile is black, (n,): it lies in a black border."""
+
+    @classmethod
+    def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
+        """Sample strips that are long enough for a search range, in pixels of a 960 x 540 image.
+
+        They end halfway to the next marking, unless they are to go `past_others`.
+        """
+        unit = pixel_unit(size_of(image))
+        width = np.hypot(profiles.width, BLUR)
+        spacing = width / 3.0
+        half = _half(profiles, spacing, unit, search_range, past_others)
+        colour = colours_across(image, profiles, spacing, half + FLANK + 2)
+        look = profiles.look
+        luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
+        contrast = luma[:, FLANK:-FLANK] - np.maximum(luma[:, : -2 * FLANK], luma[:, 2 * FLANK :])
+        column, row = np.round(profiles.xy).astype(int).T
+        return cls(
+            profiles,
+            unit,
+            width,
+            np.arange(-half - 1, half + 2) * spacing[:, None],
+            contrast,
+            _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
+            ~np.any(image[row, column], axis=-1),
+        )
+
+    @property
+    def spacing(self) -> Array:
+        """Distance between samples, px, (n,)."""
+        return self.width / 3.0
+
+    @cached_property
+    def deviation(self) -> Float32:
+        """Median absolute deviation of the contrast, (n,)."""
+        return _median(np.abs(self.contrast - _median(self.contrast)[:, None]))
+
+    @property
+    def least(self) -> Array:
+        """Least contrast of a line, (n,)."""
+        on_ground, look = self.profiles.on_ground, self.profiles.look
+        least = np.where(on_ground, look.contrast, look.contrast_raised)
+        return np.asarray(np.maximum(least, LEAST_SIGNAL * self.deviation))
+
+    def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
+        """Strips (k,) of some profiles, cut to the length that `of` samples for a search range that is not longer."""
+        profiles = self.profiles.take(index)
+        half = _half(profiles, self.spacing[index], self.unit, search_range, past_others)
+        middle = self.contrast.shape[1] // 2
+        samples = index[:, None], np.arange(middle - half - 1, middle + half + 2)
+        return replace(
+            self,
+            profiles=profiles,
+            width=self.width[index],
+            offset=self.offset[samples],
+            contrast=self.contrast[samples],
+            may_be_line=self.may_be_line[samples],
+            is_black=self.is_black[index],
+        )
+
+    def lines(self, search_range: float) -> Array:
+        """Signed distances (n,) of the lines from the markings; see `find_lines`."""
+        profiles, contrast = self.profiles, self.contrast
+        if not len(profiles):
+            return np.zeros(0)
+        gate = np.minimum(search_range * self.unit, profiles.room)
+        allowed = (np.abs(self.offset) <= gate[:, None]) & self.may_be_line
+        row = np.arange(len(profiles))
+        best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+        before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
+        seen = allowed[row, best] & (peak >= np.maximum(before, after))
+        seen &= (peak > self.least) & (profiles.room > self.width)
+        found = np.where(seen, self.offset[row, best] + _vertex(before, peak, after) * self.spacing, np.nan)
+        return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
+
+    def peaks_near(self, index: IntArray, line: Array, reach: float, least: Array) -> Array:
+        """Signed distances (k,) of the largest contrasts from the markings in some profiles; NaN for none.
+
+        They are searched up to `reach` pixels from a line (k,), and must exceed a contrast `least` (k,).
+        """
+        contrast, row = self.contrast[index], np.arange(len(index))
+        near = np.abs(self.offset[index] - line[:, None]) <= reach
+        best = np.argmax(np.where(near, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+        before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
+        seen = near[row, best] & (peak >= np.maximum(before, after)) & (peak > least)
+        return np.where(seen, self.offset[index, best] + _vertex(before, peak, after) * self.spacing[index], np.nan)
+
+    def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
+        """Signed distances (n, count) of the strongest ridges from the marking, NaN for none; and which may be lines.
+
+        Ridges may be lines by the ground beside them; neighbours and other markings are not considered.
+        """
+        contrast = self.contrast
+        middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]
+        top = (middle >= before) & (middle > after) & (middle > self.least[:, None])
+        top &= np.abs(self.offset[:, 1:-1]) <= search_range * self.unit
+        last = min(count, middle.shape[1] - 1)  # few samples: the lines are as wide as the strips
+        best = np.argpartition(-np.where(top, middle, -np.inf), last, axis=1)[:, :count]
+        row = np.arange(len(best))[:, None]
+        vertex = _vertex(before[row, best], middle[row, best], after[row, best])
+        offset = np.where(top[row, best], self.offset[row, best + 1] + vertex * self.spacing[:, None], np.nan)
+        return offset, self.may_be_line[row, best + 1]
+
+
+def _vertex(before: Float32, peak: Float32, after: Float32) -> Float32:
+    """Place of the top of the parabola through three samples, in samples from the middle one; NaN without a top."""
+    curvature = 2.0 * peak - before - after
+    return np.asarray(0.5 * (after - before) / np.where(curvature > 0.0, curvature, np.nan))
+
+
+def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, past_others: bool) -> int:
+    """Number of samples from the middle of the longest strip to its end."""
+    room = np.inf if past_others else profiles.room
+    reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)
+    return int(np.max(reach / spacing, initial=0.0))
+
+
+def colours_across(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
+    """Blue, green, red (3, n, 2 `half` - 1) across markings: the mean of `ROWS` rows, and of three samples along them.
+
+    The samples of a profile have a `spacing` (n,), pixels, and the middle one lies on the marking.
+    """
+    import cv2
+
+    n, m = len(profiles), 2 * half + 1
+    if not n:
+        return np.zeros((3, 0, m - 2), np.float32)
+    along = ROW_SPACING * pixel_unit(size_of(image)) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
+    offset = np.arange(-half, half + 1) * spacing[:, None]
+    (x, y), (nx, ny) = profiles.xy.T[..., None], profiles.normal.T[..., None]
+    map_x, map_y = (
+        (middle.astype(np.float32)[..., None] + step.astype(np.float32)[:, None]).reshape(-1, m)
+        for middle, step in ((x + along * ny, offset * nx), (y - along * nx, offset * ny))
+    )
+    samples = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(n, ROWS, -1)
+    rows = np.sum(samples, axis=1, dtype=np.uint16).reshape(n, m, 3)
+    channels = cv2.split(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
+    return np.array(channels, np.float32) * np.float32(1.0 / (3 * ROWS))
+
+
+def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
+    """Whether both sides of each sample have about the same colour, which is also that beside most other markings.
+
+    Chromaticities are compared: the share of each channel in the sum of the three. Where the colours are saturated and
+    compressed these differ by much although the ground is the same; then both sides are alike beside the line.
+
+    Parameters
+    ----------
+    colour : (3, n, m) array
+        Blue, green, red.
+    contrast : (n, m - 2 * FLANK) array
+        By how much each sample is lighter than both sides.
+    on_ground : (n,) array
+        Which profiles cross a marking on the ground.
+    largest : float
+        Difference between both sides.
+
+    Returns
+    -------
+    (n, m - 2 * FLANK) array
+    """
+    share = colour + np.float32(1.0)  # the share of black is not defined
+    share /= np.sum(share, axis=0)
+    one_side, other_side = share[..., : -2 * FLANK], share[..., 2 * FLANK :]
+    alike = np.max(np.abs(one_side - other_side), axis=0) < largest
+    difference = np.max(np.abs(colour[..., : -2 * FLANK] - colour[..., 2 * FLANK :]), axis=0)
+    alike |= difference < SAME_GROUND * contrast
+    if not np.any(on_ground):
+        return np.asarray(alike)
+    centre = alike.shape[1] // 2
+    beside = np.concatenate([side[:, on_ground, centre] for side in (one_side, other_side)], axis=1)
+    usual = _median(beside)[:, None]
+    spread = float(_median(np.max(np.abs(beside - usual), axis=0)))
+    difference = np.max(np.abs(share - usual[..., None]), axis=0)
+    usual_colour = difference < max(OTHER_COLOUR * spread, 2.0 * largest)
+    return np.asarray(alike & usual_colour[:, : -2 * FLANK] & usual_colour[:, 2 * FLANK :])
+
+
+def _median(values: Float32) -> Float32:
+    """Median over the last axis; np.median spends more time on checks than on computing."""
+    count = values.shape[-1]
+    parted = np.partition(values, count // 2, axis=-1)
+    upper = parted[..., count // 2]
+    return np.asarray(upper if count % 2 else 0.5 * (np.max(parted[..., : count // 2], axis=-1) + upper))
+
+
+def _consistent(found: Array, member: IntArray, tolerance: float) -> BoolArray:
+    """Which profiles (n,) have an offset within `tolerance` of those of most of their neighbours on the segment."""
+    half = NEIGHBOURS // 2
+    near = sliding_window_view(np.pad(found, half, constant_values=np.nan), NEIGHBOURS)
+    same = sliding_window_view(np.pad(member, half, constant_values=-1), NEIGHBOURS) == member[:, None]
+    return np.asarray(np.sum(same & (np.abs(near - found[:, None]) < tolerance), axis=1) > half)

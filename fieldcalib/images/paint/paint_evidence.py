@@ -1,0 +1,359 @@
+"""Paint beside projected markings: which markings lie on paint, which lie beside it, and which show none.
+
+Refinement looks for lines close to the projected markings. A marking whose paint lies further off is not used there,
+and the others fit, so that a camera may be consistent and wrong. Here the paint of every marking in view is looked for
+in a wide band. Ridges across the marking, with the same ground on both sides, that lie along a straight or evenly bent
+line (or a shifted arc), and are clearly more than those where it is projected, are its paint. Lines are bent where the
+ground is not flat or the lens is another one.
+
+Posts and crossbars are left out, since nets and stands behind them are full of lines, and so are markings of short
+dashes with wide gaps, of which few places show paint.
+
+Width of the paint of markings in an image, against the width that a camera projects.
+
+Lines of soccer are at most 12 cm wide. A smaller field with the same markings gives the same picture, and so the same
+labels, as a larger one from further away; but its paint then looks wider than it should. Motion and lenses that are out
+of focus widen lines too, and their edges as well: a line that is blurred to a multiple of its width has edges as long
+as it is wide. So only places with sharp edges count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.assess.markings import LEAST_PLACES, LONG, MarkingInView
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import (
+    LUMA,
+    SPACING,
+    Profiles,
+    Strips,
+    colours_across,
+    pixels_of_lines,
+    profiles_along,
+)
+from fieldcalib.io.image import Image
+from fieldcalib.problem.pixel_table import PixelTable
+
+# Lengths are in pixels of a 960 x 540 image and grow with the image.
+BAND = 30.0  # px to both sides of a marking in which its paint is looked for
+ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
+BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at most 2.9 px off
+BENT = 4.25  # px, and paint that bends away: lines of a clip on a crowned pitch, good by eye, bend by up to 4
+SAME_RUN = 1.2  # px from the line or arc that the paint follows
+PEAKS = 5  # ridges of a profile, the strongest ones
+SEEN = 0.5  # share of the profiles that paint beside a marking must have
+MORE, MORE_SHARE = 3, 0.25  # profiles, and their share, by which it must exceed the paint on the marking
+NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
+AS_NARROW = 1.2  # times the width of a marking in the image, up to which other markings are as narrow
+EXPECTED = 0.6  # share of the profiles of markings as narrow with paint, above which its own paint should be seen
+LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which it is on its paint
+NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
+LEAST_PAINTED = 0.3  # share of a marking of dashes: less is no line
+DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
+APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
+LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
+
+
+@dataclass(frozen=True, eq=False)
+class PaintEvidence:
+    """The paint that an image shows of the markings on the ground that a camera sees."""
+
+    markings: tuple[MarkingInView, ...]
+    beside: PixelTable
+    """Pixels of the paint of markings that do not lie on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ridges:
+    """Ridges in an image beside the markings on the ground that a camera projected, and where these were."""
+
+    profiles: Profiles
+    xy: Float32
+    """Pixels (n, k, 2) of the ridges in each profile, NaN for none."""
+    may_be_line: BoolArray
+    """Whether each has the same ground on both sides, (n, k)."""
+    unit: float
+    """Pixels of the image per pixel of a 960 x 540 image."""
+
+    @classmethod
+    def of(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
+        """Look for ridges up to 30 px (in an image of 960 x 540) beside the projected markings."""
+        return cls.across(wide_strips(image, profiles_along(camera, markings)))
+
+    @classmethod
+    def across(cls, wide: Strips) -> Ridges:
+        """Look for ridges in the wide strips that are on the ground."""
+        strips = wide.part(np.flatnonzero(wide.profiles.on_ground), BAND, past_others=True)
+        profiles = strips.profiles
+        offset, may_be_line = strips.ridges(BAND, PEAKS)
+        shown = np.flatnonzero(~strips.is_black)
+        xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
+        return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], strips.unit)
+
+    @property
+    def offset(self) -> Array:
+        """Signed distances (n, k) of the ridges from the markings, pixels; NaN for none."""
+        return np.asarray(np.sum((self.xy - self.profiles.xy[:, None]) * self.profiles.normal[:, None], axis=-1))
+
+    def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
+        """Measure the ridges from the markings that another camera projects; those far from any are left out."""
+        old, new = self.profiles, profiles_along(camera, markings)
+        new = new.take(np.flatnonzero(new.on_ground))
+        pairs = [np.zeros((2, 0), dtype=np.intp)]
+        for k in np.intersect1d(old.member, new.member):
+            here, there = np.flatnonzero(old.member == k), np.flatnonzero(new.member == k)
+            distance = np.linalg.norm(old.xy[here][:, None] - new.xy[there], axis=-1)
+            near = np.min(distance, axis=1) < (BAND + SPACING) * self.unit
+            pairs.append(np.stack([here[near], there[np.argmin(distance, axis=1)][near]]))
+        kept, at = np.concatenate(pairs, axis=1)
+        return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept])
+
+
+def wide_strips(image: Image, profiles: Profiles) -> Strips:
+    """Strips in which paint beside markings is looked for."""
+    return Strips.of(image, profiles, BAND, past_others=True)
+
+
+def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvidence:
+    """Look for the paint of every marking in view, up to 30 px (in an image of 960 x 540) beside its projection.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    camera : Camera
+    markings : Markings
+        Lighter or darker than the ground, as the field's `LineLook` says.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> from fieldcalib.draw.scene import render_field
+    >>> truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> wider = Markings.of(soccer(105.0, 72.0))  # the camera is right, the size of the pitch is not
+    >>> found = {one.label: one for one in paint_evidence(render_field(truth, soccer()), truth, wider).markings}
+    >>> found["Big rect. right main"].share, round(found["Side line top"].offset)
+    (1.0, 4)
+    """
+    return evidence_of(Ridges.of(image, camera, markings), markings)
+
+
+def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
+    """Find which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
+    profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
+    is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
+    found, beside = [], np.full(len(profiles), np.nan)
+    for k in np.unique(profiles.member):
+        if markings.painted[k] < LEAST_PAINTED:
+            continue
+        at = np.flatnonzero(profiles.member == k)
+        on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
+        if len(at) >= LEAST_PLACES and on <= min(LOOKED_AT * len(at), len(at) - MORE):
+            others = np.flatnonzero(is_on & (profiles.member != k))
+            free = ridges.may_be_line[at] & np.isfinite(offset[at])
+            free[free] = ~_is_paint_of(profiles, others, ridges.xy[at][free].astype(float), unit)
+            may_be = np.where(free, offset[at], np.nan)
+            off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
+            most = BESIDE
+            if off == 0.0 and not markings.is_arc[k]:
+                off, run = _run_beside(may_be, _along(len(at), bent=True), on, unit)
+                most, is_bent = BENT, off > BENT * unit
+            seen = np.isfinite(run)
+            if off <= most * unit:  # the paint of the marking after all
+                off, on = 0.0, max(on, int(np.count_nonzero(seen)))
+            elif not is_bent:
+                beside[at] = run
+        length = float(np.sum(profiles.spacing[at]))
+        narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[at]))
+        expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
+        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
+    return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
+
+
+def with_lines(
+    evidence: PaintEvidence, markings: Markings, strips: Strips, lines: Array, labelled: Collection[str]
+) -> PaintEvidence:
+    """The evidence, with lines that a person labelled as paint of their markings, where that is more than was seen.
+
+    Paint beside such a marking then counts as its own only if it is still clearly more.
+
+    Parameters
+    ----------
+    evidence : PaintEvidence
+    markings : Markings
+    strips : Strips
+        Samples across the markings.
+    lines : (n,) array
+        Signed distances of the lines from the markings, pixels; NaN for none.
+    labelled : collection of str
+        Markings that a person labelled.
+    """
+    is_on = np.abs(lines) < ON_PAINT * strips.unit  # false for NaN
+    seen, on_paint = [], []
+    for one in evidence.markings:
+        k = markings.labels.index(one.label)
+        share = float(np.mean(is_on[strips.profiles.member == k])) if one.label in labelled else 0.0
+        if share > one.share:
+            one = replace(one, share=share)
+            if np.count_nonzero(evidence.beside.label == k) < (share + MORE_SHARE) * one.places:
+                one = replace(one, offset=0.0, is_bent=False)
+                on_paint.append(k)
+        seen.append(one)
+    return PaintEvidence(tuple(seen), evidence.beside.take(~np.isin(evidence.beside.label, on_paint)))
+
+
+def _along(count: int, *, bent: bool = False) -> Array:
+    """Basis (n, 2) of offsets of a line that is moved and turned; (n, 3) if it is bent too."""
+    t = np.linspace(-1.0, 1.0, count)
+    return np.column_stack([np.ones(count), t, t * t][: 2 + bent])
+
+
+def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
+    """Which pixels (N, 2) lie on the markings of `others` (m,), profiles that show paint at their place."""
+    (x, y), (nx, ny) = profiles.xy[others].T, profiles.normal[others].T
+    dx, dy = xy[:, :1] - x, xy[:, 1:] - y
+    across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
+    return np.asarray(np.any((across < ON_PAINT * unit) & (along < SPACING * unit), axis=-1))
+
+
+def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
+    """Largest distance of the paint of a marking, 0 without any, and its offset in each profile, (n,) or NaN.
+
+    Lines or arcs through a few ridges, as many as there are unknowns, are compared by the number of profiles with a
+    ridge on them. The ridges are drawn with a fixed seed.
+
+    Parameters
+    ----------
+    offset : (n, k) array
+        Ridges of the profiles of the marking, in their order along it; NaN for none.
+    basis : (n, d) array
+        Offsets that a moved marking has are combinations of these columns.
+    on : int
+        Number of profiles with a ridge where the marking is projected.
+    """
+    n, nothing = len(offset), np.full(len(offset), np.nan)
+    place, peak = np.nonzero(np.isfinite(offset))
+    if len(np.unique(place)) < max(LEAST_PLACES, SEEN * n, on + MORE):
+        return 0.0, nothing
+    some = np.random.default_rng(0).integers(len(place), size=(basis.shape[1], DRAWS))
+    few = np.moveaxis(basis[place[some]], 0, 1)  # (draws, d, d)
+    good = (np.ptp(place[some], axis=0) >= APART * n) & (np.abs(np.linalg.det(few)) > LEAST_DETERMINANT)
+    if not np.any(good):
+        return 0.0, nothing
+    values = offset[place[some], peak[some]].T[good]
+    predicted = np.linalg.solve(few[good], values[..., None])[..., 0] @ basis.T  # (draws, n)
+    near = np.any(np.abs(offset - predicted[..., None]) < SAME_RUN * unit, axis=2)
+    count = np.sum(near, axis=1)
+    # of parallel markings, the nearer one: that another one is seen as well is no reason to take it
+    best = int(np.argmax(count - NEARER * n * np.mean(np.abs(predicted), axis=1) / (BAND * unit)))
+    least = on + (MORE if count[best] >= NEARLY_ALL * n else max(MORE, MORE_SHARE * n))
+    if count[best] < max(SEEN * n, least):
+        return 0.0, nothing
+    distance = np.where(np.isfinite(offset), np.abs(offset - predicted[best][:, None]), np.inf)
+    run = np.where(near[best], offset[np.arange(n), np.argmin(distance, axis=1)], np.nan)
+    fitted, *_ = np.linalg.lstsq(basis[near[best]], run[near[best]], rcond=None)
+    return float(np.max(np.abs(basis @ fitted))), run
+
+
+NARROWEST = 3.0  # px of any image: the width of narrower lines cannot be measured
+SHARPEST = 0.6  # of the projected width, up to which edges are sharp; a moving or defocused line has longer ones
+STEPS = 16  # samples in a projected width
+REACH = 4.5  # projected widths to both sides of a marking that are sampled: past where ground begins on both sides
+NEAR, NEAR_PX = 1.2, 1.0  # projected widths, and px more, in which the middle of the paint lies
+GROUND_FROM, GROUND_FROM_PX = 1.8, 1.0  # from there, where the ground begins
+LEAST_CONTRAST = 15.0  # levels
+EVEN = 0.5  # of the contrast: largest difference between the grounds on both sides
+
+
+def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> tuple[MarkingInView, ...]:
+    """The markings in view, with the widths (n,) of the paint of those that lie on it."""
+    return tuple(
+        replace(one, width=float(np.median(widths[one.label])), widths=len(widths[one.label]))
+        if one.label in widths and not one.is_beside
+        else one
+        for one in seen
+    )
+
+
+def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[str, Array]:
+    """Widths (n,) of the paint of each marking that looks wide enough to be measured, in units of the projected width.
+
+    Lines that may be borders of painted areas have no such widths.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> from fieldcalib.draw.scene import render_field
+    >>> camera = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
+    >>> found = widths_by_marking(render_field(camera, soccer()), camera, Markings.of(soccer()))
+    >>> {label: round(float(np.median(width)), 1) for label, width in found.items()}
+    {'Middle line': 1.0, 'Circle right': 1.0, 'Circle central': 1.0}
+    """
+    if not np.isfinite(markings.look.ground_difference):
+        return {}
+    profiles = profiles_along(camera, markings)
+    solid = markings.painted[profiles.member] >= LEAST_PAINTED
+    profiles = profiles.take(np.flatnonzero(profiles.on_ground & solid & (profiles.width >= NARROWEST)))
+    width = paint_widths(image, profiles)
+    measured = np.isfinite(width)
+    members = np.unique(profiles.member[measured]).tolist()
+    return {markings.labels[k]: width[measured & (profiles.member == k)] for k in members}
+
+
+def paint_widths(image: Image, profiles: Profiles) -> Array:
+    """Width (n,) of the paint at profiles, in units of their projected widths; NaN where it is not sharp, or not there.
+
+    It is measured at half the height of the paint above the ground on each side.
+    """
+    if not len(profiles):
+        return np.zeros(0)
+    half = round(REACH * STEPS)
+    colour = colours_across(image, profiles, profiles.width / STEPS, half + 1)
+    level = np.tensordot(LUMA if profiles.look.lighter else -LUMA, colour, axes=1)
+    pixel = STEPS / profiles.width  # in samples
+    near = np.abs(np.arange(-half, half + 1)) <= (NEAR * STEPS + NEAR_PX * pixel)[:, None]
+    top = np.argmax(np.where(near, level, -np.inf), axis=1)
+    peak = np.take_along_axis(level, top[:, None], axis=1)[:, 0]
+    away = GROUND_FROM * STEPS + GROUND_FROM_PX * pixel
+    sides = [_Side.of(level, top, away), _Side.of(level[:, ::-1], 2 * half - top, away)]
+    contrast = peak - np.maximum(*(one.ground for one in sides))
+    even = np.abs(np.subtract(*(one.ground for one in sides))) <= EVEN * contrast
+    sharp = np.maximum(*(one.length for one in sides)) < SHARPEST * STEPS  # false for NaN
+    width = sum(one.edge for one in sides) / STEPS
+    return np.where((contrast >= LEAST_CONTRAST) & even & sharp, width, np.nan)
+
+
+class _Side(NamedTuple):
+    """One side of the paint in each profile."""
+
+    ground: Array
+    """Level of the ground, (n,)."""
+    edge: Array
+    """Samples from the top of the paint to half its height, (n,)."""
+    length: Array
+    """Samples from the foot to the top of its edge if that goes on as between a quarter and three, (n,)."""
+
+    @classmethod
+    def of(cls, level: Float32, top: IntArray, away: Array) -> _Side:
+        """The right side of profiles (n, m) with the top at a sample (n,); its ground begins `away` (n,) samples on."""
+        index = np.arange(level.shape[1])
+        ground = np.nanmedian(np.where(index > (top + away)[:, None], level, np.nan), axis=1)
+        peak = np.take_along_axis(level, top[:, None], axis=1)[:, 0]
+        upper, middle, lower = (_fall(level, top, ground + share * (peak - ground)) for share in (0.75, 0.5, 0.25))
+        return cls(ground, middle, 2.0 * (lower - upper))
+
+
+def _fall(level: Float32, top: IntArray, height: Array) -> Array:
+    """Samples (n,) from the top of each row rightwards to where its level falls to a height (n,); NaN if nowhere."""
+    below = (level <= height[:, None]) & (np.arange(level.shape[1]) > top[:, None])  # false for NaN
+    at = np.argmax(below, axis=1)
+    low, high = (np.take_along_axis(level, one[:, None], axis=1)[:, 0] for one in (at, at - 1))
+    found = np.any(below, axis=1) & (high > low)
+    return np.where(found, at - top - (height - low) / np.where(found, high - low, 1.0), np.nan)

@@ -1,0 +1,370 @@
+"""Cameras from pairs of lines in a picture that may be pairs of lines of a court.
+
+Two lines of the picture may be two lines across the field (x is constant on them), and two others may be two along it.
+The homography of their four crossings is that of a rectangle on the field; a camera with square pixels, no lens and
+a given principal point has one only if the rectangle has the right shape, and it gives the
+focal length: the columns h1 and h2 of the homography of metres satisfy ``h1' w h2 = 0`` and ``h1' w h1 = h2' w h2``
+with ``w = diag(1, 1, f^2)``, both linear in f^2 (Zhang, A flexible new technique for camera calibration, 2000). A free
+homography explains any four lines; few are left that are a camera's, and that stands where cameras do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import TURN, looks_the_same_turned
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.search.long_lines import LongLines
+
+SHORTEST = 0.12  # of the field's extent in that direction: shorter markings are no long lines
+SAME_LINE = 0.01  # m: markings nearer to each other lie on one line
+FARTHEST_CUT = 1.2  # widths: from the middle of a picture to the principal point of that from which it is cut out
+LARGEST_MISFIT = 0.25  # of both equations for f^2, in shares of the squared columns: lens, principal point, noise
+FARTHEST_CORNER = 2.5  # picture widths from its middle: crossings further away are those of nearly parallel lines
+MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
+OVER, OVER_SHARE = (
+    0.3,
+    0.05,
+)  # m, and share of its length, by which a line in the picture may be longer than its marking
+STEEPEST_ROLL = np.radians(12.0)
+INSIDE = 0.35  # share of the half extent within which no camera stands unless its stands say so
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """B pinhole cameras of pictures of one size."""
+
+    f: Array
+    """(B,) pixels."""
+    c: Array
+    """Principal points, (B, 2) pixels."""
+    R: Array
+    """(B, 3, 3)."""
+    C: Array
+    """(B, 3) metres."""
+    size: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.f)
+
+    @classmethod
+    def none(cls, size: tuple[int, int]) -> Cameras:
+        """No cameras."""
+        return cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
+        """The cameras of several parts, one after the other."""
+        f, c, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "c", "R", "C"))
+        return cls(f, c, R, C, parts[0].size)
+
+    def take(self, index: BoolArray | IntArray) -> Cameras:
+        """Some of them, by mask or by index."""
+        return Cameras(self.f[index], self.c[index], self.R[index], self.C[index], self.size)
+
+    def turned(self, some: BoolArray) -> Cameras:
+        """The cameras, those of a mask (B,) turned by 180 degrees about the centre mark."""
+        turn = np.where(some[:, None], TURN, 1.0)
+        return Cameras(self.f, self.c, self.R * turn[:, None], self.C * turn, self.size)
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera], size: tuple[int, int]) -> Cameras:
+        """Cameras of pictures of one size, without their lenses."""
+        if not cameras:
+            return cls.none(size)
+        K, R, C = (np.array([getattr(one, name) for one in cameras]) for name in ("K", "R", "C"))
+        return cls(K[:, 0, 0], K[:, :2, 2], R, C, size)
+
+    @property
+    def projections(self) -> Array:
+        """Projections (B, 3, 4) of homogeneous world points to pixels."""
+        M = self.R * self.f[:, None, None]
+        M[:, 2] = self.R[:, 2]
+        M[:, :2] += self.c[:, :, None] * self.R[:, 2:]
+        return np.concatenate([M, -(M @ self.C[:, :, None])], axis=2)
+
+    def camera(self, index: int) -> Camera:
+        """One of them."""
+        (cx, cy), f = self.c[index].tolist(), float(self.f[index])
+        return Camera([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]], self.R[index], self.C[index], self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldLines:
+    """Lines of a field on the ground that are long enough to be seen as lines."""
+
+    across: Array
+    """x of the lines across the field, ascending, metres."""
+    along: Array
+    """y of the lines along it, ascending."""
+    across_reach: Array
+    """Least and largest y of the markings on each line across the field, (N, 2)."""
+    along_reach: Array
+    """Least and largest x of those on each line along it, (M, 2)."""
+
+    @classmethod
+    def of(cls, field: Field) -> FieldLines:
+        """The painted lines of a field.
+
+        Examples
+        --------
+        >>> from fieldcalib.fields import volleyball
+        >>> lines = FieldLines.of(volleyball())
+        >>> lines.across.tolist(), lines.along.tolist()
+        ([-8.975, -2.975, 0.0, 2.975, 8.975], [-4.475, 4.475])
+        """
+        found: tuple[list[tuple[float, float, float]], ...] = [], []
+        for label, segment in field.items():
+            if not segment.is_straight or not field.paint_of(label).is_along:
+                continue
+            start, along = segment.vectors
+            if start[2] or along[2]:
+                continue
+            for axis, extent in ((0, field.width), (1, field.length)):
+                if abs(along[axis]) < 1e-6 and abs(along[1 - axis]) > SHORTEST * extent:
+                    ends = start[1 - axis], start[1 - axis] + along[1 - axis]
+                    found[axis].append((float(start[axis]), float(min(ends)), float(max(ends))))
+        (across, across_reach), (along, along_reach) = map(_joined, found)
+        return cls(across, along, across_reach, along_reach)
+
+
+def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
+    """Places of lines in ascending order, and their ends; markings nearer to each other than `SAME_LINE` are on one."""
+    place, low, high = np.array(sorted(markings), dtype=float).reshape(-1, 3).T
+    first = np.flatnonzero(np.append(True, np.diff(place) > SAME_LINE)[: len(place)])
+    if not len(first):
+        return place, np.zeros((0, 2))
+    return place[first], np.column_stack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)])
+
+
+def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None) -> Cameras:
+    """Cameras that see two lines across the field and two along it in two pairs of lines of a picture.
+
+    On a field that looks the same when it is turned by 180 degrees, each camera stands for its twin too.
+
+    Parameters
+    ----------
+    lines : LongLines
+    field : Field
+    size : (int, int)
+        Width and height of the picture.
+    row : float, optional
+        Of the principal point, from the middle of the picture, in widths of the picture, where the picture is cut out
+        of a larger one; its column is found with the camera. By default it is in the middle.
+    """
+    on_field = FieldLines.of(field)
+    quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
+    is_symmetric = looks_the_same_turned(field)
+    parts = [Cameras.none(size)]
+    for step in (1,) if is_symmetric else (1, -1):
+        for i in combinations(range(len(on_field.across)), 2):
+            for j in combinations(range(len(on_field.along)), 2):
+                at = list(i[::step]), list(j[::step])
+                x, y = on_field.across[at[0]], on_field.along[at[1]]
+                own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
+                parts.append(own.cameras(x, y) if row is None else own.cut_out(x, y))
+    joined = Cameras.joined(parts)
+    joined = joined.take(stands(joined, field))
+    return on_canonical_side(joined, field) if is_symmetric else joined
+
+
+def stands(cameras: Cameras, field: Field) -> BoolArray:
+    """Which cameras stand and look about as the cameras of the field do, by the ranges of its stands."""
+    everywhere = field.stands or tuple(field.named_stands.values())
+    fov = np.radians([stand.fov for stand in everywhere])
+    low, high = heights(field)
+    half_fov = np.arctan(0.5 * cameras.size[0] / cameras.f)
+    x, y, height = np.abs(cameras.C[:, 0]), np.abs(cameras.C[:, 1]), -cameras.C[:, 2]
+    half_length, half_width = field.half_extent
+    good = (2.0 * half_fov > fov.min() / MARGIN_FOV) & (2.0 * half_fov < min(fov.max() * MARGIN_FOV, 2.6))
+    good &= (height > low) & (height < high)
+    if np.isfinite(field.farthest_camera):
+        good &= np.linalg.norm(cameras.C, axis=1) < field.farthest_camera
+    good &= (x > INSIDE * half_length) | (y > INSIDE * half_width)
+    right = cameras.R[:, 0]  # the horizontal direction of the picture: level without roll
+    return np.asarray(good & (np.abs(right[:, 2]) < np.sin(STEEPEST_ROLL)) & (cameras.R[:, 1, 2] > 0.0))
+
+
+def heights(field: Field) -> tuple[float, float]:
+    """Least and largest height of cameras above the ground, metres."""
+    z = [height for stand in field.stands or field.named_stands.values() for height in stand.z]
+    return -max(z) / MARGIN_HEIGHT, -min(z) * MARGIN_HEIGHT
+
+
+def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
+    """The cameras, those on the far side or behind the right end turned by 180 degrees about the centre mark."""
+    x, y, _ = cameras.C.T
+    is_behind = np.abs(x) - 0.5 * field.length > np.abs(y) - 0.5 * field.width
+    return cameras.turned(np.where(is_behind, x > 0.0, y < 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Quads:
+    """Homographies of the unit square to the quadrilaterals between two pairs of lines.
+
+    Pixels are from the principal point, in units of the picture's width.
+    """
+
+    h1: Array
+    """First column of each, (N, 3): along the field's x."""
+    h2: Array
+    """Along its y."""
+    h3: Array
+    """The corner (0, 0)."""
+    ends: Array
+    """Places of the ends of the lines along the square, (N, 4, 2): of those at x = 0 and 1, then at y = 0 and 1; NaN
+    beyond the horizon."""
+    c: Array
+    """The principal point, (2,) pixels."""
+    size: tuple[int, int]
+
+    @classmethod
+    def of(cls, lines: LongLines, size: tuple[int, int], c: Array) -> _Quads:
+        """All pairs of lines across the field with all pairs along it that have no line in common."""
+        line, ends = lines.seen_from(c, float(size[0]))
+        pairs = parallel_pairs(line, ends)
+        first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
+        a, b = pairs[first], pairs[second]
+        apart = np.all(a[:, :, None] != b[:, None, :], axis=(1, 2))
+        a, b = a[apart], b[apart]
+        a1, a2, b1, b2 = line[a[:, 0]], line[a[:, 1]], line[b[:, 0]], line[b[:, 1]]
+        origin, far = np.cross(a1, b1), np.cross(a2, b2)
+        of_x, of_y = np.cross(b1, b2), np.cross(a1, a2)  # vanishing points
+        # far = alpha of_x + beta of_y + gamma origin
+        alpha = _det(far, of_y, origin)[:, None]
+        beta = _det(of_x, far, origin)[:, None]
+        gamma = _det(of_x, of_y, far)[:, None]
+        h1, h2, h3 = alpha * of_x, beta * of_y, gamma * origin
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = 1.0 / h3[:, 2:]
+            h1, h2, h3 = h1 * scale, h2 * scale, h3 * scale
+        depth = np.stack([h3[:, 2], h3[:, 2] + h1[:, 2], h3[:, 2] + h2[:, 2], h3[:, 2] + h1[:, 2] + h2[:, 2]])
+        good = np.all(depth > 0.0, axis=0) & np.all(np.isfinite(h1) & np.isfinite(h2) & np.isfinite(h3), axis=1)
+        h1, h2, h3, a, b = h1[good], h2[good], h3[good], a[good], b[good]
+        corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])
+        near = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
+        h1, h2, h3, a, b = h1[near], h2[near], h3[near], a[near], b[near]
+        # seen from above, y is to the right of x, as in the picture; else the pair along the field is the other way
+        (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))
+        flip = (xx * yy - xy * yx < 0.0)[:, None]
+        h3, h1, h2, b = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2), np.where(flip, b[:, ::-1], b)
+        sides = ((h3, h2, a[:, 0]), (h3 + h1, h2, a[:, 1]), (h3, h1, b[:, 0]), (h3 + h2, h1, b[:, 1]))
+        places = np.stack([_places(start, along, ends[own]) for start, along, own in sides], axis=1)
+        return cls(h1, h2, h3, np.sort(places, axis=2), c, size)
+
+    def take(self, index: BoolArray) -> _Quads:
+        """Some of them."""
+        return replace(self, h1=self.h1[index], h2=self.h2[index], h3=self.h3[index], ends=self.ends[index])
+
+    def are_within(self, x: Array, y: Array, x_reach: Array, y_reach: Array) -> BoolArray:
+        """In which of them the lines end within markings, if they are the rectangle between two x and two y.
+
+        The two x and the two y are both in ascending or both in descending order. The markings at each x reach from one
+        y to another, (2, 2), and those at each y from one x to another.
+        """
+        ends = self.ends if x[1] > x[0] else self.ends[:, :, ::-1]
+        of_x, of_y = y[0] + ends[:, :2] * (y[1] - y[0]), x[0] + ends[:, 2:] * (x[1] - x[0])
+        return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach), axis=1))
+
+    def homographies(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Columns of the homographies of metres for which they are the rectangle between two x and two y."""
+        h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
+        return h1, h2, self.h3 - h1 * x[0] - h2 * y[0]
+
+    def cut_out(self, x: Array, y: Array) -> Cameras:
+        """The same as `cameras`, with the column of the principal point that fits, anywhere near the picture."""
+        h1, h2, h3 = self.homographies(x, y)
+        # a c + b s = d of both equations, with c the column of the principal point and s = c^2 + f^2
+        a1, a2 = h1[:, 0] * h2[:, 2] + h1[:, 2] * h2[:, 0], 2.0 * (h1[:, 0] * h1[:, 2] - h2[:, 0] * h2[:, 2])
+        b1, b2 = -h1[:, 2] * h2[:, 2], np.square(h2[:, 2]) - np.square(h1[:, 2])
+        d1 = np.sum(h1[:, :2] * h2[:, :2], axis=1)
+        d2 = np.sum(np.square(h1[:, :2]) - np.square(h2[:, :2]), axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            c, s = (d1 * b2 - d2 * b1) / (a1 * b2 - a2 * b1), (a1 * d2 - a2 * d1) / (a1 * b2 - a2 * b1)
+            good = np.flatnonzero((s > np.square(c)) & (np.abs(c) < FARTHEST_CUT))
+        c, f = c[good], np.sqrt(s[good] - np.square(c[good]))
+        h1, h2, h3 = (np.column_stack([h[good, 0] - c * h[good, 2], h[good, 1:]]) for h in (h1, h2, h3))
+        f, R, C, kept = _poses(h1, h2, h3, f)
+        at = np.column_stack([self.c[0] + self.size[0] * c[kept], np.full(len(kept), self.c[1])])
+        return Cameras(f * self.size[0], at, R, C, self.size)
+
+    def cameras(self, x: Array, y: Array) -> Cameras:
+        """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
+        h1, h2, h3 = self.homographies(x, y)
+        A, B = 2.0 * np.sum(h1[:, :2] * h2[:, :2], axis=1), 2.0 * h1[:, 2] * h2[:, 2]
+        D = np.sum(np.square(h1[:, :2]) - np.square(h2[:, :2]), axis=1)
+        E = np.square(h1[:, 2]) - np.square(h2[:, 2])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            squared = -(A * B + D * E) / (B * B + E * E)
+            size = np.sum(np.square(h1[:, :2]) + np.square(h2[:, :2]), axis=1)
+            size += squared * (np.square(h1[:, 2]) + np.square(h2[:, 2]))
+            misfit = np.hypot(A + squared * B, D + squared * E) / size
+            good = np.flatnonzero((squared > 0.0) & (misfit < LARGEST_MISFIT))
+        f, R, C, _ = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
+        return Cameras(f * self.size[0], np.tile(self.c, (len(f), 1)), R, C, self.size)
+
+
+def _places(start: Array, along: Array, ends: Array) -> Array:
+    """Places (N, 2) of pixels (N, 2, 2) on lines with the homogeneous points ``start + place * along``, (N, 3) each."""
+    from_start = start[:, None, :2] - ends * start[:, None, 2:]
+    step = along[:, None, :2] - ends * along[:, None, 2:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = -np.sum(from_start * step, axis=2) / np.sum(step * step, axis=2)
+    return np.where(start[:, 2:] + place * along[:, 2:] > 0.0, place, np.nan)
+
+
+def are_within(ends: Array, reach: Array) -> BoolArray:
+    """Whether both ends (..., 2) of lines, in ascending order, lie between the ends of their markings, (..., 2).
+
+    Lines may be a little longer than the markings.
+    """
+    over = OVER + OVER_SHARE * (reach[..., 1] - reach[..., 0])
+    return np.asarray((ends[..., 0] > reach[..., 0] - over) & (ends[..., 1] < reach[..., 1] + over))
+
+
+def parallel_pairs(lines: Array, ends: Array) -> IntArray:
+    """Pairs of lines (N, 2) that do not cross between their ends: lines that are parallel on the ground do not."""
+    first, second = np.triu_indices(len(lines), 1)
+    crossing = np.cross(lines[first], lines[second])
+    inside = np.zeros(len(first), dtype=bool)
+    for index in (first, second):
+        start, end = ends[index, 0], ends[index, 1]
+        along = end - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            place = np.sum((crossing[:, :2] / crossing[:, 2:] - start) * along, axis=1) / np.sum(along * along, axis=1)
+        inside |= (place > 0.0) & (place < 1.0)
+    return np.column_stack([first, second])[~inside]
+
+
+def _det(a: Array, b: Array, c: Array) -> Array:
+    return np.asarray(np.sum(a * np.cross(b, c), axis=1))
+
+
+def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Array, IntArray]:
+    """Focal lengths, rotations and centres of cameras above the ground, from the columns of homographies; which."""
+    K = np.column_stack([f, f, np.ones_like(f)])
+    r1, r2, t = h1 / K, h2 / K, h3 / K
+    scale = 0.5 * (np.linalg.norm(r1, axis=1) + np.linalg.norm(r2, axis=1))[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r1, r2, t = (
+            r1 / np.linalg.norm(r1, axis=1, keepdims=True),
+            r2 / np.linalg.norm(r2, axis=1, keepdims=True),
+            t / scale,
+        )
+        half, rest = np.sqrt(0.5) * _unit(r1 + r2), np.sqrt(0.5) * _unit(r1 - r2)
+    r1, r2 = half + rest, half - rest
+    R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
+    C = -np.einsum("nij,ni->nj", R, t)
+    good = np.flatnonzero(np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0))
+    return f[good], R[good], C[good], good
+
+
+def _unit(v: Array) -> Array:
+    """Vectors (N, 3) scaled to length 1."""
+    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

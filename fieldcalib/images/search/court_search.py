@@ -1,0 +1,468 @@
+"""Cameras of a court from a picture alone, by search: no network, no labels.
+
+picture, scaled to 1280 columns
+  |  stripes; the distortion without which they lie on straight lines  stripes, straightened
+  |  the longest of these lines, and ellipses                           long_lines, ellipses
+  v
+cameras that see four lines of the field in four lines of the picture  court_hypotheses
+or three in three                                                      cameras_from_lines
+or a circle in an ellipse, and a line in a line                        cameras_from_ellipses
+  |  ranked by a likelihood ratio, in three rounds with more points     court_ranking, stripe_likelihood
+  |  the best ones pulled onto stripes                                  stripe_likelihood
+  v
+the best different cameras, refined on the picture, lens included      refinement
+  |  equal ones merged; what each explains of the picture              here
+  |  in halls the same for the stripes of each paint, and darker ones, until one camera is sure
+  v
+cameras by their probability of being right, the first one accepted or not
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.words import Finding, Status, What
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import OPPOSITE
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.camera_side import twin_of
+from fieldcalib.images.field_size_from_image import on_field_as_seen
+from fieldcalib.images.refinement import Refined
+from fieldcalib.images.search.court_hypotheses import Cameras, stands
+from fieldcalib.images.search.court_ranking import (
+    GRID,
+    Ranked,
+    Rivals,
+    are_apart,
+    distances,
+    first_apart,
+    grid_of,
+    is_often_cut_out,
+    moved_by_steps,
+    seen_grids,
+)
+from fieldcalib.images.search.court_refinement import FOUND, refine_courts, with_errors, with_hidden_markings
+from fieldcalib.images.search.long_lines import LongLines
+from fieldcalib.images.search.picture_stripes import PictureStripes, PictureToSearch
+from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
+from fieldcalib.images.search.stripes import StripeColours, Stripes
+from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
+from fieldcalib.solve.task import Task
+
+EXPLAINED = 6.0  # px from a projected marking
+ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
+SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
+MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
+# Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
+# frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
+# rinks and soccer under other fields.
+COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.71])
+# Of an accepted camera. In 328 pictures of their own field (`data_tools.score_courts`) 289 first cameras are right; of
+# these 272 are accepted from here on, 268 from 0.75 on, of the wrong ones 7 by either, and none of 256 of other fields.
+LEAST_PROBABILITY = 0.65
+LEAST_SCORE = 250.0  # three lines fit many cameras: with a lower one the markings in view must show their paint
+UNKNOWN = 0.5  # share of painted markings where the paint of none should be visible
+LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
+MOST_RIVAL = 1.3  # of the runner-up
+MOST_OFF = 3  # markings off their paint: more tell no more
+FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4  # from which on evidence is a doubt
+
+
+@dataclass(frozen=True)
+class CourtEvidence:
+    """Evidence of the stripes in a picture for a camera."""
+
+    score: float
+    """Log likelihood ratio of the projected markings (`fieldcalib.images.search.stripe_likelihood`)."""
+    mean: float
+    """The same for each independent point in view whose paint should be found."""
+    explained: float
+    """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, those
+    above the ground included; by their contrast, since the grain of wood is striped too."""
+    runner_up: float
+    """Score of the best camera of the search that projects the field elsewhere, as a share of this one's."""
+    paint: float
+    """Share of the places along the markings in view that show paint (`fieldcalib.assess.markings`)."""
+    visible: float
+    """Share of the points in view whose paint should be found: far lines are too thin."""
+    confirmed: int
+    """Number of markings that show paint nearly everywhere, at enough places."""
+    painted: float
+    """Share of the markings in view whose paint should be visible that show it nearly everywhere; `UNKNOWN` if there
+    are none, since far lines of large fields are thin."""
+    off: int
+    """Number of markings that lie beside their paint, or that show none."""
+    misfit: float
+    """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
+    is_above: bool
+    """Whether the camera stands above the field, as few do."""
+
+    @property
+    def features(self) -> Array:
+        """What the odds are computed from, (9,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
+        mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
+        confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
+        off, above = min(self.off, MOST_OFF), float(self.is_above)
+        return np.array([1.0, mean, self.explained, runner_up, confirmed, self.painted, off, misfit, above])
+
+    @property
+    def odds(self) -> float:
+        """Odds of the camera against that none of those that were refined is right."""
+        return float(np.exp(self.features @ COEFFICIENTS))
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it is enough for a probability to be believed."""
+        return self.score >= LEAST_SCORE or self._paint_shown >= LITTLE_PAINT
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Evidence against the camera, in words."""
+        found = {
+            "few of the field's lines are in view": self.score < LEAST_SCORE or self.confirmed < FEW_CONFIRMED,
+            f"only {100.0 * self.explained:.0f} % of the long lines on the field are markings of it": (
+                self.explained < FEW_EXPLAINED
+            ),
+            "another camera explains the picture nearly as well": self.runner_up > RIVAL,
+            f"only {100.0 * self.paint:.0f} % of the markings in view show paint": self._paint_shown < LITTLE_PAINT,
+            "the picture has few lines where the markings are projected": self.mean < LITTLE,
+        }
+        return tuple(text for text, is_true in found.items() if is_true)
+
+    @property
+    def _paint_shown(self) -> float:
+        """`paint` as a share of what should be found, at most 1."""
+        return min(self.paint / max(self.visible, self.paint, 1e-9), 1.0)
+
+
+def probabilities(odds: Array, are_alike: BoolArray) -> Array:
+    """Probability (N,) of each of N cameras that were searched for in a picture, one of which may be right, or none.
+
+    It is ``sum of the odds of those like it / (1 + sum of all odds)``.
+
+    Parameters
+    ----------
+    odds : (N,) array
+        `CourtEvidence.odds`.
+    are_alike : (N, N) array of bool
+        Which cameras project the field about alike, each camera with itself too.
+
+    Examples
+    --------
+    >>> probabilities(np.array([8.0, 1.0]), np.eye(2, dtype=bool)).tolist()
+    [0.8, 0.1]
+    """
+    return np.asarray(are_alike @ odds / (1.0 + np.sum(odds)))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """The stripes of a picture, prepared for the comparison with many cameras."""
+
+    stripes: Stripes
+    is_long: BoolArray
+    """Which stripes lie on a long line, (N,)."""
+    colours: StripeColours
+    maps: StripeMaps
+
+    def explained(self, field: Field, camera: Camera) -> float:
+        """Share of the long stripes on the field, of the paint's colour, that lie on markings, by their contrast."""
+        from scipy.spatial import cKDTree
+
+        xy = self.stripes.xy[self.is_long]
+        ground = camera.image_to_field(xy)[:, :2]
+        on_field = np.all(np.abs(ground) < field.half_extent * (1.0 + MARGIN), axis=1)  # false for the sky
+        spacing = SPACING * float(np.hypot(field.length, field.width))
+        markings = np.concatenate([segment.sample(spacing) for segment in field.markings.values()])
+        seen = camera.project(markings)
+        seen = seen[np.all(np.isfinite(seen), axis=1)]
+        if not np.any(on_field) or not len(seen):
+            return 0.0
+        distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
+        explained = np.isfinite(distance)
+        is_paint = explained | self.colours.take(np.flatnonzero(self.is_long)[on_field]).are_like(explained)
+        contrast = np.where(is_paint, self.stripes.contrast[self.is_long][on_field], 0.0)
+        return float(np.sum(contrast[explained]) / np.sum(contrast))
+
+
+def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
+    """Which stripes lie on each long line, (N,) masks."""
+    found = []
+    for normal, offset in zip(lines.normal, lines.offset, strict=True):
+        turn = stripes.angle - np.arctan2(normal[0], -normal[1])
+        turn -= np.pi * np.round(turn / np.pi)
+        found.append((np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE))
+    return found
+
+
+POINTS = 300  # of the field, at which cameras are compared with stripes
+FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
+PAINTS = 2  # whose stripes are searched alone, where the search among all is not sure
+ENOUGH = 0.95  # probability of a camera from which on no other stripes are searched
+HOPELESS = 60.0  # score of cameras that are not refined
+REFINED = 4  # cameras that are refined on the picture
+APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
+ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
+SURE = 0.9  # least probability of a camera that tells which markings are hidden
+SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
+NOTHING = (
+    Status.TOO_FEW_SEGMENTS,
+    "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
+    "or a line and a circle",
+    FOUND,
+)
+UNDETERMINED = "the lines near its markings do not determine it"
+ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCourt:
+    """A camera that was found by search, and the evidence for it."""
+
+    calibration: Calibration
+    """Its status says whether it is accepted."""
+    evidence: CourtEvidence
+    probability: float
+    """Probability that it is right, 0 if its errors are not known; it knows that the camera was searched for."""
+    twin: Camera | None = None
+    """The camera on the other side of the field whose picture is the same; None if the field tells its sides apart."""
+    moved: tuple[Camera, ...] = ()
+    """Cameras further along a field whose markings repeat (`Field.repeats`) that explain the picture as well."""
+
+
+def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL) -> list[FoundCourt]:
+    """Search a picture for a field, and rank the cameras that may have taken it.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    field : Field
+        With markings along and across it: at least two lines of one direction and one of the other must show, or a
+        line and a circle. On a floor in a hall, lines are looked for that are darker than it too; the field of such a
+        camera says so. Of a field whose size varies (`size_model`) and is not known (`size_known`) the size is
+        estimated with each camera, where the picture determines it (`Calibration.field`).
+    flags, prior
+        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
+        and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
+
+    Returns
+    -------
+    list of FoundCourt
+        The best one first; empty if no camera explains the lines of the picture. A camera that is not accepted is
+        "probably wrong", with the reason in its message.
+
+    Raises
+    ------
+    ValueError
+        If the image is not uint8 or has no three channels, or the field has no stands and no prior is given.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera
+    >>> from fieldcalib.draw.scene import render_field
+    >>> from fieldcalib.fields import tennis
+    >>> truth = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), (960, 540))
+    >>> best, *others = find_courts(render_field(truth, tennis()), tennis())
+    >>> best.calibration.accepted, round(best.calibration.camera.focal_length, -1)
+    (True, 1400.0)
+    """
+    return courts_in(PictureToSearch(checked_image(image)), field, flags=flags, prior=prior)
+
+
+def courts_in(
+    picture: PictureToSearch, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
+) -> list[FoundCourt]:
+    """`find_courts` of a picture that is searched for several fields: its stripes are found once."""
+    task = Task(field, flags=flags, prior=prior)
+    task.options(size_of(picture.image))  # raises what the user did wrong before the search
+    return _found(task, field, picture, estimate_size=True)
+
+
+def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = False) -> list[Calibration]:
+    """The first camera of each picture by `find_courts`, accepted or not; a ValueError if the object is no field.
+
+    The size of a field whose size varies is the given one by default, as pictures of one clip must show one field.
+    """
+    field = task.field
+    if field is None:
+        raise ValueError("courts are searched for a Field, whose size is known: without one a network is needed")
+    if not task.given.is_empty:
+        raise ValueError("of a camera that is searched for nothing may be given: leave it out, or give a network")
+    found = (_found(task, field, PictureToSearch(image), estimate_size=estimate_size) for image in images)
+    return [one[0].calibration if one else Calibration.without_camera(*NOTHING) for one in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A refined camera, and the stripes that speak for it."""
+
+    refined: Refined
+    evidence: CourtEvidence
+    stripes: PictureStripes
+
+    @property
+    def odds(self) -> float:
+        """Odds that it is right; 0 if its errors are not known."""
+        return 0.0 if self.refined.calibration.solved is None else self.evidence.odds
+
+
+def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> list[FoundCourt]:
+    """`find_courts` of a checked picture."""
+    sized = estimate_size and field.moves_with_size and not field.size_known
+    candidates: list[_Candidate] = []
+    probability: list[float] = []
+    for found in _candidates(task, field, picture, sized=sized):
+        candidates += found
+        probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
+        if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
+            break
+    courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
+    return sorted(courts, key=lambda one: (not one.calibration.accepted, -one.probability, -one.evidence.score))
+
+
+def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
+    """Cameras that explain the stripes of a picture; in halls also the stripes of each paint, and darker ones."""
+    in_hall = field.surface in FLOORS
+    for lighter in (field.lines.lighter, not field.lines.lighter)[: 2 if in_hall else 1]:
+        is_own = lighter == field.lines.lighter
+        court = field if is_own else replace(field, lines=replace(field.lines, lighter=lighter))
+        own = replace(task, object_segments=court)
+        search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
+        stripes = picture.stripes(lighter=lighter)
+        yield search(stripes)
+        if stripes.bend.a != 0.0:
+            yield search(stripes.unbent)  # circles look as lines do that a lens has bent
+        paints = stripes.colours.paints(lying_on(stripes.straight, stripes.lines)) if in_hall else []
+        for paint in paints[:PAINTS]:
+            yield search(stripes.take(np.flatnonzero(paint)))
+
+
+def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
+    """Cameras that explain the stripes; of fields of the size that they show, where it varies (`sized`).
+
+    The picture may be cut out of a larger one (`are_cut_out`).
+    """
+    field = task.field
+    assert field is not None
+    on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, stripes.lines)]
+    picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, stripes.maps)
+    ranked = stripes.ranked(field, are_cut_out=are_cut_out)
+    if task.side == OPPOSITE:
+        ranked = ranked.turned
+    started = _different(ranked, field)
+    refined = [
+        _if_possible(one, field) for one in refine_courts(task, field, image, [ranked.camera(k) for k in started])
+    ]
+    ends = [None if one is None else one.calibration.camera for one in refined]
+    rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
+    found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
+    if sized:
+        found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
+    return [_Candidate(one, _evidence(picture, rivals, one), stripes) for one in found]
+
+
+def _court(candidate: _Candidate, probability: float) -> FoundCourt:
+    """A camera that was found, judged, with the others that take the same picture."""
+    refined, evidence, maps = candidate.refined, candidate.evidence, candidate.stripes.maps
+    calibration = _judged(refined, evidence, probability)
+    camera, field = refined.calibration.required_camera, _field_of(refined)
+    points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
+    moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
+    if moved:
+        assert field.repeats is not None
+        repeats = Finding(What.REPEATS, numbers=(field.repeats,))
+        calibration = with_findings(replace(calibration, alternatives=moved), repeats)
+    return FoundCourt(calibration, evidence, probability, twin_of(camera, field), moved)
+
+
+def _field_of(refined: Refined) -> Field:
+    """The field of a camera, in its size."""
+    assert refined.calibration.field is not None
+    return refined.calibration.field
+
+
+def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEvidence:
+    """The evidence for a camera, against the others that were searched."""
+    field, size = _field_of(refined), picture.stripes.size
+    camera = refined.calibration.required_camera.scaled(size)
+    score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
+    markings = () if refined.paint is None else refined.paint.markings
+    expected = [one for one in markings if one.is_expected]
+    return CourtEvidence(
+        score=score,
+        mean=score / max(shown, 1.0),
+        explained=picture.explained(field, camera),
+        runner_up=rivals.best_score(seen_grids(camera, field)) / max(score, 1.0),
+        paint=refined.paint_share,
+        visible=shown / max(weight, 1.0),
+        confirmed=sum(one.is_confirmed for one in markings),
+        painted=float(np.mean([one.is_painted for one in expected])) if expected else UNKNOWN,
+        off=sum(one.is_off for one in markings),
+        misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
+        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
+    )
+
+
+def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
+    """Which of N cameras project the field about alike, (N, N)."""
+    grids = [_grids_of(one) for one in candidates]
+    seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
+    alike = [~are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
+    return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
+
+
+def _grids_of(candidate: _Candidate) -> list[Array]:
+    """`seen_grids` of a camera, in the picture of its stripes."""
+    camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
+    return seen_grids(camera.scaled(candidate.stripes.maps.size), field)
+
+
+def _different(ranked: Ranked, field: Field) -> list[int]:
+    """The first cameras that project the field differently."""
+    xy, likely = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > HOPELESS).tolist()
+    return list(islice(first_apart(xy, likely, ranked.bend.size, APART, median=False), REFINED))
+
+
+def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
+    """The calibration of a refined camera, "probably wrong" without enough evidence."""
+    calibration = refined.judged
+    if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
+        return with_hidden_markings(calibration) if probability >= SURE else calibration
+    doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
+    doubt = "; ".join((f"{FOUND}, right with a probability of {probability:.2f}", *doubts))
+    said = replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+    return said if said.has_finding(What.SEARCHED) else with_findings(said, FOUND)
+
+
+def _if_possible(refined: Refined, field: Field) -> Refined | None:
+    """A refined camera, None if the solver refused it, or it came to stand where no cameras do.
+
+    A camera at the height of the ground sees the whole field in one line.
+    """
+    camera = refined.calibration.camera
+    if camera is None or not refined.calibration.accepted:
+        return None
+    return refined if stands(Cameras.of([camera], camera.image_size), field)[0] else None
+
+
+def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
+    """Of refined cameras that are the same, the best supported one."""
+    X = grid_of(field)
+    kept: list[Refined] = []
+    seen: list[Array] = []
+    for one in sorted(refined, key=lambda one: -one.support):
+        camera = one.calibration.required_camera
+        xy = camera.project(X)
+        if not seen or np.min(distances(np.array(seen), xy, camera.image_size)) > SAME:
+            kept.append(one)
+            seen.append(xy)
+    return kept

@@ -1,0 +1,138 @@
+"""The long straight lines of a picture: a Hough transform in which its stripes vote in their own direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.images.search.stripes import Stripes
+
+DEGREES = 0.5  # between directions of the transform
+PIXELS = 2.0  # between its distances from the middle of the picture
+SPREAD = 4  # directions on both sides of its own for which a stripe votes: structure tensors are 1 to 2 degrees off
+NEAR, ALIKE = 3.0, np.radians(6.0)  # px and angle: stripes of a line, to which it is fitted
+OWN, OWN_ALIKE = 5.0, np.radians(8.0)  # stripes that vote for no other line: a lens bends lines
+PIECE = 4.0  # px: length in which a line counts once, however many stripes it has there
+SHORTEST = 50.0  # px of stripes on a line
+FITS = 2
+ENDS = 0.04, 0.96  # quantiles of the stripes along a line: a few far ones belong to something else
+
+
+@dataclass(frozen=True, eq=False)
+class LongLines:
+    """Straight lines ``n . p = d`` on which long stripes lie, the best supported one first."""
+
+    normal: Array
+    """Unit vectors across the lines, (K, 2)."""
+    offset: Array
+    """d, pixels, (K,)."""
+    ends: Array
+    """Pixels between which most of the stripes on each lie, (K, 2, 2)."""
+    length: Array
+    """Length of the stripes on each, pixels, (K,)."""
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    @property
+    def homogeneous(self) -> Array:
+        """Vectors (K, 3) with ``l . (x, y, 1) = 0`` on the line."""
+        return np.column_stack([self.normal, -self.offset])
+
+    def seen_from(self, origin: Array, unit: float) -> tuple[Array, Array]:
+        """`homogeneous` and `ends` for pixels from an origin (2,), in a unit of so many pixels."""
+        line = self.homogeneous
+        line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ origin) / unit])
+        return line, (self.ends - origin) / unit
+
+
+def long_lines(stripes: Stripes, most: int) -> LongLines:
+    """Find the lines with the longest stripes on them, at most so many.
+
+    Examples
+    --------
+    >>> from fieldcalib.images.search.stripes import find_stripes
+    >>> picture = np.full((90, 160, 3), 90, np.uint8)
+    >>> picture[:, 70:75] = 200
+    >>> lines = long_lines(find_stripes(picture), 5)
+    >>> np.abs(lines.normal).round(2), np.abs(lines.offset).round()
+    (array([[1., 0.]]), array([72.]))
+    """
+    middle = 0.5 * np.array(stripes.size)
+    xy, across = stripes.xy - middle, stripes.angle + 0.5 * np.pi
+    votes = _Votes.of(xy, across, float(np.hypot(*middle)))
+    left = np.ones(len(xy), dtype=bool)
+    found: list[tuple[Array, float, Array, float]] = []
+    while len(found) < most:
+        normal, offset = votes.best()
+        on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
+        for _ in range(FITS):
+            if np.count_nonzero(on) * 1.0 < SHORTEST / PIECE:
+                break
+            normal, offset = _fitted(xy[on])
+            on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
+        along = xy[on] @ (-normal[1], normal[0])
+        length = PIECE * len(np.unique(np.floor(along / PIECE)))
+        if length < SHORTEST:
+            break
+        ends = np.quantile(along, ENDS)[:, None] * (-normal[1], normal[0]) + offset * normal + middle
+        found.append((normal, offset + float(normal @ middle), ends, length))
+        own = left & _is_on(xy, across, normal, offset, OWN, OWN_ALIKE)
+        votes.withdraw(np.flatnonzero(own))
+        left &= ~own
+    found.sort(key=lambda line: -line[-1])
+    parts = [np.array([line[k] for line in found], dtype=float) for k in range(4)]
+    shapes = (-1, 2), (-1,), (-1, 2, 2), (-1,)
+    return LongLines(*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))
+
+
+@dataclass(eq=False)
+class _Votes:
+    """Number of stripes on the lines of each direction and distance from the middle of the picture."""
+
+    cells: IntArray
+    """Cells for which each stripe votes, (N, 2 SPREAD + 1)."""
+    count: Array
+    """Votes (directions, distances), flattened."""
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, xy: Array, across: Array, reach: float) -> _Votes:
+        directions = round(180.0 / DEGREES)
+        distances = 2 * int(np.ceil(reach / PIXELS)) + 3
+        own = np.round(np.degrees(across) / DEGREES).astype(np.intp)
+        row = np.mod(own[:, None] + np.arange(-SPREAD, SPREAD + 1), directions)
+        angle = np.radians(row * DEGREES)
+        distance = xy[:, :1] * np.cos(angle) + xy[:, 1:] * np.sin(angle)
+        cells = row * distances + np.round(distance / PIXELS).astype(np.intp) + distances // 2
+        shape = directions, distances
+        return cls(cells, np.bincount(cells.ravel(), minlength=directions * distances).astype(float), shape)
+
+    def best(self) -> tuple[Array, float]:
+        """Normal and offset of the line with the most votes, those of neighbouring distances included."""
+        smooth = self.count.copy()
+        smooth[1:] += 0.5 * self.count[:-1]
+        smooth[:-1] += 0.5 * self.count[1:]
+        row, column = divmod(int(np.argmax(smooth)), self.shape[1])
+        angle = np.radians(row * DEGREES)
+        return np.array([np.cos(angle), np.sin(angle)]), PIXELS * (column - self.shape[1] // 2)
+
+    def withdraw(self, stripes: IntArray) -> None:
+        """Take the votes of some stripes back."""
+        self.count -= np.bincount(self.cells[stripes].ravel(), minlength=len(self.count))
+
+
+def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, alike: float) -> BoolArray:
+    """Which stripes lie on a line and run along it."""
+    turn = across - np.arctan2(normal[1], normal[0])
+    turn -= np.pi * np.round(turn / np.pi)
+    return np.asarray((np.abs(xy @ normal - offset) < near) & (np.abs(turn) < alike))
+
+
+def _fitted(xy: Array) -> tuple[Array, float]:
+    """Normal and offset of the line with the least squared distances from pixels."""
+    centre = xy.mean(axis=0)
+    normal = np.linalg.eigh(np.cov((xy - centre).T))[1][:, 0]
+    return normal, float(normal @ centre)

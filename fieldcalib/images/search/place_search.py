@@ -1,0 +1,381 @@
+"""Cameras of a court from a picture, where the place of the camera is known: of a tripod, from its other pictures.
+
+Views through the lines and ellipses of the picture are compared with its stripes by the likelihood ratio of
+`fieldcalib.images.search.stripe_likelihood`, with larger deviations than are expected of cameras as place and bend are
+only known roughly. The best different ones are pulled onto the stripes; the best of these is refined on the picture,
+with the place as a prior.
+
+Views from a known place see lines or circles of a field in lines or ellipses of a picture. Two lines are enough for
+pan, tilt, roll and focal length: the planes through the camera and its lines must meet at the same angle as those
+through the two lines of the field. A line alone, or an ellipse, leaves the focal length of a level camera open; for
+each of some, a direction of the world that is seen in a known ray gives pan and tilt. Such directions are the normal
+of the plane through a line, and the way to the middle of a circle. So a few thousand views are left of the half
+million that a grid needs.
+
+Where the camera of several pictures stands, which show a court from one tripod.
+
+Frames that were found by themselves vote for the place. Where none was found, every camera that a search of a picture
+proposes stands at a place that may be the right one; places are compared by how well views from them explain some of
+the pictures together. From there all pictures are searched again, and those that are found vote for the place anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, permutations
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.words import Status
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rotation import angles_from_rotation
+from fieldcalib.images.camera_side import CameraSide
+from fieldcalib.images.search.cameras_at_place import Place, Views
+from fieldcalib.images.search.cameras_from_ellipses import SeenCircles, circles_of
+from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of, unit
+from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within
+from fieldcalib.images.search.court_ranking import (
+    Curves,
+    Ranked,
+    distances,
+    first_apart,
+    grid_of,
+    in_order,
+    principal_point,
+)
+from fieldcalib.images.search.court_refinement import refine_courts, with_errors, with_hidden_markings
+from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.ellipses import Ellipse
+from fieldcalib.images.search.long_lines import LongLines
+from fieldcalib.images.search.picture_stripes import PictureStripes
+from fieldcalib.images.search.straightened import Bend
+from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
+from fieldcalib.images.search.stripes import at_working_size
+from fieldcalib.io.image import Image, size_of
+from fieldcalib.solve.centres import voted_centres
+from fieldcalib.solve.given_camera import NOTHING_GIVEN
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.task import Task
+
+COARSE = 8.0  # px: deviation of stripes from views
+POINTS, PULLING = 300, 60  # of the field, by which views are compared and pulled
+KEPT, PULLED = 2000, 40  # the likeliest views, of which different ones are pulled
+APART = 40.0  # px: views that are further from each other than this are different
+OTHER = 100.0  # px: cameras that are further from the best one than this in the median are others
+LEAST_SCORE = 60.0  # of an accepted camera: views of pictures without the field had 50 at most
+SURE_SCORE = 250.0  # of one that tells which markings are hidden
+REFINED = 3  # cameras that are refined on the picture
+RIVAL = 0.7  # share of the score that another camera must not reach
+NOTHING = "no view from the place of the camera shows the field's lines"
+
+STEP = 9.0  # px: by which focal lengths that are tried move the border of the picture
+HEIGHT = 1.3  # factor by which the height of the camera that a circle tells may differ from that of the place
+
+
+def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
+    """The cameras about at a place that explain the stripes of a picture best."""
+    views = views_through(stripes.curves(field), place, field, stripes.bend.size)
+    points, maps = MarkingPoints.of(field, POINTS), stripes.straight_maps
+    score = StripeMaps.of(stripes.straight, COARSE).scores(views.cameras, points)
+    few = _different(views.take(np.argsort(-score, kind="stable")[:KEPT])).cameras
+    freedom = Freedom(principal_point(field), float(np.max(place.sigma) / -place.C[2]))
+    near = pulled(few, maps, MarkingPoints.of(field, PULLING), freedom)
+    return Ranked(*in_order(maps, Cameras.joined([few, near]), points, KEPT), stripes.bend)
+
+
+def _different(views: Views) -> Views:
+    """The first views that are different from those before them."""
+    left = np.ones(len(views), dtype=bool)
+    chosen: list[int] = []
+    while len(chosen) < PULLED and left.any():
+        chosen.append(int(np.argmax(left)))
+        left &= views.apart(chosen[-1]) > APART
+    return views.take(np.array(chosen, dtype=np.intp))
+
+
+def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibration:
+    """Search a picture for the view of a field from a known place.
+
+    A camera that is not accepted is "probably wrong", with the reason in its message.
+    """
+    small = at_working_size(image)
+    stripes = PictureStripes.of(small, lighter=field.lines.lighter, bend=Bend(place.bend, size_of(small)))
+    ranked = rank_from(place, stripes, field)
+    if not len(ranked.cameras):
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING)
+    known = replace(task, prior=(place.stand(field),))
+    cameras = [ranked.camera(k) for k in _to_refine(ranked, field)]
+    refined = with_errors(known, field, image, refine_courts(known, field, image, cameras))
+    found = [one.judged for one in refined]
+    accepted = [one for one in found if one.accepted]
+    at_place = [one for one in accepted if place.is_near(one.required_camera)]
+    return _best(at_place or accepted, stripes.maps, field) if accepted else found[0]
+
+
+def _to_refine(ranked: Ranked, field: Field) -> list[int]:
+    """The first camera, and others that explain the picture nearly as well."""
+    xy, near = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > RIVAL * ranked.score[0]).tolist()
+    return list(islice(first_apart(xy, [0, *near], ranked.bend.size, OTHER, median=True), REFINED))
+
+
+def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calibration:
+    """The best of accepted cameras, "probably wrong" if little speaks for it, or as much for another one."""
+    cameras = [one.required_camera.scaled(maps.size) for one in found]
+    score = np.array([maps.score(camera, MarkingPoints.of(field, POINTS))[0] for camera in cameras])
+    first = int(np.argmax(score))
+    best = found[first]
+    xy = np.array([camera.project(grid_of(field)) for camera in cameras])
+    others = distances(xy, xy[first], maps.size, median=True) > OTHER
+    doubts = []
+    if best.solved is None:
+        doubts.append("its lines do not determine it")
+    if score[first] < LEAST_SCORE:
+        doubts.append("few of the field's lines show where the camera at the known place would see them")
+    if np.max(score[others], initial=0.0) > RIVAL * score[first]:
+        doubts.append("another view from that place explains the picture nearly as well")
+    if doubts:
+        return replace(best, status=Status.IMPROBABLE, message=f"{'; '.join(doubts)}; {best.message}")
+    return with_hidden_markings(best) if score[first] >= SURE_SCORE else best
+
+
+def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Views:
+    """Views from a place that see lines of a field in some lines, or a circle of it in an ellipse.
+
+    Curves are those of the picture without distortion.
+    """
+    lines, ellipses = curves
+    on_field, seen = LinesFromPlace.of(field, place), SeenLines.of(lines, size)
+    f = place.focal_lengths(size[0], STEP)
+    parts = [_through_pairs(seen, on_field, place, size), _through_lines(seen, on_field, place, size, f)]
+    parts.append(_through_ellipses(ellipses, place, field, size, f))
+    views = Views.joined(parts)
+    return views.take(views.looks_at(field) & (np.abs(views.angles[:, 2]) < LEVEL))
+
+
+@dataclass(frozen=True, eq=False)
+class LinesFromPlace:
+    """Lines of a field, as they are seen from a place."""
+
+    normal: Array
+    """Of the planes through the place and each, unit vectors, (M, 3)."""
+    axis: IntArray
+    """The axis of the field along which each runs, 0 or 1, (M,)."""
+    reach: Array
+    """Between which places of that axis there are markings, metres, (M, 2)."""
+
+    @classmethod
+    def of(cls, field: Field, place: Place) -> LinesFromPlace:
+        """Those of a field's long lines."""
+        lines = FieldLines.of(field)
+        axis = np.repeat([1, 0], [len(lines.across), len(lines.along)])
+        point = np.zeros((len(axis), 3))
+        point[np.arange(len(axis)), 1 - axis] = np.concatenate([lines.across, lines.along])
+        normal = unit(np.cross(point - place.C, np.eye(3)[axis]))
+        return cls(normal, axis, np.concatenate([lines.across_reach, lines.along_reach]))
+
+
+@dataclass(frozen=True, eq=False)
+class SeenLines:
+    """Lines of a picture, from its middle, in widths of it."""
+
+    line: Array
+    """``l . (x, y, 1) = 0`` on each, with a unit normal, (L, 3)."""
+    ends: Array
+    """(L, 2, 2)."""
+
+    @classmethod
+    def of(cls, lines: LongLines, size: tuple[int, int]) -> SeenLines:
+        """The long lines of a picture."""
+        return cls(*lines.seen_from(0.5 * np.array(size), float(size[0])))
+
+
+def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Views:
+    """Those that see two lines of the field in two lines.
+
+    With normals ``(f n, c)`` of the planes through two lines, F = f^2 and k the cosine between the planes on the field,
+    ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``.
+    """
+    one, other = np.triu_indices(len(seen.line), 1)
+    pair = np.array(list(permutations(range(len(on_field.axis)), 2)), dtype=np.intp).reshape(-1, 2)
+    k = np.square(np.sum(on_field.normal[pair[:, 0]] * on_field.normal[pair[:, 1]], axis=1))
+    n = np.sum(seen.line[one, :2] * seen.line[other, :2], axis=1)[:, None]
+    c1, c2 = seen.line[one, 2][:, None], seen.line[other, 2][:, None]
+    a, b, c = n * n - k, 2.0 * n * c1 * c2 - k * (c1 * c1 + c2 * c2), (1.0 - k) * np.square(c1 * c2)
+    found = [Views.none(place.C, size)]
+    for sign in (-1.0, 1.0):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            f = np.sqrt((sign * np.sqrt(b * b - 4.0 * a * c) - b) / (2.0 * a))
+        p, q = np.nonzero((f > place.zoom[0]) & (f < place.zoom[1]))
+        own = f[p, q]
+        planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
+        normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
+        alike = np.sign(np.sum(planes[0] * planes[1], axis=1) * np.sum(normals[0] * normals[1], axis=1))
+        planes[1] *= alike[:, None]
+        for way in (1.0, -1.0):
+            R = _frames(way * planes[0], way * planes[1]) @ np.swapaxes(_frames(*normals), 1, 2)
+            views = Views(angles_from_rotation(R), own * size[0], place.C, size)
+            good = _ends_on(views, seen.ends[one[p]], on_field, pair[q, 0])
+            good &= _ends_on(views, seen.ends[other[p]], on_field, pair[q, 1])
+            found.append(views.take(good))
+    return Views.joined(found)
+
+
+def _frames(a: Array, b: Array) -> Array:
+    """Orthonormal bases (N, 3, 3), in columns, of which the first two vectors span those of N pairs, a the first."""
+    third = unit(np.cross(a, b))
+    return np.stack([a, np.cross(third, a), third], axis=2)
+
+
+def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Views:
+    """Level ones that see a line of the field in a line, for all focal lengths (F,) in pixels."""
+    line, focal = (one.ravel() for one in np.indices((len(seen.line), len(f))))
+    plane = unit(planes_of(seen.line[line], f[focal] / size[0]))
+    found = [Views.none(place.C, size)]
+    for k, normal in enumerate(on_field.normal):
+        for way in (normal, -normal):
+            views, own = _seen_in(plane, way, f[focal], place, size)
+            found.append(views.take(_ends_on(views, seen.ends[line[own]], on_field, np.full(len(own), k))))
+    return Views.joined(found)
+
+
+def _through_ellipses(
+    ellipses: Sequence[Ellipse], place: Place, field: Field, size: tuple[int, int], f: Array
+) -> Views:
+    """Level ones that see a circle of the field in an ellipse, for all focal lengths (F,) in pixels."""
+    found = [Views.none(place.C, size)]
+    if len(ellipses):
+        seen = SeenCircles.of(ellipses, f / size[0], size)
+        for x, y, radius in circles_of(field).tolist():
+            height = radius / seen.radius
+            near = np.abs(np.log(height / -place.C[2])) < np.log(HEIGHT)
+            towards = np.array([x, y, 0.0]) - place.C
+            towards /= np.linalg.norm(towards)
+            found.append(_seen_in(unit(seen.centre[near]), towards, seen.f[near] * size[0], place, size)[0])
+    return Views.joined(found)
+
+
+def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int, int]) -> tuple[Views, IntArray]:
+    """Level views that see a direction of the world (3,) in rays (N, 3) for focal lengths (N,), and the ray of each.
+
+    With down = (0, sin t, cos t) in the camera, ``ray . down`` is the direction's third coordinate: there are two tilts
+    t, or none.
+    """
+    _, y, z = ray.T
+    with np.errstate(invalid="ignore"):
+        off = np.arccos(towards[2] / np.hypot(y, z))
+    tilt = np.angle(np.exp(1j * (np.arctan2(y, z) + np.array([[1.0], [-1.0]]) * off)))
+    ahead = z * np.sin(tilt) - y * np.cos(tilt)
+    pan = np.arctan2(towards[1], towards[0]) + np.arctan2(ahead, ray[:, 0])
+    _, own = real = np.nonzero(np.isfinite(tilt))
+    return Views.level(pan[real], tilt[real], f[own], place.C, size), own
+
+
+def _ends_on(views: Views, ends: Array, on_field: LinesFromPlace, index: IntArray) -> BoolArray:
+    """In which views the ends (B, 2, 2) of a line lie within the markings of a line of the field, (B,)."""
+    seen = rays_of(ends, views.f / views.size[0]) @ views.cameras.R
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(seen[..., 2] > 0.0, -views.C[2] / seen[..., 2], np.nan)
+    at = views.C[:2] + depth[..., None] * seen[..., :2]
+    along = np.take_along_axis(at, on_field.axis[index][:, None, None], axis=2)[..., 0]
+    return are_within(np.sort(along, axis=1), on_field.reach[index])
+
+
+MOST = 24  # pictures from which the place is found
+SAMPLE = 6  # pictures by which places are compared
+PLACES = 12  # places that are compared
+NEAR = 0.1  # of the distance from the middle of the field: places that are nearer to each other support each other
+FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
+ROUNDS = 2  # of searching all pictures and voting for the place
+ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
+AGREE = 3  # pictures that were found and agree on a place make it known
+
+
+def place_of(found: Sequence[Calibration], share: float | None = None) -> Place | None:
+    """The place on which most accepted cameras agree; None without any.
+
+    `share` of its distance is its standard deviation; by default less if several cameras agree.
+    """
+    accepted = [one for one in found if one.accepted and one.knows_errors]
+    if not accepted:
+        return None
+    share = share or (LAST if len(accepted) >= AGREE else FIRST)
+    return _place(voted_centres(accepted, 1)[0], share, [one.required_camera for one in accepted])
+
+
+def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
+    zoom = [camera.focal_length / camera.image_size[0] for camera in cameras]
+    bend = float(np.median([Bend.of(camera).a for camera in cameras]))
+    sigma = np.full(3, share * float(np.linalg.norm(C)))
+    return Place(C, sigma, (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)
+
+
+def pooled_place(
+    field: Field, images: Sequence[Image], *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL, side: Side | None = None
+) -> Place | None:
+    """The place of the one camera that took some pictures; None if too few of them are found from any.
+
+    Parameters
+    ----------
+    field : Field
+        The field that the pictures show.
+    images : sequence of (height, width, 3) uint8 arrays
+        Blue, green, red; a few of all are enough (`MOST`).
+    flags, prior, side
+        As in `calibrate_from_images`.
+
+    Raises
+    ------
+    ValueError
+        As `find_courts`.
+    """
+    on = CameraSide.of(field, NOTHING_GIVEN, flags, prior, side)
+    task = Task(field, flags=flags, prior=prior, side=on.side and MAIN)
+    images = [images[k] for k in _spread(len(images), MOST)]
+    searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
+    found = [one[0].calibration for one in searched if one]
+    place = place_of(found, FIRST)
+    if place is None:
+        proposed = [court.calibration.camera for one in searched for court in one]
+        place = _voted(field, images, [camera for camera in proposed if camera is not None])
+    for share in np.geomspace(FIRST, LAST, ROUNDS + 1)[1:].tolist():
+        if place is None:
+            return None
+        found = [search_from(task, field, image, place) for image in images]
+        place = place_of(found, share)
+    agreeing = sum(one.accepted for one in found)
+    if place is None or agreeing < min(AGREE, len(images)):
+        return None
+    is_there = on.side is None or side_of(place.C, field) == on.side
+    return place if is_there else replace(place, C=place.C * TURN)
+
+
+def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> Place | None:
+    """The place of one of some proposed cameras from which views explain some pictures best; None if there is none."""
+    if not cameras:
+        return None
+    C = np.array([camera.C for camera in cameras])
+    distance = np.linalg.norm(C, axis=1)
+    apart = np.linalg.norm(C[:, None] - C, axis=2) / distance[:, None]
+    chosen: list[int] = []
+    for index in np.argsort(-np.sum(apart < NEAR, axis=1), kind="stable").tolist():
+        if not chosen or np.min(apart[index, chosen]) > 0.5 * NEAR:
+            chosen.append(index)
+    sample = [at_working_size(images[k]) for k in _spread(len(images), SAMPLE)]
+    stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]
+    places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
+    scores = [sum(_best_score(one, field, place) for one in stripes) for place in places]
+    return places[int(np.argmax(scores))]
+
+
+def _best_score(stripes: PictureStripes, field: Field, place: Place) -> float:
+    return float(np.max(rank_from(place, stripes.with_bend(place.bend), field).score, initial=0.0))
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """Up to so many of the first `count` numbers, evenly spread."""
+    return sorted({round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()})

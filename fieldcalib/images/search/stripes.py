@@ -1,0 +1,239 @@
+"""Painted stripes in a picture, of no known field: where their middle is, and which way they run.
+
+A stripe is lighter (or darker) than the ground on both of its sides, and the two sides differ less than the stripe does
+from them; the border between two areas is no stripe. It is looked for in four directions and with several distances
+to the sides, so that near and far lines are both found. Neighbouring pixels must agree on its direction: letters, nets
+and crowds are full of narrow light places, but these run in all directions.
+
+Pixels are those of the given picture, which `at_working_size` scales: a line of a court is then 2 to 15 px wide.
+
+The colours of stripes and of the ground beside them: whether stripes may be of one paint.
+
+Blur mixes the paint of a narrow stripe with its ground, so that it has the colour ``g + t (p - g)`` with ground g,
+paint p and t from 0 to 1: the direction from the ground towards the stripe is that towards the paint, however narrow it
+is, and on any ground. The lines of other sports in a hall, and the boards of a floor, point elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.io.image import Image, size_of
+
+WORKING_WIDTH = 1280  # columns: pictures of 426 columns are searched as well as larger ones if they are enlarged to it
+LEAST_SIDE = 16  # px, of very narrow pictures
+SIDES = (3, 6, 11)  # px from the middle of a stripe to the ground on both sides
+BLUR = 0.8  # px, of the picture: noise and interlacing
+ACROSS = ((1, 0), (0, 1), (1, 1), (1, -1))  # directions in which the sides are looked for
+DIAGONAL = np.sqrt(0.5)
+LEAST_CONTRAST = 6.0  # levels of brightness
+LARGEST_DIFFERENCE = 2.0  # of both sides, times the contrast: court and surroundings differ, and the line between them
+STRONG = 40.0  # contrast from which on a stripe counts fully for the direction of its neighbourhood
+MIDDLE_BLUR = 1.2  # px, of the response: a wide stripe has its largest response in a row of pixels
+DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that agrees on a direction
+LEAST_COHERENCE = 0.55  # 1 where all of it runs in one direction, 0 where in all
+MOST = 15_000  # pixels, those that stand out most: the boards of a wooden floor are stripes too, and so are crowds
+AROUND, LEAST_AROUND = 161, 3.0  # px, of the neighbourhood from which they stand out; its least mean response
+LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
+
+
+@dataclass(frozen=True, eq=False)
+class Stripes:
+    """Pixels along the middle of stripes."""
+
+    xy: Array
+    """(N, 2)."""
+    angle: Array
+    """Direction in which the stripe runs, from x towards y, in [0, pi), (N,)."""
+    contrast: Array
+    """By how much it differs from both sides, levels of brightness, (N,)."""
+    size: tuple[int, int]
+    """Width and height of the picture."""
+
+    def take(self, index: BoolArray | IntArray) -> Stripes:
+        """Some of them, by mask or by index."""
+        return Stripes(self.xy[index], self.angle[index], self.contrast[index], self.size)
+
+
+def at_working_size(image: Image) -> Image:
+    """The picture scaled to 1280 columns, one that is higher than wide to 1280 rows."""
+    import cv2
+
+    longer = max(size_of(image))
+    if longer == WORKING_WIDTH:
+        return image
+    width, height = (max(round(side * WORKING_WIDTH / longer), LEAST_SIDE) for side in size_of(image))
+    size, smaller = (width, height), longer > WORKING_WIDTH
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
+
+
+def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
+    """Find the painted stripes of a picture, without knowing what they belong to.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red, of about `WORKING_WIDTH` columns.
+    lighter : bool
+        Whether stripes are lighter than the ground, else they are darker.
+
+    Examples
+    --------
+    >>> picture = np.full((90, 160, 3), 90, np.uint8)
+    >>> picture[:, 70:75] = 200  # a line, 5 px wide
+    >>> picture[:, 120:] = 200  # an area
+    >>> stripes = find_stripes(picture)
+    >>> np.unique(stripes.xy[:, 0].round()), np.unique(np.degrees(stripes.angle).round())
+    (array([72.]), array([90.]))
+    """
+    import cv2
+
+    grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
+    luma: Float32 = np.asarray(cv2.GaussianBlur(grey if lighter else -grey, (0, 0), BLUR), np.float32)
+    response: Float32 = np.asarray(cv2.GaussianBlur(_response(luma), (0, 0), MIDDLE_BLUR), np.float32)
+    across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
+    x, y, offset = _middles(response, across, coherence)
+    normal = across[y, x].astype(float)
+    step = np.column_stack([np.cos(normal), np.sin(normal)])
+    xy = np.column_stack([x, y]) + offset[:, None] * step
+    contrast = response[y, x].astype(float)
+    around = cv2.boxFilter(response, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)[y, x]
+    strongest = np.argsort(-contrast / (around + LEAST_AROUND), kind="stable")[:MOST]
+    found = Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), contrast, size_of(image))
+    return found if len(strongest) == len(contrast) else found.take(np.sort(strongest))
+
+
+def _response(luma: Float32) -> Float32:
+    """How much each pixel is lighter than both of its sides, the mean of the distances to them; 0 where it is not."""
+    reach = max(SIDES)
+    padded = np.pad(luma, reach, mode="edge")
+    height, width = luma.shape
+    best = np.zeros_like(luma)
+    for dx, dy in ACROSS:
+        total = np.zeros_like(luma)
+        for side in SIDES:
+            step = side if not (dx and dy) else max(round(side * DIAGONAL), 1)
+            x, y = step * dx, step * dy
+            one = padded[reach + y : reach + y + height, reach + x : reach + x + width]
+            other = padded[reach - y : reach - y + height, reach - x : reach - x + width]
+            higher = np.maximum(one, other)
+            contrast = luma - higher
+            difference = higher + higher - one - other
+            is_stripe = (contrast > LEAST_CONTRAST) & (difference < LARGEST_DIFFERENCE * contrast)
+            total += np.where(is_stripe, contrast, np.float32(0.0))
+        np.maximum(best, total, out=best)
+    return best / np.float32(len(SIDES))
+
+
+def _direction(response: Float32) -> tuple[Float32, Float32]:
+    """Angle across the stripes in the neighbourhood of each pixel, and how much the neighbourhood agrees on it."""
+    import cv2
+
+    dx, dy = cv2.Sobel(response, cv2.CV_32F, 1, 0), cv2.Sobel(response, cv2.CV_32F, 0, 1)
+    xx, xy, yy = (cv2.GaussianBlur(product, (0, 0), DIRECTION_BLUR) for product in (dx * dx, dx * dy, dy * dy))
+    length, angle = cv2.cartToPolar(xx - yy, 2.0 * xy)
+    return 0.5 * angle, length / (xx + yy + np.float32(1.0))
+
+
+def _middles(response: Float32, across: Float32, coherence: Float32) -> tuple[IntArray, IntArray, Float32]:
+    """Columns and rows of pixels in the middle of stripes, and how far across it is from each."""
+    candidates = (response > 0.5 * LEAST_CONTRAST) & (coherence > LEAST_COHERENCE)
+    candidates[[0, 1, -2, -1]] = candidates[:, [0, 1, -2, -1]] = False
+    y, x = np.nonzero(candidates)
+    normal = across[y, x]
+    nx, ny = np.cos(normal), np.sin(normal)
+    middle = response[y, x]
+    after, before = (_sampled(response, np.asarray(x + s * nx), np.asarray(y + s * ny)) for s in (1.0, -1.0))
+    top = (middle >= before) & (middle > after)
+    x, y, before, middle, after = x[top], y[top], before[top], middle[top], after[top]
+    return x, y, 0.5 * (after - before) / np.maximum(2.0 * middle - before - after, 1e-6)
+
+
+def _sampled(values: Float32, x: Array | Float32, y: Array | Float32) -> Float32:
+    """Values at places between pixels, none of them at the border."""
+    column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)
+    upper = (1.0 - u) * values[row, column] + u * values[row, column + 1]
+    lower = (1.0 - u) * values[row + 1, column] + u * values[row + 1, column + 1]
+    return np.asarray((1.0 - v) * upper + v * lower, np.float32)
+
+
+SIDE = 11.0  # px from the middle of a stripe to the ground
+COLOUR_BLUR = 1.0  # px
+PURE = 0.7  # quantile of the contrast above which stripes of a paint show it unmixed
+LARGEST_ANGLE = np.radians(25.0)  # between the directions towards the stripe and towards the paint
+FEWEST_LINES, MOST_OF_LINE = 3, 0.6  # lines of a paint, and share of the stripes of a line that are of its paint
+LEAST = 20  # stripes that tell the colour of a paint
+
+
+@dataclass(frozen=True, eq=False)
+class StripeColours:
+    """Colours of stripes, blue, green, red."""
+
+    paint: Array
+    """(N, 3), in the middle of each."""
+    ground: Array
+    """(N, 2, 3), on both sides."""
+
+    @classmethod
+    def of(cls, image: Image, stripes: Stripes) -> StripeColours:
+        """The colours of the stripes of a picture."""
+        import cv2
+
+        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), COLOUR_BLUR), np.uint8)
+        side = SIDE * np.column_stack([-np.sin(stripes.angle), np.cos(stripes.angle)])
+        middle, *sides = (_nearest_colours(smooth, stripes.xy + step) for step in (0.0 * side, side, -side))
+        return cls(middle, np.stack(sides, axis=1))
+
+    def take(self, index: IntArray) -> StripeColours:
+        """Some of them."""
+        return StripeColours(self.paint[index], self.ground[index])
+
+    def are_like(self, own: BoolArray) -> BoolArray:
+        """Which stripes may be of the same paint as those of a mask; all of them if these are few.
+
+        Examples
+        --------
+        >>> white, yellow, floor = [220.0, 220.0, 220.0], [60.0, 200.0, 210.0], [[90.0, 120.0, 160.0]] * 2
+        >>> colours = StripeColours(np.array([white] * 30 + [yellow]), np.array([floor] * 31))
+        >>> np.flatnonzero(~colours.are_like(np.arange(31) < 25))
+        array([30])
+        """
+        if np.count_nonzero(own) < LEAST:
+            return np.ones(len(own), dtype=bool)
+        contrast = np.linalg.norm(self.paint - np.mean(self.ground, axis=1), axis=1)
+        paint = np.median(self.paint[own & (contrast >= np.quantile(contrast[own], PURE))], axis=0)
+        seen, whole = self.paint[:, None] - self.ground, paint - self.ground
+        cosine = np.sum(seen * whole, axis=2) / np.maximum(
+            np.linalg.norm(seen, axis=2) * np.linalg.norm(whole, axis=2), 1e-6
+        )
+        return np.asarray(np.max(cosine, axis=1) > np.cos(LARGEST_ANGLE))
+
+    def paints(self, lines: Sequence[BoolArray]) -> list[BoolArray]:
+        """Masks of the stripes of each paint on at least three lines but not on all, that of the longest lines first.
+
+        `lines` are the masks of the stripes on each. Two lines are of one paint if most stripes of one are like the
+        other: a thin line shows its paint less purely, so that not both need be.
+        """
+        like = [self.are_like(one) for one in lines]
+        shares = np.array([[np.mean(mask[one]) for one in lines] for mask in like]).reshape(len(lines), len(lines))
+        are_alike = np.maximum(shares, shares.T) >= MOST_OF_LINE
+        np.fill_diagonal(are_alike, True)
+        left, found = list(range(len(lines))), []
+        while len(left) >= FEWEST_LINES:
+            own = [k for k in left if are_alike[left[0], k]]
+            if FEWEST_LINES <= len(own) < len(lines):
+                found.append(self.are_like(np.any([lines[k] for k in own], axis=0)))
+            left = [k for k in left if k not in own]
+        return found
+
+
+def _nearest_colours(image: Image, xy: Array) -> Array:
+    """Colours (N, 3) of the nearest pixels."""
+    height, width = image.shape[:2]
+    column, row = np.clip(np.round(xy).astype(np.intp), 0, (width - 1, height - 1)).T
+    return np.asarray(image[row, column], dtype=float)

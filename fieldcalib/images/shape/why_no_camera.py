@@ -1,0 +1,109 @@
+"""Pictures of which no camera can be made: too small, showing nothing, or perhaps another sport; results say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldcalib.assess.remedies import NOT_SOCCER
+from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.words import Finding, Status, What
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.images.shape.borders_and_squash import Method
+from fieldcalib.io.image import Image, size_of
+
+LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
+SMALL_SIDE = 200  # px: of 24 broadcast frames reduced to 320 x 180 none got a camera, of those with 400 x 225 20 did
+FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
+LOOKED_AT = 128  # rows and columns of a picture that are compared, about
+ASK_SPORT = Finding(What.MAY_BE_OTHER_SPORT)
+DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
+
+
+def said_plainly(
+    calibrate: Method, object_segments: ObjectSegments, images: Sequence[Image], *, by_network: bool
+) -> list[Calibration]:
+    """Calibrate pictures; those that are too small, or show nothing, get no camera, and a reason.
+
+    Where a network for soccer has seen next to nothing of a soccer field, the reason asks whether it is one.
+    """
+    large = [min(size_of(image)) >= LEAST_SIDE for image in images]
+    some = [image for image, is_large in zip(images, large, strict=True) if is_large]
+    found = iter(calibrate(some) if some else ())
+    judged = [
+        _judged(image, next(found)) if is_large else _too_small(image)
+        for image, is_large in zip(images, large, strict=True)
+    ]
+    is_asked = by_network and _may_be_soccer(object_segments)
+    return [
+        _asked(one) if is_asked and not is_small(size_of(image)) else one
+        for image, one in zip(images, judged, strict=True)
+    ]
+
+
+def is_small(image_size: tuple[int, int]) -> bool:
+    """Whether the lines of a field are hardly ever found in pictures of a size."""
+    return min(image_size) < SMALL_SIDE
+
+
+def small_words(image_size: tuple[int, int]) -> str:
+    """Words for small pictures without a camera that can be used.
+
+    Examples
+    --------
+    >>> small_words((160, 90))
+    'too small: 160 x 90 pixels show hardly any line of a field, give the picture or the clip in its original size'
+    """
+    width, height = image_size
+    seen = f"{width} x {height} pixels show hardly any line of a field"
+    return f"too small: {seen}, give the picture or the clip in its original size"
+
+
+def has_cameras(found: VideoCalibration) -> bool:
+    """Whether a frame of a clip has a camera that can be used."""
+    return any(np.any(tripod.accepted) for tripod in found.tripods)
+
+
+def notes_without_camera(object_segments: ObjectSegments, image_size: tuple[int, int]) -> tuple[str, ...]:
+    """Note of a clip in which a network for soccer has found no camera that can be used: too small, or not soccer?"""
+    if is_small(image_size):
+        return (f"no frame has a camera that can be used: {small_words(image_size)}",)
+    return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.text.capitalize()}",) * _may_be_soccer(
+        object_segments
+    )
+
+
+def _may_be_soccer(object_segments: ObjectSegments) -> bool:
+    return object_segments.keys() >= soccer().keys()
+
+
+def _too_small(image: Image) -> Calibration:
+    width, height = size_of(image)
+    reason = f"too small: the picture has only {width} x {height} pixels, and no side may have less than {LEAST_SIDE}"
+    return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, f"{reason}; give it in its original size")
+
+
+def _judged(image: Image, calibration: Calibration) -> Calibration:
+    """The calibration; none where a rejected camera is of a picture without any contrast, or with words if small."""
+    step = max(min(size_of(image)) // LOOKED_AT, 1)
+    if calibration.accepted:
+        return calibration
+    if int(np.ptp(image[::step, ::step])) <= FLAT:
+        nothing = "the picture shows nothing: all of its pixels are nearly alike"
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing)
+    if is_small(size_of(image)):
+        return replace(calibration, message=f"{small_words(size_of(image))}; {calibration.message}")
+    return calibration
+
+
+def _asked(calibration: Calibration) -> Calibration:
+    """The calibration; a rejected one, of which hardly anything was seen, asks whether it is soccer."""
+    if calibration.status not in DOUBTED and not calibration.has_finding(What.FEW_LINES):
+        return calibration
+    if calibration.accepted:
+        return calibration
+    return with_findings(replace(calibration, message=f"{calibration.message}; {ASK_SPORT}"), ASK_SPORT)
