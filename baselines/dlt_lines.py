@@ -30,8 +30,7 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
 from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
-from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
-from fieldcalib.solve.from_homography import judged_camera
+from fieldcalib.solve.from_homography import NO_FOCAL_LENGTH, closed_form, judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
 
 

@@ -35,8 +35,7 @@ from fieldcalib.run_folder.annotated import (
     name_skipped,
 )
 from fieldcalib.run_folder.units import unit_size
-from fieldcalib.solve.decomposition import camera_from_homography
-from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
+from fieldcalib.solve.from_homography import camera_from_homography, judged_camera, judged_decomposition
 
 
 def calibrate(

@@ -47,7 +47,7 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, RO
 from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.from_homography import judged_camera
-from fieldcalib.solve.from_segments import NO_PIXELS
+from fieldcalib.solve.from_segments import NOTHING_LABELLED
 
 FOV = LOG_F  # phi has the order of theta, with the field of view instead of the logarithm of the focal length
 STEPS = 2000
@@ -116,7 +116,7 @@ def calibrate(
     unknown = [name for name in distributions if name not in DISTRIBUTIONS]
     if unknown or not distributions:
         raise ValueError(f"distributions must name some of {', '.join(DISTRIBUTIONS)}, got {tuple(distributions)}")
-    empty = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
+    empty = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_LABELLED)
     calibrations = [empty] * len(frames)
     for chunk in _chunks(field, frames):
         members = [frames[t] for t in chunk]

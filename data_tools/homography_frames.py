@@ -27,7 +27,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.formats import HOMOGRAPHIES
-from fieldcalib.solve.decomposition import closed_form
+from fieldcalib.solve.from_homography import closed_form
 
 SQUASHED = (256, 256)
 QUALITY = 95  # of the JPEG

@@ -36,14 +36,14 @@ from .fields.stands import CameraDistribution as CameraDistribution
 from .geometry.camera import Camera as Camera
 from .geometry.homography import ALIGNMENTS as ALIGNMENTS
 from .geometry.homography import Alignment as Alignment
-from .images.from_images import calibrate_from_images as calibrate_from_images
-from .images.clip.from_video import calibrate_video as calibrate_video
 from .images.background.matches import Matches as Matches
 from .images.background.matches import match_background as match_background
 from .images.background.matches import match_far as match_far
+from .images.clip.from_video import calibrate_video as calibrate_video
+from .images.clip.tracker import Tracker as Tracker
+from .images.from_images import calibrate_from_images as calibrate_from_images
 from .images.refinement import refine_homography_on_image as refine_homography_on_image
 from .images.refinement import refine_on_image as refine_on_image
-from .images.clip.tracker import Tracker as Tracker
 from .io.annotation_files import read_annotations as read_annotations
 from .io.key_points import KeyPoints as KeyPoints
 from .io.key_points import key_points as key_points
@@ -54,18 +54,18 @@ from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
 from .results.reading import read as read
 from .solve.batch import calibrate_batch as calibrate_batch
-from .solve.decomposition import Decomposition as Decomposition
-from .solve.decomposition import camera_from_homography as camera_from_homography
 from .solve.field_size import FieldSize as FieldSize
 from .solve.field_size import estimate_field_size as estimate_field_size
+from .solve.from_homography import Decomposition as Decomposition
 from .solve.from_homography import calibrate_from_homography as calibrate_from_homography
+from .solve.from_homography import camera_from_homography as camera_from_homography
 from .solve.from_points import calibrate_from_points as calibrate_from_points
 from .solve.from_segments import calibrate_from_segments as calibrate_from_segments
 from .solve.options import DEFAULT_FLAGS as DEFAULT_FLAGS
 from .solve.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
 from .solve.options import PINHOLE_FLAGS as PINHOLE_FLAGS
 from .solve.options import CalibrationFlags as CalibrationFlags
-from .solve.sequence import calibrate_sequence as calibrate_sequence
+from .solve.sequence.from_sequence import calibrate_sequence as calibrate_sequence
 from .synthetic.samples import sample as sample
 
 __version__: str

@@ -25,7 +25,7 @@ from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, a
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.ties import cell_means
+from fieldcalib.solve.sequence.background_matches import cell_means
 
 FIELD = soccer()
 

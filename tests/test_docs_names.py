@@ -17,7 +17,7 @@ SOURCES = [path for path in SOURCES if path.suffix in (".py", ".pyi")]
 INNER = "|".join(sorted(path.parent.name for path in ROOT.glob("fieldcalib/*/__init__.py")))
 
 DOTTED = re.compile(rf"(?<![\w/.])(?:{PACKAGES})(?:\.[A-Za-z_]\w*)+(?![\w(]*/)")
-INSIDE = re.compile(rf"`((?:{INNER})(?:\.[A-Za-z_]\w*)+)`")  # `solve.ties`, of fieldcalib
+INSIDE = re.compile(rf"`((?:{INNER})(?:\.[A-Za-z_]\w*)+)`")  # `solve.search`, of fieldcalib
 PATH = re.compile(rf"(?<![\w/.])(?:{PACKAGES}|tests|docs)/[\w./-]*\.(?:py|pyi|md)\b")
 FILES = {"images.txt"}  # of COLMAP
 

@@ -13,7 +13,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS, decompose_homography, pose_from_homography
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.solve.decomposition import GROUND_POINTS, camera_from_homography, closed_form
+from fieldcalib.solve.from_homography import GROUND_POINTS, camera_from_homography, closed_form
 
 signed_scales = st.builds(
     lambda exponent, sign: sign * 10.0**exponent, st.floats(-6.0, 6.0), st.sampled_from([-1.0, 1.0])

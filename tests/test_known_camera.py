@@ -18,9 +18,9 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.problem.simulated import camera_difference
-from fieldcalib.solve.aspect import WAS_SQUASHED
 from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.options import CalibrationFlags as F
+from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 
 SIZE = (960, 540)

@@ -16,9 +16,16 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.images.background.background_motion import background_motion, mapped, plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path
-from fieldcalib.solve.sequence_problem import SHARED_IN_MOTION
-from fieldcalib.solve.sequence_solver import OFF_PATH
+from fieldcalib.solve.sequence.sequence_problem import SHARED_IN_MOTION
+from fieldcalib.solve.sequence.sequence_solver import OFF_PATH
+from fieldcalib.solve.sequence.tripod_position import (
+    ACCELERATION,
+    SPEED,
+    Centres,
+    KnownCentres,
+    expected_centres,
+    on_path,
+)
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path, flight
 

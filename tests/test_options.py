@@ -7,7 +7,6 @@ import pytest
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
-from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import (
     DEFAULT_FLAGS,
     PINHOLE_FLAGS,
@@ -15,7 +14,7 @@ from fieldcalib.solve.options import (
     checked_prior,
     pixel_unit,
 )
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.task import GivenCamera, Task
 
 F = CalibrationFlags
 K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])

@@ -28,7 +28,7 @@ from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, paint_ev
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import DEFAULT_FLAGS
-from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.task import Task
 
 FIELD = soccer()

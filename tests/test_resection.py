@@ -15,10 +15,9 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.from_points import Points, _start
-from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.resection import Cameras, resect
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.task import GivenCamera, Task
 
 F = CalibrationFlags
 

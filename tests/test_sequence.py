@@ -13,8 +13,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.simulated import observe
-from fieldcalib.solve.centres import voted_centres
-from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
+from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.synthetic.paths import camera_path
 
 FIELD = soccer()

@@ -5,7 +5,7 @@ import pytest
 
 from fieldcalib import Camera, calibrate_sequence, soccer
 from fieldcalib.assess.misfit import LARGEST_EXCESS, Misfit, is_contradicted, is_of_wrong_model
-from fieldcalib.solve.centres import voted_centres
+from fieldcalib.solve.sequence.tripod_position import voted_centres
 
 SIZE = (1920, 1080)
 CENTRE = (-5.5, 87.0, -15.0)

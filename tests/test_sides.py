@@ -23,10 +23,9 @@ from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.images import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame
-from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 from fieldcalib.solve.options import CalibrationFlags as F
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera, Task
 
 MAIN = camera(24, 78, 1400.1, (3.3, 68.2, -17.1))
 BEHIND = camera(88, 70, 1100.0, (-78.0, 3.0, -22.0))

@@ -16,8 +16,7 @@ from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.field_size import shared_size
-from fieldcalib.solve.size_from_labels import with_size_from_labels
+from fieldcalib.solve.field_size import shared_size, with_size_from_labels
 
 FIELD = soccer()
 WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch

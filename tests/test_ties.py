@@ -13,8 +13,16 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout
+from fieldcalib.solve.sequence.background_matches import (
+    CELLS,
+    LEAST_CELLS,
+    Ties,
+    cell_means,
+    disagreeing,
+    stepped,
+    with_tied,
+)
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, cell_means, disagreeing, stepped, with_tied
 
 FIELD = soccer()
 LAYOUT = Layout.of(SIZE).fixed("centre", "principal point", "aspect", "lens")

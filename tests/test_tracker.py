@@ -98,7 +98,7 @@ def test_clips_of_one_end_are_accepted():
 
 def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, monkeypatch):
     """Frames follow from them, and say themselves how well they are known."""
-    monkeypatch.setattr("fieldcalib.solve.frame_rows.tolerance_of", lambda field: 1e-3)
+    monkeypatch.setattr("fieldcalib.solve.sequence.sequence_problem.tolerance_of", lambda field: 1e-3)
     cameras, pictures = clip
     found = tracked(pictures[: 2 * EVERY], [None, cameras[EVERY]])
     shown = [one for one, _ in found[EVERY + 1 :]]  # the first keyframe tells nothing

@@ -40,9 +40,9 @@ from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part,
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.problem.simulated import observe as demo_labels
 from fieldcalib.problem.simulated import pan_over_field
-from fieldcalib.solve.aspect import likelier
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.squashed_pictures import likelier
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
 GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])

@@ -204,7 +204,8 @@ class SequenceCalibration(FrameSequence):
     def crown(self) -> float:
         """Root mean square height of the middle of the field above its touchlines, metres, given all frames.
 
-        See `fieldcalib.assess.crown`; 0 for kinds of fields that are always level. Cameras are those of a level field.
+        See `fieldcalib.solve.sequence.joint_solution`; 0 for kinds of fields that are always level. Cameras are those
+        of a level field.
         """
         if self.layout is None or not np.any(self.layout.is_crown):
             return 0.0

@@ -32,9 +32,9 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.options import ESTIMATED
 from fieldcalib.run_folder.units import in_groups
+from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
-from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame

@@ -20,7 +20,7 @@ from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import PART_OF_CLIP, is_finished, open_camera_folder
-from fieldcalib.solve.given_camera import check_of_clip
+from fieldcalib.solve.task import check_of_clip
 
 
 class KeptParts:

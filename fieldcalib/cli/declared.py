@@ -16,7 +16,7 @@ from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics
 from fieldcalib.run_folder.options import ESTIMATED
-from fieldcalib.solve.aspect import LEAST_RATIO, shown_as
+from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 SQUARE = "square"
 

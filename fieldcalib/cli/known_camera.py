@@ -14,8 +14,8 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
-from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
+from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera
 
 SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
 OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size

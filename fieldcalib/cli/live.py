@@ -17,7 +17,7 @@ from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, say_note
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, open_camera_folder
-from fieldcalib.solve.given_camera import check_of_clip
+from fieldcalib.solve.task import check_of_clip
 
 
 def run_stream(request: RunRequest) -> int:

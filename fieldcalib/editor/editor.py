@@ -46,8 +46,8 @@ from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
-from fieldcalib.solve.given_camera import NOTHING_GIVEN
 from fieldcalib.solve.options import ALL
+from fieldcalib.solve.task import NOTHING_GIVEN
 
 AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
 

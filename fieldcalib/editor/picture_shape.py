@@ -2,7 +2,7 @@
 
 A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a frame that was squashed.
 Where a person has not said at which aspect it is shown, its camera is fitted as it is and as shown at 16:9, and the one
-is taken that marks and lines make more likely (`fieldcalib.solve.aspect`).
+is taken that marks and lines make more likely (`fieldcalib.solve.squashed_pictures`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.aspect import likelier, may_be_squashed, shown_size
-from fieldcalib.solve.given_camera import GivenCamera
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.squashed_pictures import likelier, may_be_squashed, shown_size
+from fieldcalib.solve.task import GivenCamera, Task
 
 
 def fitted_in_shape(field: Field, image: Image, marks: Marks, known: Known) -> Calibration:

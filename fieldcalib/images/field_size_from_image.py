@@ -12,7 +12,7 @@ from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.solve.size_from_labels import with_size_from_labels
+from fieldcalib.solve.field_size import with_size_from_labels
 from fieldcalib.solve.task import Task
 
 

@@ -44,9 +44,8 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels
 from fieldcalib.solve.from_segments import checked_labels
-from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.task import GivenCamera, Task
 
 HEAVIEST = 5  # segments with the largest weights, from which hypotheses are made
 PER_HYPOTHESIS = 3  # segments, the fewest that determine a camera: 10 hypotheses

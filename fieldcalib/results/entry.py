@@ -23,8 +23,8 @@ from fieldcalib.localize import Network
 from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.collection import Results
 from fieldcalib.results.inputs import Labels, Method, input_of, pictures_of
-from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.task import GivenCamera
 
 Path: TypeAlias = str | os.PathLike[str]
 Source: TypeAlias = Path | Image | Iterable[Image] | Sequence[Path] | Labels | Mapping[str, Labels] | Sequence[Labels]

@@ -43,10 +43,10 @@ from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
 from fieldcalib.run_folder.images import Frame, ReadImage, accepted, checked_frames, pixels_of
 from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.units import grouped, unit_size, units_of
+from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.given_camera import GivenCamera
-from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.options import Prior
+from fieldcalib.solve.task import GivenCamera
 
 Labels: TypeAlias = ImageSegments | Annotation
 

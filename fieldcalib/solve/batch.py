@@ -31,10 +31,8 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.aspect import with_likely_aspect
-from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_labels
-from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.label_ends import with_border_complaint
+from fieldcalib.solve.annotation_border import with_border_complaint
+from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     GUESS,
@@ -42,7 +40,8 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.squashed_pictures import with_likely_aspect
+from fieldcalib.solve.task import GivenCamera, Task, as_fixed
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
@@ -205,7 +204,7 @@ def calibrate_frames(
     pixels: PixelTable, options: Options, *, given: Array | None = None, executor: Executor | None = None
 ) -> list[Calibration]:
     """Calibrate checked frames, from cameras `given` (T, n) if these are not None."""
-    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in range(pixels.count)]
+    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_LABELLED) for _ in range(pixels.count)]
     chunks = list(_chunks(options.object_segments, pixels))
     parts = (_Part(pixels.of_frames(chunk), None if given is None else given[chunk]) for chunk in chunks)
     of_part = partial(_calibrated_part, options)

@@ -42,20 +42,18 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
-from fieldcalib.solve.aspect import with_likely_aspect
+from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.auto_lens import with_required_lens
-from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.label_ends import with_border_complaint
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.options import DEFAULT_CRITERIA, Criteria, Options, Prior
-from fieldcalib.solve.search import find_cameras
-from fieldcalib.solve.symmetry import is_against_convention, other_side, repeats
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
+from fieldcalib.solve.squashed_pictures import with_likely_aspect
+from fieldcalib.solve.task import GivenCamera, Task, as_fixed
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
 REPEATS = "labels that are all {:g} m off along the field fit as well: nothing labelled here tells where that is"
-NO_PIXELS = "no labelled pixels: nothing to calibrate from"
+NOTHING_LABELLED = "no labelled pixels: nothing to calibrate from"
 
 
 class Solver(Protocol):
@@ -177,7 +175,7 @@ def calibrate_frame(
     options = task.options(image_size)
     pixels, pixel_weights = checked_labels(task.object_segments, frame, weights, options.image_size)
     if not pixels:
-        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_LABELLED)
     table = PixelTable.of(task.object_segments, [pixels], [pixel_weights])
     (found,) = as_fixed(calibrate_checked(table, options, finished), task.given, options.flags)
     return with_border_complaint(task.object_segments, pixels, found)

@@ -30,7 +30,7 @@ from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
-from fieldcalib.solve.ties import Ties
+from fieldcalib.solve.sequence.background_matches import Ties
 
 
 class CameraModel(StrEnum):

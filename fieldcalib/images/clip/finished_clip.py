@@ -38,7 +38,7 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
-from fieldcalib.solve.from_segments import NO_PIXELS
+from fieldcalib.solve.from_segments import NOTHING_LABELLED
 
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
@@ -205,7 +205,7 @@ def _calibrated(
     found = lines.solved.keyframes.calibrate(pieces, members, lines.labels, start)
     if pieces.models_of(members) != {CameraModel.ALONE}:
         found = found.interpolated(pieces.number[frames], LONGEST_GAP)
-    found = found.with_notes({NO_PIXELS: UNTIED})
+    found = found.with_notes({NOTHING_LABELLED: UNTIED})
     return found.seen_in_images(_markings_seen(lines, found, frames))
 
 

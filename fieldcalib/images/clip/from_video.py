@@ -46,9 +46,9 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.network import Padded, SegmentationNetwork
-from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.task import GivenCamera
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}

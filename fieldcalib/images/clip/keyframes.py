@@ -36,7 +36,7 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
-from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
+from fieldcalib.solve.sequence.sequence_solver import calibrate_one_by_one, solve_sequence
 
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field

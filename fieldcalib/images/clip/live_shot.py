@@ -37,10 +37,14 @@ from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
-from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
-from fieldcalib.solve.shared_parameters import SharedParameters
-from fieldcalib.solve.ties import Ties, stepped, with_tied
+from fieldcalib.solve.sequence.background_matches import Ties, stepped, with_tied
+from fieldcalib.solve.sequence.sequence_problem import (
+    SharedParameters,
+    SolvedFrames,
+    solved_rows,
+    table_without_cameras,
+)
+from fieldcalib.solve.sequence.sequence_solver import solve_from_cameras, solve_sequence
 
 
 class FrameCamera(NamedTuple):

@@ -8,8 +8,8 @@ Of a picture that shows a frame in a window, or several views (`fieldcalib.image
 windows are calibrated, and the best of their cameras is taken; where there are several, it is to be checked whose it
 is.
 
-A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
-had been squashed, and the calibration that the lines in it make more likely is returned (`fieldcalib.solve.aspect`).
+A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it had been squashed, and the
+calibration that the lines in it make more likely is returned (`fieldcalib.solve.squashed_pictures`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.shape.picture_in_picture import Window, windows_of
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.aspect import likelier, log_evidence, may_be_squashed, shown_size
+from fieldcalib.solve.squashed_pictures import likelier, log_evidence, may_be_squashed, shown_size
 from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]

@@ -1,4 +1,7 @@
-"""Cameras of frames of one sequence, as the start of a joint solution."""
+"""Cameras of frames of one sequence, as the start of a joint solution.
+
+Frames that were solved one by one, as one problem with shared parameters.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,43 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
-from fieldcalib.solve.centres import ACCELERATION
 from fieldcalib.solve.initial_cameras import given_cameras
-from fieldcalib.solve.joint_problem import joint_evaluation
-from fieldcalib.solve.sequence_problem import SequenceProblem
-from fieldcalib.solve.ties import with_tied
+from fieldcalib.solve.sequence.background_matches import with_tied
+from fieldcalib.solve.sequence.sequence_problem import SequenceProblem
+from fieldcalib.solve.sequence.tripod_position import ACCELERATION
+
+
+def joint_evaluation(
+    problem: Problem,
+    object_segments: ObjectSegments,
+    pixels: PixelTable,
+    theta: Array,
+    once: BoolArray,
+) -> Evaluation:
+    """Evaluate the labelled pixels of T frames as one group at the cameras theta (T, n).
+
+    All but the observations is taken from `problem`. Pixels past the end of a segment get no second residual:
+    annotators place ends too carelessly for estimates of shared parameters. The prior (T, n) of the parameters `once`
+    (n,) counts once for all frames: the prior of one camera's position must not count again in every frame.
+    """
+    layout, prior, count = problem.layout, problem.prior, pixels.count
+    if prior is not None:
+        prior = replace(prior, sigma=np.where(once, np.sqrt(count), 1.0) * prior.sigma)
+    motion = None
+    if isinstance(object_segments, Field) and layout.field_size is not None:
+        motion = object_segments.motion
+    observations = Observations.of(object_segments, pixels, layout.image_size, motion)
+    group = np.zeros(count, dtype=np.intp)
+    return evaluate(replace(problem, observations=observations, prior=prior, group=group), theta)
+
 
 # Parameters that each part of the zoom law changes: the part is fixed unless these are shared.
 CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}

@@ -1,7 +1,7 @@
 """`calibrate_sequence`: frames of one camera, whose shared parameters are estimated from all of them together.
 
 The law by which principal point and lens follow the zoom, the size of the field and, on a tripod, the centre are
-constant over a shot. The steps are in `fieldcalib.solve.sequence_solver`.
+constant over a shot. The steps are in `fieldcalib.solve.sequence.sequence_solver`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import checked_batch
 from fieldcalib.solve.options import CalibrationFlags, Prior, default_flags, paint_sigma
-from fieldcalib.solve.sequence_problem import SHARED, SequenceProblem
-from fieldcalib.solve.sequence_solver import solve_sequence
+from fieldcalib.solve.sequence.background_matches import Matched
+from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
+from fieldcalib.solve.sequence.sequence_solver import solve_sequence
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.ties import Matched
 
 
 def calibrate_sequence(

@@ -22,7 +22,7 @@ from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
-from fieldcalib.solve.label_ends import with_border_complaint
+from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
