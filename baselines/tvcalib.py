@@ -30,9 +30,9 @@ import numpy as np
 
 from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import cloud_samples
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, positive, run_options
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.program import run_command

@@ -36,9 +36,9 @@ import numpy as np
 
 from fieldcalib import read
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

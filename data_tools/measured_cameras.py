@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.datum import CENTRE_MARK
+from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import LENSES, count, positive
 from fieldcalib.console.program import run_command
@@ -27,10 +27,10 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
-from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
+from fieldcalib.synthetic.simulated import observe
 
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT

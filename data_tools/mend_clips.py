@@ -23,8 +23,8 @@ import numpy as np
 
 from data_tools.random_frames import mislabelled
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.fitting import included_network, mark_errors
 from fieldcalib.editor.frame import FrameEditor

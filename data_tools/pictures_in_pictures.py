@@ -33,8 +33,8 @@ import numpy as np
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.probability import largest_true_error
 from data_tools.truth import UNIT, points_in_view
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import NOT_WHOLE_FRAMES, Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field

@@ -31,8 +31,8 @@ from data_tools.synthetic.cameras import random_camera
 from data_tools.synthetic.clips import labelled
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command

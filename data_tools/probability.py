@@ -40,7 +40,7 @@ from data_tools.crown import on_crown
 from data_tools.measured_cameras import camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
-from fieldcalib.assess.datum import motion_in_view
+from fieldcalib.assess.estimate import motion_in_view
 from fieldcalib.assess.probability import ground_in_view, odds_terms
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import add_size, count
@@ -74,8 +74,8 @@ def largest_true_error(
 ) -> float:
     """Largest error on the ground of a camera over the field in view, metres.
 
-    It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on `field`, the true
-    one sees `pitch`, which may have another size and is crowned by `crown` metres.
+    It is relative to the markings in view (`fieldcalib.assess.estimate`): the camera was calibrated on `field`, the
+    true one sees `pitch`, which may have another size and is crowned by `crown` metres.
     """
     pitch = field if pitch is None else pitch
     X = ground_in_view(truth, pitch, FINER)

@@ -54,7 +54,7 @@ from data_tools.synthetic.frames import seen_by
 from data_tools.synthetic.games import game_named
 from data_tools.undeclared import BASKETBALL, basketball_cameras
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named

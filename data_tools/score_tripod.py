@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.rink_points import FIELD, rink_frames
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.images.from_images import calibrate_from_images

@@ -25,8 +25,8 @@ from data_tools.synthetic.cameras import BROADCAST, random_camera, random_field
 from data_tools.synthetic.frames import SyntheticFrame, seen_by
 from data_tools.synthetic.games import game_named
 from data_tools.truth import UNIT, points_in_view
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import image_size
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command

@@ -24,9 +24,9 @@ import numpy as np
 
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.pictures_in_pictures import SUFFIXES
-from fieldcalib.assess.markings import paint_is_too_wide, paint_width
+from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.paint_in_view import paint_is_too_wide, paint_width
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field

@@ -27,8 +27,8 @@ import numpy as np
 from data_tools.verdicts import under_labels_of_other_side
 from fieldcalib._messages import say
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.datum import CENTRE_MARK
+from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

@@ -31,9 +31,8 @@ from typing import Any
 import numpy as np
 
 from data_tools.probability import largest_true_error
-from fieldcalib.assess.compute_errors import compute_errors
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.console.arguments import image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
@@ -46,7 +45,7 @@ from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 from fieldcalib.run_folder.annotated import read_frames
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import calibrate_batch, compute_errors
 
 LEAST_LABELS = 3
 CORNER = 0.75  # of width and height

@@ -14,13 +14,12 @@ from . import results as results
 from . import solve as solve
 from . import synthetic as synthetic
 from . import web as web
-from .assess.compute_errors import compute_errors as compute_errors
+from .assess.findings import NoCameraError as NoCameraError
+from .assess.findings import Status as Status
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
-from .assess.words import NoCameraError as NoCameraError
-from .assess.words import Status as Status
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
 from .fields.field import Field as Field
@@ -54,6 +53,7 @@ from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
 from .results.reading import read as read
 from .solve.batch import calibrate_batch as calibrate_batch
+from .solve.batch import compute_errors as compute_errors
 from .solve.field_size import FieldSize as FieldSize
 from .solve.field_size import estimate_field_size as estimate_field_size
 from .solve.from_homography import Decomposition as Decomposition

@@ -12,8 +12,8 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from baselines.adamw import minimise, one_cycle
 from baselines.tvcalib import CHUNK, DISTRIBUTIONS, FOV, calibrate, loss_with_gradient, pack_tensors, theta_from_phi
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import parse_annotation

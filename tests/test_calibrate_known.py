@@ -9,7 +9,7 @@ from one_camera import CAMERA, FIELD, FRAME, LITTLE_OF_THE_LENS, MARKINGS, SIZE,
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_segments, soccer
-from fieldcalib.assess.words import Verdict, What
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.geometry.lens.radial import RADIAL_MEAN
 from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags

@@ -21,7 +21,7 @@ from fieldcalib import (
     compute_errors,
     locate_on_ground,
 )
-from fieldcalib.assess.words import NoCameraError
+from fieldcalib.assess.findings import NoCameraError
 from fieldcalib.solve.options import DEFAULT_FLAGS
 
 # --- what comes back ---

@@ -8,9 +8,9 @@ from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.misfit import is_contradicted
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.label_errors import is_contradicted
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.images.clip.clip_models import CameraModel, HeldOut, Pieces, parts
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.finished_clip import (

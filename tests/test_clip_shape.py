@@ -10,10 +10,10 @@ from networks import KnownCameras, looked_at
 from tripods import far_off
 
 from fieldcalib import calibrate_video, soccer
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.assess.words import Verdict
 from fieldcalib.images.clip import clip_shape
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds

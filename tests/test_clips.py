@@ -9,9 +9,9 @@ from networks import FIELD, GRID, KnownCameras, looked_at
 from tripods import far_off
 
 from fieldcalib import Camera, calibrate_video, soccer
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.images.background.keyframe_tracking import EVERY, tied_frames
 from fieldcalib.images.clip.finished_clip import MIXED
 from fieldcalib.images.clip.keyframes import EXTRA_OFFSETS, MOST_EXTRA

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, Status, calibrate_batch, soccer
-from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.sheet import BACKGROUND, contact_sheet, worst_frames

@@ -13,7 +13,7 @@ from data_tools.court_truth import court_frames
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images, calibrate_video
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields import american_football, badminton, basketball, futsal, rugby_union, tennis, volleyball
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook

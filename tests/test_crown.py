@@ -11,10 +11,9 @@ from strategies import cameras, numbers
 from data_tools.crown import crowned, on_crown
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
-from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
-from fieldcalib.assess.level import if_level
+from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.records import field_from_record, whole_record
 from fieldcalib.fields.segments import PointCloud
 from fieldcalib.problem.evaluation import Problem, evaluate

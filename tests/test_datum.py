@@ -12,7 +12,7 @@ from tripods import SIZE, chain, matched, panned
 
 from fieldcalib import Calibration, Status, calibrate_from_segments, calibrate_sequence, locate_on_ground, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.datum import CENTRE_MARK, in_words, motion_in_view, relative_to_markings
+from fieldcalib.assess.estimate import CENTRE_MARK, in_words, motion_in_view, relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives
 from fieldcalib.fields.traits import UNPAINTED
 from fieldcalib.geometry.camera import Camera

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
-from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.draw.minimap import draw_minimap
 from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud

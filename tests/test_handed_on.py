@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem import compilation

@@ -6,8 +6,8 @@ import numpy as np
 from pictures import picture
 
 from fieldcalib import Camera
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.fields import futsal, tennis
 from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.court_refinement import with_hidden_markings

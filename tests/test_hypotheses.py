@@ -10,10 +10,10 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import DEFAULT_FLAGS
 from fieldcalib.solve.task import Task
+from fieldcalib.synthetic.simulated import camera_difference
 
 FIELD = soccer()
 TRUTH = camera(3, 75, 1000, (-2, 66, -16), k=(0.03, 0.0))

@@ -90,7 +90,7 @@ def test_every_name_in_the_docs_is_there_on_a_fresh_import():
     names = {name for text in texts for name in re.findall(r"\bfieldcalib(?:\.[A-Za-z_]\w*)+", text)}
     assert {"fieldcalib.plot", "fieldcalib.io.exports.opencv", "fieldcalib.processes.jobs.in_order"} <= names
     if importlib.util.find_spec("numba") is None:
-        names -= {"fieldcalib.problem.compile_log", "fieldcalib.problem.compiled"}  # modules that import it
+        names -= {"fieldcalib.problem.compile_cache", "fieldcalib.problem.compiled"}  # modules that import it
     assert missing(names - {f"fieldcalib.{name}" for name in fieldcalib.__all__}) == []  # those are tested above
 
 

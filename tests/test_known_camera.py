@@ -12,16 +12,16 @@ from pictures import picture
 from views import camera
 
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
-from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.options import CalibrationFlags as F
 from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
+from fieldcalib.synthetic.simulated import camera_difference
 
 SIZE = (960, 540)
 WIDE, NARROW = camera(24, 78, 1400.1, (3.3, 68.2, -17.1), k=(0.06, 0.0)), camera(-2, 78, 2500.7, (3.3, 68.2, -17.1))

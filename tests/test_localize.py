@@ -23,9 +23,9 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.synthetic.simulated import camera_difference
 
 HD = (1920, 1080)
 VIEWS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 
-from fieldcalib.assess.words import SuspectLabel
+from fieldcalib.assess.findings import SuspectLabel
 from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER

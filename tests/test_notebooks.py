@@ -10,7 +10,7 @@ import fieldcalib
 from fieldcalib import Calibration, Camera, FieldSize, SegmentationNetwork, Status, calibrate_sequence, soccer
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.fields.catalogue import FIELDS
-from fieldcalib.problem.simulated import IMAGE_SIZE, observe, pan_over_field
+from fieldcalib.synthetic.simulated import IMAGE_SIZE, observe, pan_over_field
 
 FIELD = soccer()
 EVIL = '<img src=x onerror="alert(1)">'

@@ -11,10 +11,10 @@ from strategies import bounded, examples, moved
 from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
-from fieldcalib.assess.datum import motion_in_view
-from fieldcalib.assess.level import Considered
+from fieldcalib.assess.estimate import motion_in_view
+from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
-from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
+from fieldcalib.assess.sequence_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate

@@ -12,10 +12,10 @@ from strategies import examples, numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.assess.markings import MarkingInView, paint_contradicts, paint_findings
+from fieldcalib.assess.findings import Finding, Status, Verdict, What
+from fieldcalib.assess.paint_in_view import MarkingInView, paint_contradicts, paint_findings
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.assess.words import Finding, Status, Verdict, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey

@@ -9,9 +9,8 @@ import pytest
 
 from data_tools.smaller_pitches import SIZE, frames
 from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, refine_on_image, soccer
-from fieldcalib.assess.markings import MarkingInView, paint_findings, paint_is_too_wide, paint_width
-from fieldcalib.assess.remedies import SMALLER
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import SMALLER, Verdict
+from fieldcalib.assess.paint_in_view import MarkingInView, paint_findings, paint_is_too_wide, paint_width
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import profiles_along

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, soccer
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import InFrame
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import _pixels_in_picture
 from fieldcalib.editor.fitting import mark_errors

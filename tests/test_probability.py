@@ -8,12 +8,11 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted_coefficients, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
-from fieldcalib.assess.compute_errors import compute_errors
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.probability import largest_error, probability_right
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import calibrate_batch, compute_errors
 from fieldcalib.solve.from_segments import calibrate_from_segments
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)  # of the synthetic frames

@@ -11,7 +11,7 @@ from data_tools import spoiled_labels, wrong_labels
 from data_tools.random_frames import SIZE, confused_labels, mislabelled, noisy_pixels, random_frame
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.problem.simulated import observe, pan_over_field
+from fieldcalib.synthetic.simulated import observe, pan_over_field
 
 FIELD = soccer()
 

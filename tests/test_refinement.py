@@ -9,8 +9,8 @@ from pictures import picture
 from synthetic import observe, whole_circle_markings
 from views import SIZE, camera
 
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer

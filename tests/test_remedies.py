@@ -7,11 +7,24 @@ import pytest
 from networks import Blind
 
 from fieldcalib import calibrate, soccer
-from fieldcalib.assess.datum import in_words
-from fieldcalib.assess.remedies import HOW, NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER, Advice, Tool, how
+from fieldcalib.assess.estimate import in_words
+from fieldcalib.assess.findings import (
+    HOW,
+    NOT_SOCCER,
+    NOT_WHOLE,
+    OFF_PAINT,
+    OTHER_SPORT,
+    REMEDIES,
+    SMALLER,
+    Advice,
+    Finding,
+    Status,
+    Tool,
+    What,
+    how,
+)
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import CUT, SHAPE
-from fieldcalib.assess.words import REMEDIES, Finding, Status, What
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images

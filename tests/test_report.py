@@ -12,8 +12,7 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.remedies import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, Advice, Tool, how
-from fieldcalib.assess.words import REMEDIES
+from fieldcalib.assess.findings import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, REMEDIES, SMALLER, Advice, Tool, how
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
 from fieldcalib.web.bundle import bundled, one_file

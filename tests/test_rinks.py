@@ -10,7 +10,7 @@ import pytest
 from objects import relative_error
 from synthetic import SIZE, observe, random_frames
 
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point

@@ -15,7 +15,7 @@ from networks import FIELD, KnownCameras, band_maps, probabilities
 from pictures import picture
 from views import camera
 
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.findings import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io import images
@@ -25,9 +25,9 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.run_folder import images as frames_of_commands
 from fieldcalib.run_folder.images import Frame, ReadImage, opened
+from fieldcalib.synthetic.simulated import camera_difference
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]

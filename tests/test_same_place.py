@@ -9,8 +9,8 @@ import pytest
 from data_tools.nonsense import nonsense
 from data_tools.rink_points import FIELD, point_named
 from fieldcalib import Camera, calibrate_from_images, read
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import field_named, tennis

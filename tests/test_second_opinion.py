@@ -9,8 +9,8 @@ from pictures import picture
 from views import camera
 
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, calibrate_from_images, soccer
-from fieldcalib.assess.words import Status
-from fieldcalib.problem.simulated import camera_difference
+from fieldcalib.assess.findings import Status
+from fieldcalib.synthetic.simulated import camera_difference
 
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
 

@@ -12,10 +12,10 @@ from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
-from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.synthetic.paths import camera_path
+from fieldcalib.synthetic.simulated import observe
 
 FIELD = soccer()
 SIZE = (1920, 1080)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, calibrate_sequence, soccer
-from fieldcalib.assess.misfit import LARGEST_EXCESS, Misfit, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.label_errors import LARGEST_EXCESS, Misfit, is_contradicted, is_of_wrong_model
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 
 SIZE = (1920, 1080)

@@ -14,7 +14,7 @@ from views import camera
 import fieldcalib
 from data_tools.sides import PLACES, frame_from, is_right, summary
 from fieldcalib import Calibration, Tracker, calibrate_from_images, calibrate_from_segments
-from fieldcalib.assess.words import UP_TO_SIDE, What
+from fieldcalib.assess.findings import UP_TO_SIDE, What
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand

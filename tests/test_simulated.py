@@ -8,7 +8,7 @@ import pytest
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.simulated import IMAGE_SIZE, camera_difference, observe, pan_over_field
+from fieldcalib.synthetic.simulated import IMAGE_SIZE, camera_difference, observe, pan_over_field
 
 FIELD = soccer()
 

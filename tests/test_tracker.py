@@ -12,9 +12,9 @@ from networks import KnownCameras
 from waiting import wait_until
 
 from fieldcalib import Status, soccer
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframeTracker
 from fieldcalib.images.clip import tracker as tracker_module

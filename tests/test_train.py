@@ -29,13 +29,13 @@ from data_tools.train import (
 )
 from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
 from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, calibrate_from_segments, soccer
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.cli.main import main as fieldcalib
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.images import write_image
-from fieldcalib.problem.simulated import observe
 from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.synthetic.simulated import observe
 
 STEPS = 3
 SMALL = (160, 96)

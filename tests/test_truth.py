@@ -11,8 +11,8 @@ from data_tools.clips import SegmentationNetwork
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib import Camera, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.problem.layout import Layout

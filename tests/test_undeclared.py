@@ -14,6 +14,7 @@ from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import (
@@ -31,18 +32,17 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.assess.words import Verdict, What
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
-from fieldcalib.problem.simulated import observe as demo_labels
-from fieldcalib.problem.simulated import pan_over_field
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import likelier
+from fieldcalib.synthetic.simulated import observe as demo_labels
+from fieldcalib.synthetic.simulated import pan_over_field
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
 GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])

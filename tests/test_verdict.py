@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.observability import READABLE, Direction, Information
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

@@ -12,11 +12,10 @@ from tripods import SIZE, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import calibrate_sequence, soccer
-from fieldcalib.assess.frame_table import BASES, STATUSES, Basis
-from fieldcalib.assess.interpolation import STEP
+from fieldcalib.assess.findings import Status
+from fieldcalib.assess.frame_table import BASES, STATUSES, STEP, Basis
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.assess.words import Status
 from fieldcalib.problem.layout import LOG_F, PAN
 
 FIELD = soccer()

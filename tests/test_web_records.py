@@ -7,9 +7,9 @@ import pytest
 from cv2 import pointPolygonTest
 
 from fieldcalib import Camera, calibrate_from_segments, soccer
-from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.findings import Status
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.web.records import (

@@ -9,16 +9,16 @@ from pictures import picture
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, counts
 from fieldcalib import calibrate_from_segments, soccer
+from fieldcalib.assess.findings import Status, Verdict, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
-from fieldcalib.assess.words import Status, Verdict, What
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.shape.borders_and_squash import without_borders
 from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.io.image import size_of
-from fieldcalib.problem.simulated import observe
+from fieldcalib.synthetic.simulated import observe
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)
 CAMERA = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)

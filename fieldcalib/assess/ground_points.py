@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number
 from fieldcalib._types import Array
-from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
+from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
@@ -57,8 +57,8 @@ def locate_on_ground(
     pixel_sd : float
         Standard deviation of each coordinate of the pixels; with 0, only the errors of the camera count.
     relative_to : "markings in view" or "centre mark"
-        Reference of the errors (`fieldcalib.assess.datum`); it matters where the size of the field is not known. Points
-        are relative to the centre mark of the assumed field in either case.
+        Reference of the errors (`fieldcalib.assess.estimate`); it matters where the size of the field is not known.
+        Points are relative to the centre mark of the assumed field in either case.
 
     Returns
     -------

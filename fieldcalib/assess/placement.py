@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._checks import expect, whole_number
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Finding, findings_from_json
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.words import Finding, findings_from_json
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import Pixels
 

@@ -1,7 +1,7 @@
 """The probability that a camera is right, from its uncertainty.
 
 A camera is right to d metres if it locates every point of the field in view to better than that, relative to the
-markings in view (`fieldcalib.assess.datum`). With m the largest root mean square error of these points by its
+markings in view (`fieldcalib.assess.estimate`). With m the largest root mean square error of these points by its
 covariance, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom of sigma, and
 z the z-scores of the camera under its prior, the log odds of being right are
 
@@ -11,6 +11,8 @@ The covariance alone (b0 and b2 to b4 zero) gives nearly the right odds. The oth
 large noise or an unusual camera, whose errors are larger than the covariance says: few labels, some of them wrong, or
 a principal point far from the middle. The coefficients belong to a field and its cameras
 (`fieldcalib.fields.traits.ProbabilityModel`).
+
+Unusual estimates: parameters far from their prior, or fixed at values that the labels contradict.
 """
 
 from __future__ import annotations
@@ -21,15 +23,98 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.datum import relative_to_markings
-from fieldcalib.assess.estimate import Estimate
+from fieldcalib.assess.estimate import Estimate, relative_to_markings
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.problem.projection import Projection
+
+UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
+CONTRADICTED = 5.0  # standard deviations between a fixed value and the labels' one: up to 4.4 on annotated frames
+# Standard deviations between a given value and the labels' one. Of 2,768 random frames (data_tools.random_frames) with
+# right values and otherwise good, 2 are beyond.
+CONTRADICTS_GIVEN = 3.0
+LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
+LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
+LEAST_LENS = 0.01  # relative displacement at the corner by k2
+LEAST_SIZE = 0.1  # probability of the given size of the field
+# Errors of given values: the least one that is worth a word, and the standard deviation of wrong values. In radians,
+# log focal length, metres, shares of the width of the picture, and relative displacement at the corner.
+WRONG_GIVEN = {
+    **dict.fromkeys(("pan", "tilt", "roll"), (0.01, 0.1)),
+    "log f": (0.03, 0.3),
+    **dict.fromkeys("xyz", (0.5, 10.0)),
+    **dict.fromkeys(("cx", "cy"), (0.01, 0.1)),
+    "a1": (LEAST_LENS, 0.1),
+}
+NAMES = {  # of parameters that may be unusual: as what they are told
+    **{name: name for name in ("log f", "z", "roll", "tilt", "pan")},
+    **dict.fromkeys("xy", "place"),
+    **dict.fromkeys(("cx", "cy"), "principal point"),
+    **dict.fromkeys(("a1", "b2"), "lens"),
+}
+
+
+def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
+    """Find what is unusual about an estimate; nothing for an ordinary camera.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    >>> pixels = {label: truth.project(soccer()[label].sample(4.0)) for label in labels}
+    >>> surprises(calibrate_from_segments(soccer(), pixels, (960, 540)).uncertainty)
+    ()
+    """
+    found: dict[Finding, None] = {}  # an ordered set
+    problem = uncertainty.problem
+    if problem.prior is not None:
+        names = np.array(problem.layout.names)[problem.free]
+        for name, z in zip(names, problem.prior_residuals(uncertainty.evaluation.theta)[0], strict=True):
+            if abs(z) > UNUSUAL and name in NAMES:
+                found[Finding(What.UNUSUAL, NAMES[name])] = None
+    whole = is_whole_shape(problem.layout.image_size)
+    for name, least, what in (
+        ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, What.NOT_SQUARE),
+        ("b2", LEAST_LENS, What.MORE_LENS),
+    ):
+        offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
+        if abs(offset) > max(least, CONTRADICTED * sigma):
+            found[Finding(what)] = None
+    contradicted = _contradicted(uncertainty)
+    if contradicted is not None:
+        found[Finding(What.CONTRADICTED, contradicted, (uncertainty.off_given[contradicted][0],))] = None
+    given = problem.layout.field_size
+    if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
+        length, width = np.clip(given.given + uncertainty.size.mean, *given.limits)
+        found[Finding(What.OTHER_SIZE, numbers=(float(length), float(width)))] = None
+    return tuple(found)
+
+
+def _contradicted(uncertainty: Uncertainty) -> str | None:
+    """The given value that the labels contradict most; None if they agree with all of them.
+
+    One wrong value pulls all others with it: each is freed alone, under a prior around what was given. The score is
+    the root of twice the fall of the cost, with the noise that is left after it (a t statistic): a wrong value makes
+    the noise look larger than it is.
+    """
+    dof = uncertainty.dof
+    scores = {}
+    for name, (offset, sigma) in uncertainty.off_given.items():
+        unit = uncertainty.layout.image_size[0] if name in ("cx", "cy") else 1.0
+        least, wrong = (unit * value for value in WRONG_GIVEN[name])
+        if abs(offset) > least:
+            fall = abs(offset) * wrong / (sigma * np.hypot(sigma, wrong))
+            scores[name] = fall * np.sqrt((dof - 1.0) / max(dof - fall**2, 1.0))
+    most = max(scores, key=lambda name: scores[name], default=None)
+    return most if most is not None and scores[most] > CONTRADICTS_GIVEN else None
+
 
 GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field
@@ -48,7 +133,7 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
     Examples
     --------
     >>> from fieldcalib import calibrate_from_segments, soccer
-    >>> from fieldcalib.problem.simulated import observe, pan_over_field
+    >>> from fieldcalib.synthetic.simulated import observe, pan_over_field
     >>> (camera,) = pan_over_field(1)
     >>> frame = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
     >>> calibration = calibrate_from_segments(soccer(size_known=True), frame, camera.image_size)

@@ -16,30 +16,36 @@ from fieldcalib._html import table
 from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
-from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
-from fieldcalib.assess.estimate import Estimate, GroundError
-from fieldcalib.assess.markings import (
-    MarkingInView,
-    paint_contradicts,
-    paint_findings,
-    paint_share,
-)
-from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.remedies import (
+from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
+from fieldcalib.assess.findings import (
     NOT_SOCCER,
     NOT_WHOLE,
     NOTHING,
     OFF_PAINT,
     OTHER_SPORT,
+    REMEDIES,
     SMALLER,
     Advice,
+    Finding,
+    NoCameraError,
     Remedy,
+    Status,
+    SuspectLabel,
+    Verdict,
+    What,
+    in_words,
 )
+from fieldcalib.assess.observability import Direction
+from fieldcalib.assess.paint_in_view import (
+    MarkingInView,
+    paint_contradicts,
+    paint_findings,
+    paint_share,
+)
+from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.whole_picture import Declared, Picture
-from fieldcalib.assess.words import REMEDIES, Finding, NoCameraError, Status, SuspectLabel, Verdict, What, in_words
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 
@@ -70,7 +76,7 @@ class Calibration:
     >>> calibrate_from_segments(soccer(), {}, (960, 540)).K  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    fieldcalib.assess.words.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
+    fieldcalib.assess.findings.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
     """
 
     camera: Camera | None
@@ -239,7 +245,7 @@ class Calibration:
 
     @property
     def advice(self) -> tuple[Advice, ...]:
-        """What the `remedy` asks for: `fieldcalib.assess.remedies.how` says how it is followed in a tool."""
+        """What the `remedy` asks for: `fieldcalib.assess.findings.how` says how it is followed in a tool."""
         return self._remedy.advice
 
     @property

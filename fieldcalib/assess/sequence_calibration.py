@@ -1,22 +1,27 @@
-"""The calibration of frames of one camera: the frames, and the parameters that they share."""
+"""The calibration of frames of one camera: the frames, and the parameters that they share.
+
+A sequence of calibrations of the frames of a clip, each made on access.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from functools import partial
 from reprlib import repr as short
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
 from fieldcalib._checks import expect, listed, real_array, whole_number
 from fieldcalib._extras import imported
-from fieldcalib._json import from_json, texts_from_json, to_json
+from fieldcalib._html import long_table, spread
+from fieldcalib._json import from_json, reading, texts_from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
-from fieldcalib.assess.frame_sequence import Codec, FrameSequence
+from fieldcalib.assess.findings import Finding, What, in_words
 from fieldcalib.assess.frame_table import (
     ACCEPTED,
     BASES,
@@ -26,21 +31,125 @@ from fieldcalib.assess.frame_table import (
     FrameTable,
     array_from_record,
     array_to_record,
+    interpolated,
 )
-from fieldcalib.assess.interpolation import interpolated
-from fieldcalib.assess.level import Considered
-from fieldcalib.assess.markings import MarkingInView, paint_confirms, paint_contradicts, paint_findings
-from fieldcalib.assess.misfit import is_contradicted
-from fieldcalib.assess.own_errors import whole_covariance
+from fieldcalib.assess.ground import Considered
+from fieldcalib.assess.label_errors import is_contradicted
+from fieldcalib.assess.paint_in_view import MarkingInView, paint_confirms, paint_contradicts, paint_findings
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Finding, What, in_words
+from fieldcalib.assess.sequence_errors import whole_covariance
 from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.fields.records import field_from_record, field_to_record
+from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized
 
 if TYPE_CHECKING:
     import pandas
+
+
+class Codec(NamedTuple):
+    """How an attribute is written to JSON, and read from it."""
+
+    write: Callable[[Any], Any]
+    read: Callable[[Any], Any]
+
+    @property
+    def or_none(self) -> Codec:
+        """The codec of an attribute that may be None, which is null in JSON."""
+        return Codec(
+            lambda value: None if value is None else self.write(value),
+            lambda value: None if value is None else self.read(value),
+        )
+
+
+class FrameSequence(Sequence[Calibration]):
+    """A sequence of one calibration for each frame; subclasses store the frames.
+
+    A slice is of the same class. Two sequences are equal if their `to_dict` is.
+    """
+
+    _what: ClassVar[str]
+    """Noun for it in messages."""
+    _version: ClassVar[int]
+    """Version of its `to_dict`."""
+    _codecs: ClassVar[Mapping[str, Codec]]
+    """Its attributes in JSON."""
+    _added: ClassVar[frozenset[str]] = frozenset()
+    """Attributes that older files of this version lack, and that are None there."""
+
+    @abstractmethod
+    def _frame(self, t: int) -> Calibration:
+        """The calibration of frame t."""
+
+    @abstractmethod
+    def _check(self) -> None:
+        """Check attributes that were read; a ValueError if they do not fit together."""
+
+    @abstractmethod
+    def _at(self, index: IntArray) -> Self:
+        """A sequence of some of the frames, in that order."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The calibration as a dict for `json.dumps`."""
+        return {"version": self._version} | {name: one.write(getattr(self, name)) for name, one in self._codecs.items()}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Self:
+        """The inverse of `to_dict`.
+
+        Raises
+        ------
+        ValueError
+            If the record has another version, a key is missing, or a value is invalid.
+        """
+        new: Callable[..., Self] = cls
+        with reading(record, f"calibration of {cls._what}", cls._version):
+            complete = {**dict.fromkeys(cls._added), **record}
+            found = new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
+            found._check()
+        return found
+
+    @overload
+    def __getitem__(self, index: int) -> Calibration: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Self: ...
+
+    def __getitem__(self, index: int | slice) -> Calibration | Self:
+        frames = range(len(self))
+        if isinstance(index, slice):
+            return self._at(np.array(frames[index], dtype=np.intp))
+        try:
+            return self._frame(frames[index])
+        except IndexError:
+            raise IndexError(f"frame {index} is out of range: there are {len(self)} frames") from None
+
+    def __iter__(self) -> Iterator[Calibration]:
+        return (self._frame(t) for t in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return self is other or self.to_dict() == other.to_dict()
+
+    def _repr_html_(self) -> str:
+        """The field with what some frames see of it, and a table of these frames, for notebooks."""
+        frames = {index: self[index] for index in spread(len(self))}
+        cameras = [frame.camera for frame in frames.values() if frame.camera is not None]
+        field = next((frame.field for frame in frames.values() if frame.field is not None), None)
+        picture = "" if field is None else field.as_svg(cameras)
+        rows = [
+            [str(index), str(frame.verdict), *camera_cells(frame.camera), frame.reason]
+            for index, frame in frames.items()
+        ]
+        return picture + long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(self))
+
+    @property
+    def cameras(self) -> list[Camera | None]:
+        """Cameras of the frames; None for frames without one."""
+        return [frame.camera for frame in self]
+
 
 SURE = 0.5  # times the field's tolerance: frames with larger errors of the field in view are to be looked at
 NUMBERS = (  # columns of the table of frames, NaN for frames without a camera

@@ -31,7 +31,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import Estimate
-from fieldcalib.assess.level import if_level
+from fieldcalib.assess.ground import if_level
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence

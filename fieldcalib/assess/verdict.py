@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import BoolArray
+from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
-from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles

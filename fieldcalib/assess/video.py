@@ -14,12 +14,11 @@ from fieldcalib._checks import expect, listed
 from fieldcalib._extras import imported
 from fieldcalib._json import texts_from_json
 from fieldcalib._types import IntArray
-from fieldcalib.assess.frame_sequence import Codec, FrameSequence
+from fieldcalib.assess.findings import UP_TO_SIDE, Finding, Status, findings_from_json
 from fieldcalib.assess.frame_table import Basis, check_indices
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
-from fieldcalib.assess.words import UP_TO_SIDE, Finding, Status, findings_from_json
+from fieldcalib.assess.sequence_calibration import NUMBERS, Codec, FrameSequence, SequenceCalibration
 from fieldcalib.fields.sides import turned_camera
 
 if TYPE_CHECKING:

@@ -25,10 +25,9 @@ from enum import StrEnum
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.probability import ground_in_view
-from fieldcalib.assess.surprises import LEAST_ASPECT
+from fieldcalib.assess.findings import Finding, What
+from fieldcalib.assess.probability import LEAST_ASPECT, ground_in_view
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels

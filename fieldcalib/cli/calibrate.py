@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, doubted
 from fieldcalib.cli.declared import DeclaredPictures
@@ -33,7 +32,7 @@ from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.options import ESTIMATED
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.annotation_border import with_border_complaint
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import calibrate_batch, compute_errors
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
 from fieldcalib.solve.options import ALL, Prior
 

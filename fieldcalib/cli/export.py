@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib._messages import counted, say, show
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
 from fieldcalib.geometry.camera import Camera

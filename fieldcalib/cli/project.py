@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldcalib._messages import say, show
 from fieldcalib._types import Array
-from fieldcalib.assess.datum import CENTRE_MARK
+from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
+from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import UP_TO_SIDE
 from fieldcalib.cli.declared import DeclaredPictures
 from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import cut_of, run_options

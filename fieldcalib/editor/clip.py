@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import InFrame, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
-from fieldcalib.assess.words import Finding, Verdict, What
 from fieldcalib.editor.fitting import FARTHER
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

@@ -11,9 +11,9 @@ from typing import Self
 from warnings import warn
 
 from fieldcalib._checks import expect, file_path, truth, whole_number
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import BESIDE, Finding, Status, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.words import BESIDE, Finding, Status, What, in_words
 from fieldcalib.editor.marks import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

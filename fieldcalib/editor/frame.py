@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.editor.fitting import network_marks
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field

@@ -25,9 +25,9 @@ from types import MappingProxyType
 from typing import Any
 from weakref import finalize
 
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Finding, What
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
 from fieldcalib.editor.journal import finish_save

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.assess.words import Verdict
 
 CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
 REST = 0.3  # of the concern, by the probability that the camera is right

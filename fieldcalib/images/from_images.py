@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
-from fieldcalib.assess.compute_errors import compute_errors
+from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
-from fieldcalib.assess.words import Finding, Status, What, in_words
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.camera_side import CameraSide
@@ -42,7 +41,7 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.batch import calibrate_pixels
+from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.solve.task import GivenCamera, Task

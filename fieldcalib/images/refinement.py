@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._checks import expect, truth
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.label_errors import rms_by_label
-from fieldcalib.assess.markings import paint_share
+from fieldcalib.assess.paint_in_view import paint_share
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera

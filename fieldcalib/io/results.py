@@ -16,8 +16,8 @@ from typing import Any, TypeAlias, TypeGuard
 import numpy as np
 
 from fieldcalib._checks import LARGEST, is_number
+from fieldcalib.assess.findings import Status, Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.line_log import whole_lines

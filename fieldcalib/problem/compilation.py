@@ -38,7 +38,7 @@ def compiled_module() -> ModuleType | None:
     except RuntimeError as error:
         LOG.info(NO_FOLDER, error)
         return None
-    from fieldcalib.problem.compile_log import log_compilation
+    from fieldcalib.problem.compile_cache import log_compilation
 
     log_compilation(module.__name__)
     return module

@@ -8,7 +8,7 @@ segment: with X* the closest point and n the unit normal of the segment's image 
     r = n . (p - pi(X*)),        dr/dtheta = -n . dpi(X*)/dtheta.
 
 r is stationary in the position of X* along the curve, so the derivative of the search drops out. The robust loss acts
-on the data alone. Pixels and prior (`fieldcalib.problem.prior_term`) are terms of the cost
+on the data alone. Pixels and prior (`fieldcalib.problem.cost_term`) are terms of the cost
 (`fieldcalib.problem.cost_term`). Others link frames of one camera: static points of the background
 (`fieldcalib.problem.background`), and the smooth path of a camera that moves (`fieldcalib.problem.smooth_path`).
 """
@@ -30,14 +30,13 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.compilation import compiled_closest_points
-from fieldcalib.problem.cost_term import CostTerm, Coupling
+from fieldcalib.problem.cost_term import CostTerm, Coupling, PriorTerm
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.problem.prior_term import PriorTerm
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.problem.cost_term import prior_costs
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.levenberg_marquardt import Solution
-from fieldcalib.problem.prior_term import prior_costs
 
 
 def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:

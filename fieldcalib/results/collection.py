@@ -17,9 +17,9 @@ import numpy as np
 
 from fieldcalib._checks import file_path, truth
 from fieldcalib._html import long_table, spread, table
+from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import UP_TO_SIDE, Verdict
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames

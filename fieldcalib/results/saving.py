@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Verdict
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.clip.from_video import PART

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib._messages import counted, say
-from fieldcalib.assess.compute_errors import compute_errors
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
@@ -38,6 +37,7 @@ from fieldcalib.run_folder.units import (
     units_of,
     work,
 )
+from fieldcalib.solve.batch import compute_errors
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
 RUN_FILES = frozenset({LINES, SOLVER, TABLE, SUMMARY, RECORD, LOCALIZED})

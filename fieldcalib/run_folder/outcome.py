@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.assess.words import What
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image

@@ -22,8 +22,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib._messages import counted, say, show
-from fieldcalib.assess.remedies import LEFT_OUT, advice_from_json
-from fieldcalib.assess.words import Verdict, What
+from fieldcalib.assess.findings import LEFT_OUT, Verdict, What, advice_from_json
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,

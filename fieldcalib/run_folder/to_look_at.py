@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
 from fieldcalib._messages import counted
-from fieldcalib.assess.remedies import Advice, Remedy, Tool, how
-from fieldcalib.assess.words import Verdict
+from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, how
 
 NAMED = 5  # number of stretches that are named
 
@@ -38,7 +37,7 @@ class ToLookAt:
 
     Examples
     --------
-    >>> from fieldcalib.assess.words import Finding, What
+    >>> from fieldcalib.assess.findings import Finding, What
     >>> seen = ToLookAt()
     >>> seen.add("000000", "good", "rms 0.45 px over 5 segments")
     >>> for id, px in ("000001", 9.0), ("000002", 7.0):

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.result import Calibration, found_of
-from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels

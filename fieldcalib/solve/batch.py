@@ -1,4 +1,7 @@
-"""Calibration of many independent frames at once, in chunks of similar frames, here or by an executor."""
+"""Calibration of many independent frames at once, in chunks of similar frames, here or by an executor.
+
+The errors of many calibrations at once, which is faster than one by one.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import several, truth
+from fieldcalib._checks import expect, listed, several, truth
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.camera_errors import NoErrors
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -42,6 +45,40 @@ from fieldcalib.solve.options import (
 )
 from fieldcalib.solve.squashed_pictures import with_likely_aspect
 from fieldcalib.solve.task import GivenCamera, Task, as_fixed
+
+
+def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
+    """Compute the errors behind `Calibration.uncertainty`, `probability` and `verdict` for many calibrations.
+
+    A calibration computes them when they are first needed; for frames that were solved together, this takes a fifth of
+    the time. Results are the same; they are cached in the errors of each calibration.
+
+    Returns
+    -------
+    list of Calibration
+        The given calibrations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import Camera, calibrate_batch, soccer
+    >>> cameras = [Camera.from_angles(pan, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540)) for pan in (0.2, 0.3)]
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    >>> frames = [{label: one.project(soccer()[label].sample(9.0)) for label in labels} for one in cameras]
+    >>> [str(one.verdict) for one in compute_errors(calibrate_batch(soccer(), frames, (960, 540)))]
+    ['good', 'good']
+    """
+    groups: dict[tuple[int, int], list[Solved]] = {}
+    for one in listed(calibrations, "calibrations"):
+        expect(one, Calibration, "fieldcalib.calibrate_from_segments(...)")
+    fields = {id(one.field): one.field for one in calibrations}
+    for one in calibrations:
+        if one.solved is not None and not one.has_errors:
+            groups.setdefault((id(one.solved.evaluation), id(one.field)), []).append(one.solved)
+    for (_, field), members in groups.items():
+        Solved.compute(members, fields[field])
+    return list(calibrations)
+
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames

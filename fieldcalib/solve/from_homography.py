@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import expect, is_number, real_array
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import disagreement, implausibilities
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Point
 from fieldcalib.fields.sports.soccer import soccer

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import real_array
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Status, Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.words import Status, Verdict
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution

@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
-from fieldcalib.assess.words import Finding, Status, SuspectLabel, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import turned_camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate

@@ -26,8 +26,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.findings import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
-from fieldcalib.assess.words import SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate

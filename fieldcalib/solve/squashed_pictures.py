@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.assess.words import Finding, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape

@@ -14,8 +14,8 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.remedies import Tool, how
+from fieldcalib.assess.findings import Tool, how
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field

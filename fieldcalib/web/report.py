@@ -22,10 +22,9 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
-from fieldcalib.assess.remedies import Remedy
+from fieldcalib.assess.findings import Remedy, Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.assess.words import Verdict
 from fieldcalib.editor.table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer

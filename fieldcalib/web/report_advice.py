@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.assess.remedies import Advice, Remedy, Tool, advice_from_json, how
+from fieldcalib.assess.findings import Advice, Remedy, Tool, advice_from_json, how
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
 from fieldcalib.run_folder.record import RunRecord

@@ -31,11 +31,11 @@ import numpy as np
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Finding
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS, SHAPE
-from fieldcalib.assess.words import Finding
 from fieldcalib.images.clip.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.shape.borders_and_squash import (
     as_shown,

@@ -14,8 +14,7 @@ from dataclasses import field as attribute
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.label_errors import rms_by_label
-from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
+from fieldcalib.assess.label_errors import LEAST_FRAMES, misfit, rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
@@ -230,8 +229,8 @@ def with_witnesses(
     """A calibration with the misfit of the labels of keyframes where that is larger than its own.
 
     Frames in between are interpolated. The misfit of a keyframe counts up to the larger one of the keyframes before and
-    after it. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that
-    of `fieldcalib.assess.misfit`. Of the others a camera must explain half; if it explains fewer, the misfit is the
+    after it. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that of
+    `fieldcalib.assess.label_errors`. Of the others a camera must explain half; if it explains fewer, the misfit is the
     median distance of the labels.
     """
     if not witnesses or calibration.layout is None:

@@ -19,13 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32
-from fieldcalib.assess.frame_table import Basis, FrameTable
-from fieldcalib.assess.interpolation import STEP
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.own_errors import OwnErrors, ground_errors
+from fieldcalib.assess.findings import Status
+from fieldcalib.assess.frame_table import STEP, Basis, FrameTable
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors
 from fieldcalib.fields.field import tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframePair

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.label_errors import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip.clip_models import (
     CameraModel,

@@ -18,9 +18,9 @@ from typing import Self
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth, whole_number
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker

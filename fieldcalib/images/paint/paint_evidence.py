@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.assess.markings import LEAST_PLACES, LONG, MarkingInView
+from fieldcalib.assess.paint_in_view import LEAST_PLACES, LONG, MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import (

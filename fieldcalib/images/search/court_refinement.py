@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.findings import Finding, Status, What
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines, detected_lines

@@ -27,8 +27,8 @@ from itertools import islice
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
@@ -90,7 +90,7 @@ class CourtEvidence:
     runner_up: float
     """Score of the best camera of the search that projects the field elsewhere, as a share of this one's."""
     paint: float
-    """Share of the places along the markings in view that show paint (`fieldcalib.assess.markings`)."""
+    """Share of the places along the markings in view that show paint (`fieldcalib.assess.paint_in_view`)."""
     visible: float
     """Share of the points in view whose paint should be found: far lines are too thin."""
     confirmed: int

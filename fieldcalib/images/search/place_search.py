@@ -28,8 +28,8 @@ from itertools import islice, permutations
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.words import Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
 from fieldcalib.geometry.camera import Camera

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Float32
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.whole_picture import ENLARGED, SURE, PrincipalPointEvidence, score
-from fieldcalib.assess.words import Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.paint.field_markings import Markings

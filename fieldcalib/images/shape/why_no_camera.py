@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.remedies import NOT_SOCCER
+from fieldcalib.assess.findings import NOT_SOCCER, Finding, Status, What
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.words import Finding, Status, What
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.shape.borders_and_squash import Method

@@ -19,10 +19,10 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.level import Considered
-from fieldcalib.assess.misfit import Misfit, misfit
+from fieldcalib.assess.ground import Considered
+from fieldcalib.assess.label_errors import Misfit, misfit
 from fieldcalib.assess.noise import pooled_noise
-from fieldcalib.assess.shared import ReducedSystem
+from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import possible_values
 from fieldcalib.fields.traits import Crown
 from fieldcalib.problem.evaluation import Evaluation

@@ -25,10 +25,10 @@ from fieldcalib.assess.frame_table import (
     Basis,
     FrameTable,
 )
+from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
-from fieldcalib.assess.level import Considered
-from fieldcalib.assess.own_errors import OwnErrors, ground_errors, own_errors
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors, own_errors
 from fieldcalib.fields.field import tolerance_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs

@@ -25,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import FrameTable
-from fieldcalib.assess.misfit import is_contradicted, is_of_wrong_model, misfit
-from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.label_errors import is_contradicted, is_of_wrong_model, misfit
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.assess.words import Status
+from fieldcalib.assess.sequence_errors import OwnErrors
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, Layout, Role

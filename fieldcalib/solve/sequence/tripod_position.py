@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.frame_table import FrameTable
-from fieldcalib.assess.level import Considered
+from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior

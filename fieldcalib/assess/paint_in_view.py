@@ -8,7 +8,7 @@ from itertools import accumulate
 from math import inf
 
 from fieldcalib._checks import expect, number, truth, whole_number
-from fieldcalib.assess.words import Finding, What
+from fieldcalib.assess.findings import Finding, What
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
 LONG = 15  # number of places from which on a marking is long
