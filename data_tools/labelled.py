@@ -24,7 +24,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import lines_file
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 from fieldcalib.solve.from_points import calibrate_from_points
 from fieldcalib.solve.options import DEFAULT_FLAGS
 

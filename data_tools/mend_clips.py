@@ -29,8 +29,7 @@ from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, windo
 from fieldcalib.editor.fitting import included_network, mark_errors
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.marks import Marks
-from fieldcalib.editor.next_frame import next_frame
-from fieldcalib.editor.table import Row
+from fieldcalib.editor.table import Row, next_frame
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

@@ -51,7 +51,7 @@ from .problem.losses import RobustLoss as RobustLoss
 from .processes.jobs import Processes as Processes
 from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
-from .results.reading import read as read
+from .results.entry import read as read
 from .solve.batch import calibrate_batch as calibrate_batch
 from .solve.batch import compute_errors as compute_errors
 from .solve.field_size import FieldSize as FieldSize

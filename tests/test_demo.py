@@ -13,9 +13,9 @@ from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.cli.main import main
 from fieldcalib.io.soccernet import parse_camera
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.synthetic import sample_files, samples
+from fieldcalib.synthetic import samples
 from fieldcalib.synthetic.film import read_cameras
-from fieldcalib.synthetic.sample_files import read_positions
+from fieldcalib.synthetic.samples import read_positions
 from fieldcalib.synthetic.simulated import camera_difference
 
 
@@ -25,7 +25,7 @@ def cache(tmp_path_factory):
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("XDG_CACHE_HOME", str(folder))
-        patched.setattr(sample_files, "STRETCHES", ((0, 3), (60, 63)))
+        patched.setattr(samples, "STRETCHES", ((0, 3), (60, 63)))
         samples._cache.cache_clear()
         yield folder / "fieldcalib"
     samples._cache.cache_clear()
@@ -61,7 +61,7 @@ def test_the_feet_of_boxes_are_at_the_true_places(clip):
 
 
 def test_a_sample_is_rendered_once(clip, monkeypatch):
-    monkeypatch.setattr(sample_files, "make", lambda *arguments: pytest.fail("rendered again"))
+    monkeypatch.setattr(samples, "make", lambda *arguments: pytest.fail("rendered again"))
     assert fieldcalib.sample("clip", progress=False) == clip
 
 
@@ -82,7 +82,7 @@ def test_a_sample_that_cannot_be_written_leaves_nothing(cache, monkeypatch):
         raise OSError("disk full")
 
     with monkeypatch.context() as patched:
-        patched.setattr(sample_files, "write_text", fail)
+        patched.setattr(samples, "write_text", fail)
         with pytest.raises(OSError, match="disk full"):
             fieldcalib.sample("picture", progress=False)
     assert not [path for path in cache.iterdir() if "picture" in path.name]
@@ -91,13 +91,13 @@ def test_a_sample_that_cannot_be_written_leaves_nothing(cache, monkeypatch):
 def test_two_that_render_at_once_agree(cache, monkeypatch):
     folder = cache / f"picture-{samples._digest()}"
     shutil.rmtree(folder, ignore_errors=True)
-    write_text = sample_files.write_text
+    write_text = samples.write_text
 
     def overtaken(path, text):
         write_text(path, text)
         shutil.copytree(path.parent, folder)
 
-    monkeypatch.setattr(sample_files, "write_text", overtaken)
+    monkeypatch.setattr(samples, "write_text", overtaken)
     assert fieldcalib.sample("picture", progress=False).is_file()
     assert [path.name for path in cache.iterdir() if "picture" in path.name] == [folder.name]
 

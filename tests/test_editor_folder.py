@@ -31,8 +31,8 @@ from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.editor import StaleEdit
-from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, read_journal
+from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.versions import ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError

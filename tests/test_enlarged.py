@@ -13,7 +13,7 @@ from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from fieldcalib import Calibration, calibrate_from_images
 from fieldcalib.assess.findings import NOT_WHOLE, Verdict
 from fieldcalib.assess.whole_picture import ENLARGED
-from fieldcalib.cli.declared import DeclaredPictures
+from fieldcalib.cli.camera_options import DeclaredPictures
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import enlarged
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, may_be_enlarged, softness

@@ -23,7 +23,7 @@ from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.homography import homography_files
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.tvcalib import parse_per_sample_output
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 
 
 @pytest.fixture(scope="module")

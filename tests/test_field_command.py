@@ -14,7 +14,7 @@ from fieldcalib.fields import tennis
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.localize.network import SHIPPED
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 
 SIZE = (1280, 720)
 TRUTH = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1500.0, (-30.0, 0.0, -8.0), SIZE)

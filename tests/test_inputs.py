@@ -20,9 +20,9 @@ from networks import FIELD
 
 import fieldcalib
 from fieldcalib import Camera
+from fieldcalib.cli.clips import run_several
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.cli.run_options import RunRequest, split_request
-from fieldcalib.cli.several import run_several
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoReader

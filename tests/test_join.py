@@ -7,7 +7,7 @@ from synthetic import random_frames
 
 from baselines import dlt_lines
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 from fieldcalib.run_folder import units
 
 

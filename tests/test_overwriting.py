@@ -12,8 +12,7 @@ from commands import calibrate, lines_of, run, write_two_annotations
 from fieldcalib import read
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.images import write_image
-from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import RunOptions, RunRecord
 
 
 @pytest.fixture

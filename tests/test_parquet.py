@@ -9,7 +9,7 @@ from commands import calibrate, run
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.parquet import ROW_GROUP, read_parquet, write_parquet
 from fieldcalib.io.results import split_line
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 
 BROKEN = {"id": "b\udc80", "status": "broken file", "message": "is no JSON"}
 FRAME = {

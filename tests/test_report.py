@@ -16,9 +16,8 @@ from fieldcalib.assess.findings import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, REMEDIE
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import bundle, report
 from fieldcalib.web.bundle import bundled, one_file
-from fieldcalib.web.report import ReportTable, write_report
-from fieldcalib.web.report_advice import LOOK_AND_LABEL, UNREADABLE, Commands
-from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
+from fieldcalib.web.pictures import Thumbnails, frames_to_show
+from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, Commands, ReportTable, write_report
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 3)]
 LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")

@@ -21,8 +21,8 @@ from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands
 from fieldcalib.run_folder import units
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.record import RunOptions
 from fieldcalib.run_folder.results import ResultsWriter
 from fieldcalib.run_folder.units import UnitResult, work
 

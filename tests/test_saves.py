@@ -23,9 +23,9 @@ import fieldcalib
 from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.given_labels import LabelWarning
 from fieldcalib.editor.journal import JOURNAL, edit_to_record
 from fieldcalib.editor.known import Known
+from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.versions import STAGED, ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError

@@ -31,7 +31,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.run_folder.numbered_frames import NumberedVideo
 from fieldcalib.web.app import Page, page_files
 from fieldcalib.web.guard import Hosts
-from fieldcalib.web.state import frame_state
+from fieldcalib.web.records import frame_state
 
 TOKEN = "a-token-of-the-tests"
 HOST = "127.0.0.1:8765"

@@ -49,7 +49,7 @@ from fieldcalib.draw import (
     worst_frames,
 )
 from fieldcalib.fields import basketball, ice_hockey
-from fieldcalib.io.boxes.files import open_boxes
+from fieldcalib.io.boxes import open_boxes
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.label_studio import parse_label_studio
 from fieldcalib.io.streams import Stream

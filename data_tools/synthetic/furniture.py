@@ -17,8 +17,7 @@ from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.synthetic.colours import random_colour
-from fieldcalib.synthetic.goals import FARTHEST, GoalFrame, add_goal, mix_bars
-from fieldcalib.synthetic.objects import Drawable, random_goals
+from fieldcalib.synthetic.objects import FARTHEST, Drawable, GoalFrame, add_goal, mix_bars, random_goals
 
 PIECE, STRIPE = 1.5, 0.2  # m: lengths of the pieces that bars are drawn in, each with its own thickness; of stripes
 BAR = 0.06  # m: thickness of bars by default

@@ -23,8 +23,7 @@ from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.synthetic.ground import random_ground, random_light
-from fieldcalib.synthetic.objects import add_far_to_near, add_objects, players
-from fieldcalib.synthetic.people import Sun, random_suns
+from fieldcalib.synthetic.objects import Sun, add_far_to_near, add_objects, players, random_suns
 from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies

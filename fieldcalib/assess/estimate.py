@@ -215,7 +215,7 @@ class Estimate(ABC):
     @property
     @abstractmethod
     def if_level(self) -> Self:
-        """The errors if the field were known to be level (`fieldcalib.fields.crown`)."""
+        """The errors if the field were known to be level (`fieldcalib.fields.traits`)."""
 
     @property
     @abstractmethod

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, is_number, listed, number, truth
+from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, truth
 from fieldcalib._html import table
-from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
@@ -342,7 +341,7 @@ class Calibration:
             and be wrong in metres.
         level : bool
             Whether to assume that the ground is flat. It may be higher in the middle than at the touchlines
-            (`fieldcalib.fields.crown`), and cameras on flat ground fit such images too.
+            (`fieldcalib.fields.traits`), and cameras on flat ground fit such images too.
 
         Raises
         ------

@@ -322,7 +322,7 @@ class SequenceCalibration(FrameSequence):
 
     @property
     def covariance_if_level(self) -> Array:
-        """`covariance` if the field were known to be level (`fieldcalib.fields.crown`), (S, S)."""
+        """`covariance` if the field were known to be level (`fieldcalib.fields.traits`), (S, S)."""
         if self.layout is None or not np.any(self.layout.is_crown):
             return self.covariance
         names = np.array(self.layout.names)[self.layout.considered].tolist()

@@ -10,8 +10,7 @@ from typing import Any
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, doubted
-from fieldcalib.cli.declared import DeclaredPictures
-from fieldcalib.cli.known_camera import KnownCamera
+from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.console.arguments import (
     add_camera,
     add_input_and_output,
@@ -29,7 +28,7 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import ESTIMATED
+from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.run_folder.units import in_groups
 from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch, compute_errors

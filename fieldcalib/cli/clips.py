@@ -1,25 +1,47 @@
-"""`fieldcalib run` of a clip: its frames are calibrated together."""
+"""`fieldcalib run` of a clip: its frames are calibrated together.
+
+`fieldcalib run` of a stream: each frame is calibrated as it arrives, from those before it.
+
+Several videos: each is a run of its own, and what fails does not stop the others.
+
+Clips are worked on by one process each, with `--jobs` several of them side by side.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 import time
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from io import StringIO
+from itertools import chain, islice
 from pathlib import Path
+from typing import TypeAlias, cast
 
 import numpy as np
 
 from fieldcalib._messages import say
-from fieldcalib._progress import solving
+from fieldcalib._progress import progress_bar, solving
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.run_options import RunRequest
+from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
 from fieldcalib.console.network import digest_of, load_network, or_search
 from fieldcalib.images.clip.from_video import PART, calibrate_video
+from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.io.videos import VideoWriter
+from fieldcalib.processes.jobs import Processes, in_order
+from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
+from fieldcalib.run_folder.images import Frame, checked_frames, say_note
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import PART_OF_CLIP, is_finished, open_camera_folder
+from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.solve.task import check_of_clip
 
 
@@ -87,3 +109,136 @@ def run_clip(request: RunRequest) -> int:
             say(said)
         parts.remove()
     return 1 if source.broken or source.loss else 0
+
+
+def run_stream(request: RunRequest) -> int:
+    """Calibrate until the stream ends or is interrupted; returns the exit code."""
+    stream, options = cast(Stream, request.input[0]), request.calibration
+    _check(request, stream)
+    began = time.perf_counter()
+    network, threads = load_network(options.network), options.network.video_threads
+    reader = StreamReader(stream, options.most_pixels, cut=request.cut, threads=threads)
+    record = RunRecord.of(request.run, [], unit=1, writes=CAMERA_FILES)
+    path = request.run.out / OVERLAY
+    end: Exception | KeyboardInterrupt | None = None
+    size = (0, 0)
+    check_of_clip(options.known.flags)
+    with (
+        reader,
+        open_camera_folder(request.run, record, began) as results,
+        VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
+    ):
+        results.notes = options.notes
+        frames = checked_frames(stream, reader, options.placement)
+        if options.known.intrinsics is not None:  # these are for the size of the frames, which the first one tells
+            first = list(islice(frames, 1))
+            size = next((options.placement(frame.image).frame_size for frame in first if frame.image is not None), size)
+            frames = chain(first, frames)
+        with Tracker(options.field, network, wait=not stream.is_live, **options.keywords(size)) as tracker:
+            try:
+                for frame in frames:
+                    _add(options, frame, tracker, results, video)
+            except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
+                end = error
+    say_note(path, video)
+    if isinstance(end, KeyboardInterrupt):
+        raise end
+    if loss := reader.loss():
+        say(loss)
+    if end or reader.end():
+        say(str(end or reader.end()))
+    return 1 if end or loss else 0
+
+
+def _check(request: RunRequest, stream: Stream) -> None:
+    """Raise a ValueError for options that do not apply to streams."""
+    if request.run.resume:
+        raise ValueError(f"--resume is of files: {stream} cannot be read again")
+    for given, name in (
+        (request.calibration.camera != TRIPOD, "--camera"),
+        (request.calibration.clip, "--clip"),
+        (request.calibration.independent, "--independent"),
+        (not request.calibration.refine, "--no-refinement"),
+        (request.run.shard is not None, "--shard"),
+    ):
+        if given:
+            raise ValueError(f"{name} is not of streams: each frame of {stream} is calibrated from those before it")
+
+
+def _add(
+    options: CalibrationOptions, frame: Frame, tracker: Tracker, results: ResultsWriter, video: VideoWriter
+) -> None:
+    """Calibrate the next frame, and write its results."""
+    assert frame.image is not None
+    start = time.perf_counter()
+    placement = options.placement(frame.image)
+    calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
+    results.calibrating += time.perf_counter() - start
+    results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
+    if options.draws:
+        video.write(options.drawn(frame.image, calibration))
+
+
+RunFunction: TypeAlias = Callable[[RunRequest], int]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of a run in another process."""
+
+    code: int
+    out: str
+    """Text for stdout."""
+    err: str
+    """Text for stderr."""
+
+
+def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
+    """Run all requests, clips by ``--jobs`` processes side by side; returns the largest exit code."""
+    jobs = requests[0].run.jobs
+    alone: list[RunRequest] = []
+    side_by_side: list[RunRequest] = []
+    for one in requests:
+        (side_by_side if jobs > 1 and one.is_clip and not one.is_stream else alone).append(one)
+    codes = [_code(run, one) for one in alone]
+    if side_by_side:
+        codes += _by_processes(side_by_side, run, jobs)
+    return max(codes)
+
+
+def _by_processes(requests: Sequence[RunRequest], run: RunFunction, jobs: int) -> list[int]:
+    codes = []
+    with (
+        Processes(min(jobs, len(requests))) as executor,
+        progress_bar(total=len(requests), unit="video") as progress,
+    ):
+        own = [one.in_one_thread() for one in requests]
+        for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):
+            sys.stdout.write(ended.out)
+            sys.stderr.write(ended.err)
+            codes.append(ended.code)
+            progress.update()
+    return codes
+
+
+def _ended(run: RunFunction, request: RunRequest) -> Ended:
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = _code(run, request)
+    return Ended(code, out.getvalue(), err.getvalue())
+
+
+def _code(run: RunFunction, request: RunRequest) -> int:
+    """The exit code of a run; an error that ends it is said on stderr."""
+    try:
+        return run(request)
+    except BrokenPipeError:
+        raise
+    except (OSError, ValueError) as error:
+        say(str(error))
+        return 1 if isinstance(error, BrokenFileError) else 2
+
+
+def _lost(request: RunRequest, error: ProcessEndedError) -> Ended:
+    problem = f"the process that worked on it ended with exit code {error.exit_code}"
+    return Ended(1, "", f"fieldcalib: {request.input[0]}: {problem}: --resume goes on with it\n")

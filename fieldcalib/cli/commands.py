@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 import fieldcalib
-from fieldcalib.console.parser import NEGATIVE, Parser
+from fieldcalib.console.options import NEGATIVE, Parser
 
 COMMANDS = {
     "run": "calibrate images or a video",

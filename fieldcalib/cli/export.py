@@ -25,11 +25,10 @@ from fieldcalib.io.exports.rerun import rerun_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
-from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
-from fieldcalib.results.reading import read
+from fieldcalib.results.entry import read
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,

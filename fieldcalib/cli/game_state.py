@@ -15,9 +15,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import image_size, number
 from fieldcalib.console.options import option, switch
-from fieldcalib.io.boxes.files import open_boxes
-from fieldcalib.io.boxes.json_lists import GAME_STATE
-from fieldcalib.io.boxes.rows import Box
+from fieldcalib.io.boxes import GAME_STATE, Box, open_boxes
 from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 
@@ -106,7 +104,7 @@ def _on_pitch(projection: Projection, calibration: Calibration | None, box: Box 
         return None
     camera = calibration.camera
     left, _, right, bottom = np.array(box) * np.tile(projection.scale(camera.image_size), 2)
-    # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.rows.foot_points`
+    # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.foot_points`
     ends: Array = np.array([[left, bottom], [right, bottom]]) - 0.5
     X = camera.image_to_field(np.array(list(PLACES.values())) @ ends)
     if not np.isfinite(X).all():

@@ -12,11 +12,10 @@ from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized,
 from fieldcalib.console.arguments import add_format, add_run_options, folder_name, run_options
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
-from fieldcalib.run_folder.options import PARQUET, Shard
 from fieldcalib.run_folder.outcome import Outcome, is_squashed
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import PARQUET, RunRecord, Shard
 from fieldcalib.run_folder.results import (
     LOCALIZED,
     ResultsWriter,

@@ -15,7 +15,7 @@ from fieldcalib.draw import draw_minimap
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
-from fieldcalib.io.overwriting import INTERRUPTED, check_targets
+from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
 

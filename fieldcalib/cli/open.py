@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     imported("starlette", "web", "fieldcalib open")
     imported("uvicorn", "web", "fieldcalib open")
     from fieldcalib.editor.editor import Editor
-    from fieldcalib.editor.given_labels import LabelWarning
+    from fieldcalib.editor.label_files import LabelWarning
     from fieldcalib.web.server import serve
 
     given = {"out": options.out, "labels": options.labels, "overwrite": options.overwrite}

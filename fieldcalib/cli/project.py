@@ -24,14 +24,13 @@ from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.options import add_options, given
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.image_extent import hint_of_another_size
-from fieldcalib.io.boxes.files import KINDS, open_boxes
-from fieldcalib.io.boxes.rows import Box, BoxRow, foot_points
+from fieldcalib.io.boxes import KINDS, Box, BoxRow, foot_points, open_boxes
 from fieldcalib.io.coordinates import check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.images import in_parts
-from fieldcalib.io.overwriting import check_targets
+from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.players import POINT, SYSTEM
+from fieldcalib.solve.origin_and_unit import hint_of_another_size
 
 FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
 NUMBERS = (*POINT, "field_x_sd", "field_y_sd", "field_correlation", *FROM_CENTRE)

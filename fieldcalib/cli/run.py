@@ -16,12 +16,9 @@ import numpy as np
 
 from fieldcalib._messages import say
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.clips import run_clip
-from fieldcalib.cli.declared import DeclaredPictures
-from fieldcalib.cli.known_camera import KnownCamera
-from fieldcalib.cli.live import run_stream
+from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
+from fieldcalib.cli.clips import run_clip, run_several, run_stream
 from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
-from fieldcalib.cli.several import run_several
 from fieldcalib.console.arguments import (
     add_camera,
     add_cut,
@@ -47,14 +44,11 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.localize import Network
-from fieldcalib.results.auto_field import auto_field
-from fieldcalib.results.reading import read
-from fieldcalib.results.sources import Pictures
-from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note
-from fieldcalib.run_folder.inputs import videos_in
-from fieldcalib.run_folder.options import ESTIMATED
+from fieldcalib.results.entry import read
+from fieldcalib.results.sources import Pictures, auto_field
+from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note, videos_in
 from fieldcalib.run_folder.outcome import Outcome
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size

@@ -11,8 +11,7 @@ from typing import Any, cast, get_args
 from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.declared import DeclaredPictures
-from fieldcalib.cli.known_camera import KnownCamera
+from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.console.arguments import cut_of, run_options
 from fieldcalib.console.field_options import field_of, prior_of
 from fieldcalib.console.network import NetworkOptions
@@ -26,10 +25,9 @@ from fieldcalib.io.cuts import Cut
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels
 from fieldcalib.io.streams import Input, Stream
-from fieldcalib.run_folder.images import ReadImage
-from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
-from fieldcalib.run_folder.options import ESTIMATED, RunOptions
+from fieldcalib.run_folder.images import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.record import ESTIMATED, RunOptions
 from fieldcalib.solve.options import Prior
 
 IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos

@@ -20,10 +20,9 @@ from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import write_image
-from fieldcalib.io.overwriting import INTERRUPTED, check_targets
+from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.images import say_note
-from fieldcalib.run_folder.inputs import files_read
+from fieldcalib.run_folder.images import files_read, say_note
 
 PICTURE, VIDEO = ".png", ".mp4"
 

@@ -19,7 +19,7 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.run_folder.annotated import AnnotationReader
 from fieldcalib.run_folder.images import MOST_BYTES as MOST_BYTES_OF_IMAGE
-from fieldcalib.run_folder.options import JSON_LINES, PARQUET, RunOptions, Shard, as_json
+from fieldcalib.run_folder.record import JSON_LINES, PARQUET, RunOptions, Shard, as_json
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
 T = TypeVar("T")

@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 from fieldcalib.console.arguments import NO_PRIOR, positive
-from fieldcalib.console.parser import did_you_mean
+from fieldcalib.console.options import did_you_mean
 from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.run_folder.options import ESTIMATED
+from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.options import ALL, Prior
 
 SOCCER = "soccer"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from fieldcalib._interrupts import Terminated, interrupts_reach_the_work
 from fieldcalib._messages import printable, say
-from fieldcalib.processes.streams import open_closed_streams
+from fieldcalib.processes.other_process import open_closed_streams
 
 if TYPE_CHECKING:
     import argparse

@@ -21,7 +21,6 @@ from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
 from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
-from fieldcalib.editor.given_labels import GivenLabels, LabelWarning, given_labels
 from fieldcalib.editor.journal import (
     JOURNAL,
     NOTHING_WRITTEN,
@@ -32,12 +31,20 @@ from fieldcalib.editor.journal import (
     nothing,
     read_journal,
 )
-from fieldcalib.editor.label_files import SOCCERNET, label_file, label_files, saved_files, soccernet_file
+from fieldcalib.editor.label_files import (
+    SOCCERNET,
+    GivenLabels,
+    LabelWarning,
+    given_labels,
+    label_file,
+    label_files,
+    saved_files,
+    soccernet_file,
+)
 from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.next_frame import next_frame
 from fieldcalib.editor.opening import field_of, frames_of, places_of
 from fieldcalib.editor.stored import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
-from fieldcalib.editor.table import Row, Table
+from fieldcalib.editor.table import Row, Table, next_frame
 from fieldcalib.editor.versions import Announce, Announced
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
@@ -83,7 +90,7 @@ class Editor:
     ------
     FileNotFoundError, BrokenFileError
         If the source does not exist, or is neither pictures nor a video; and as
-        `fieldcalib.editor.given_labels.given_labels`.
+        `fieldcalib.editor.label_files.given_labels`.
     FileExistsError
         If saving would replace files that neither a run nor a page has written, or those of `labels`.
     ValueError

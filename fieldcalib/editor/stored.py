@@ -49,9 +49,8 @@ from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, camera_file
-from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord
 from fieldcalib.run_folder.results import (
     CLIP,
     MOTION,

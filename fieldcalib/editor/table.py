@@ -1,8 +1,11 @@
-"""The table of all frames that an editor shows: verdicts, angles, and which frame to look at first."""
+"""The table of all frames that an editor shows: verdicts, angles, and which frame to look at first.
+
+Which frame of a clip to mend next: one that helps as many others as possible.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,6 +14,11 @@ import numpy as np
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.editor.fitting import network_marks
+from fieldcalib.fields.field import Field
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.localize import Network
+from fieldcalib.run_folder.numbered_frames import NumberedFrames
 
 CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
 REST = 0.3  # of the concern, by the probability that the camera is right
@@ -81,3 +89,50 @@ class Table:
         """Values by the name of the column."""
         values = zip(*self.rows, strict=True) if self.rows else ((),) * len(Row._fields)
         return {"id": list(self.ids), **{name: list(one) for name, one in zip(Row._fields, values, strict=True)}}
+
+
+LOOKED_AT = 9  # frames of a stretch in which markings are counted
+BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
+
+
+def next_frame(frames: NumberedFrames, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
+    """The frame to mend next; None if all are good.
+
+    It is in the stretch of frames whose cameras are not good that gives most cause for concern in all, and there the
+    one that shows most markings: its labels determine the camera, and matches hand it on to its neighbours. Without a
+    network it is in the middle.
+    """
+    stretches = sorted(_stretches(rows), key=lambda stretch: -sum(rows[n].concern for n in stretch))
+    if not stretches:
+        return None
+    mended = np.array([n for n, row in enumerate(rows) if row.by_hand])
+    far: list[int] = [n for n in stretches[0] if not len(mended) or np.min(np.abs(mended - n)) > BESIDE_MENDED]
+    candidates = far or [*stretches[0]]
+    middle: int = candidates[len(candidates) // 2]
+    if network is None:
+        return middle
+    spread = np.linspace(0, len(candidates) - 1, min(len(candidates), LOOKED_AT)).round().astype(int)
+    counts: dict[int, int] = {candidates[k]: _markings(frames, candidates[k], field, network) for k in spread.tolist()}
+    return max(counts, key=lambda n: (counts[n], -abs(n - middle)))
+
+
+def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
+    """Runs of frames that were not mended and whose cameras are not good."""
+    run: list[int] = []
+    for n, row in enumerate(rows):
+        if row.verdict == Verdict.GOOD or row.by_hand:
+            if run and row.verdict == Verdict.GOOD:
+                yield run
+                run = []
+        else:
+            run.append(n)
+    if run:
+        yield run
+
+
+def _markings(frames: NumberedFrames, number: int, field: Field, network: Network) -> int:
+    """How many markings the network finds in a frame; none where it cannot be read."""
+    try:
+        return len(network_marks(field, frames.image(number), network).pixels)
+    except BrokenFileError:
+        return 0

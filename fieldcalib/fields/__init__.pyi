@@ -1,9 +1,6 @@
 from . import catalogue as catalogue
-from . import crown as crown
 from . import field as field
 from . import ground_homography as ground_homography
-from . import mirrored as mirrored
-from . import plan as plan
 from . import records as records
 from . import segments as segments
 from . import sides as sides

@@ -13,16 +13,14 @@ from . import field_files as field_files
 from . import files as files
 from . import formats as formats
 from . import image as image
-from . import image_size as image_size
+from . import image_header as image_header
 from . import images as images
 from . import intrinsics as intrinsics
-from . import jpeg as jpeg
 from . import key_points as key_points
 from . import label_studio as label_studio
 from . import labelme as labelme
 from . import line_log as line_log
 from . import output_folder as output_folder
-from . import overwriting as overwriting
 from . import parquet as parquet
 from . import players as players
 from . import pnlcalib as pnlcalib

@@ -17,9 +17,8 @@ import numpy as np
 
 from fieldcalib.io.files import BrokenFileError, write_bytes
 from fieldcalib.io.image import Image
-from fieldcalib.io.image_size import stored_size
-from fieldcalib.io.jpeg import BEGIN as JPEG
-from fieldcalib.io.jpeg import CodedPixels
+from fieldcalib.io.image_header import JPEG_BEGIN as JPEG
+from fieldcalib.io.image_header import CodedPixels, stored_size
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory

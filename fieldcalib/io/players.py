@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.boxes.tables import FRAME_COLUMNS
+from fieldcalib.io.boxes import FRAME_COLUMNS
 from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import BrokenFileError
 
@@ -63,7 +63,7 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
     Parameters
     ----------
     path : path
-        A CSV file with the columns `frame` (or another of `fieldcalib.io.boxes.tables.FRAME_COLUMNS`), `field_x`
+        A CSV file with the columns `frame` (or another of `fieldcalib.io.boxes.FRAME_COLUMNS`), `field_x`
         and `field_y`, metres from the centre mark. `field_system`, if present, is "fieldcalib" or "soccernet".
     group_column : str, optional
         Column that tells players apart; default: the first of team, team_id, class, class_name and role that is there.

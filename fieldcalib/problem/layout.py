@@ -5,7 +5,7 @@
 Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
 principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
 object is a field of variable size, its length and width in metres, and the height of its middle above the touchlines
-(`fieldcalib.fields.crown`). Parameters that are not estimated stay in theta at their known values; a crown is never
+(`fieldcalib.fields.traits`). Parameters that are not estimated stay in theta at their known values; a crown is never
 estimated.
 
 Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection is

@@ -1,4 +1,3 @@
 from . import jobs as jobs
 from . import other_process as other_process
-from . import streams as streams
 from . import threads as threads

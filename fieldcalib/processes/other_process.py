@@ -2,6 +2,8 @@
 
 multiprocessing runs the caller's script again in what it starts, unless the script is written for it. This process
 runs nothing but what it is asked for. Requests and answers are pickles, each after its length.
+
+Standard streams of a process that was started without one of them, as by ``2>&-``.
 """
 
 from __future__ import annotations
@@ -19,8 +21,36 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, BinaryIO, ParamSpec, TypeVar
 
-from fieldcalib.processes.streams import open_closed_streams
 from fieldcalib.processes.threads import ONE_THREAD
+
+MODES = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of their descriptors
+
+
+def open_closed_streams() -> None:
+    """Open the null device for each of stdin, stdout and stderr that is closed.
+
+    Without that the next file that is opened, or the pipe to another process, gets its number: what is printed would
+    be written there.
+    """
+    for handle, (name, mode) in enumerate(MODES.items()):
+        if getattr(sys, name) is not None:
+            continue
+        if not _is_open(handle):
+            null = os.open(os.devnull, os.O_RDWR)
+            if null != handle:
+                os.dup2(null, handle)
+                os.close(null)
+            os.set_inheritable(handle, True)
+        setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115  # until the process ends
+
+
+def _is_open(handle: int) -> bool:
+    try:
+        os.fstat(handle)
+    except OSError:
+        return False
+    return True
+
 
 P = ParamSpec("P")
 T = TypeVar("T")

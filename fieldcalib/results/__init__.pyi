@@ -1,11 +1,9 @@
-from . import auto_field as auto_field
 from . import collection as collection
 from . import entry as entry
 from . import frames as frames
 from . import inputs as inputs
-from . import reading as reading
 from . import saving as saving
 from . import sources as sources
 from .collection import Results as Results
 from .entry import calibrate as calibrate
-from .reading import read as read
+from .entry import read as read

@@ -1,15 +1,20 @@
-"""`fieldcalib.calibrate`: whatever shows a field to its cameras."""
+"""`fieldcalib.calibrate`: whatever shows a field to its cameras.
+
+Results of a folder, read back.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeAlias
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number, number
+from fieldcalib._checks import file_path, is_number, number
 from fieldcalib._progress import Progress
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
@@ -18,16 +23,24 @@ from fieldcalib.fields.sides import Side
 from fieldcalib.images.clip.from_video import Mount
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file, read_field
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
+from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.localize import Network
-from fieldcalib.results.auto_field import auto_field
 from fieldcalib.results.collection import Results
+from fieldcalib.results.frames import StoredFrames
 from fieldcalib.results.inputs import Labels, Method, input_of, pictures_of
+from fieldcalib.results.sources import Pictures, auto_field
+from fieldcalib.run_folder.clip_results import read_clip
+from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.results import CLIP
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import GivenCamera
 
-Path: TypeAlias = str | os.PathLike[str]
-Source: TypeAlias = Path | Image | Iterable[Image] | Sequence[Path] | Labels | Mapping[str, Labels] | Sequence[Labels]
+PathLike: TypeAlias = str | os.PathLike[str]
+Source: TypeAlias = (
+    PathLike | Image | Iterable[Image] | Sequence[PathLike] | Labels | Mapping[str, Labels] | Sequence[Labels]
+)
 Time: TypeAlias = str | float | None
 
 
@@ -150,3 +163,65 @@ def _cut(start: Time, end: Time, step: int) -> Cut:
         raise ValueError(f"step must be a whole number from 1, got {step!r}")
     first = Position(frame=0) if start is None else _position(start)
     return Cut(first, None if end is None else _position(end), int(step))
+
+
+def read(folder: str | os.PathLike[str]) -> Results:
+    """The results that `fieldcalib run`, `fieldcalib calibrate` or `Results.save` wrote to a folder.
+
+    Parameters
+    ----------
+    folder : path
+        With a ``cameras.jsonl`` or ``cameras.parquet``; or the path of that file. Its frames are parsed when they are
+        asked for: an hour of video opens in a second.
+
+    Returns
+    -------
+    Results
+        A mapping of ids to `Calibration`. An unfinished run has the frames that are done.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither.
+    ImportError
+        If it is a ``cameras.parquet`` and pyarrow is not installed.
+    BrokenFileError
+        If a line is no result, or of another version; the message begins with file and line. Lines that begin as they
+        should are read, and errors in them raised, when they are asked for.
+
+    Examples
+    --------
+    >>> import json, tempfile
+    >>> line = {"id": "00001", "status": "broken file", "message": "is no JSON"}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "cameras.jsonl").write_text(json.dumps(line))
+    ...     results = read(folder)
+    ...     len(results), results.broken
+    (0, {'00001': 'is no JSON'})
+    """
+    path = file_path(folder, "a folder of results")
+    if path.is_dir():
+        path = lines_file(path)
+    frames = StoredFrames(ResultFile(path))
+    home = path.parent
+    record, clip = RunRecord.read(home), home / CLIP
+    options: Mapping[str, Any] = {} if record is None else record.options
+    return Results(
+        frames,
+        Pictures() if record is None else _pictures(record, home, is_clip=clip.is_file()),
+        partial(read_clip, clip) if clip.is_file() else None,
+        "run" if record is None else record.command,
+        options,
+        home,
+    )
+
+
+def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
+    """Where the pictures of a run are."""
+    start, end = (record.options.get(name) for name in ("start", "end"))
+    try:
+        begin, stop = Position.parse(start or "0f"), None if end is None else Position.parse(end)
+    except ValueError as error:
+        raise BrokenFileError(f"{home / RECORD}: {error}") from None
+    cut = Cut(begin, stop, record.options.get("step") or 1)
+    return Pictures(tuple(map(Path, record.source)), cut=cut, is_clip=is_clip)

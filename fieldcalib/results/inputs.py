@@ -40,8 +40,16 @@ from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.annotated import paper_losses
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
-from fieldcalib.run_folder.images import Frame, ReadImage, accepted, checked_frames, pixels_of
-from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
+from fieldcalib.run_folder.images import (
+    Frame,
+    ReadImage,
+    accepted,
+    checked_frames,
+    is_clip,
+    is_video,
+    pixels_of,
+    videos_in,
+)
 from fieldcalib.run_folder.units import grouped, unit_size, units_of
 from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch

@@ -1,17 +1,24 @@
-"""Where the pictures of results are, to be read again: files, a video, or arrays."""
+"""Where the pictures of results are, to be read again: files, a video, or arrays.
+
+The field of pictures that a user does not name: that of the first ones, or of some frames of the first seconds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 
+from fieldcalib.fields.catalogue import AUTO, FIELDS
+from fieldcalib.images.which_field import which_field
 from fieldcalib.io.clips import in_order
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, checked_image
+from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.run_folder.clip_input import ArraysClip, ClipSource, FilesClip, VideoClip
 from fieldcalib.run_folder.images import ignored, in_cut
 from fieldcalib.run_folder.numbered_frames import NumberedFiles, NumberedVideo
@@ -107,3 +114,24 @@ class Pictures:
         if self.is_video:
             return VideoClip(self.paths[0], self.cut, tell=tell)
         return FilesClip(self.files, tell=ignored)
+
+
+MOST = 3  # pictures that are searched
+STEP = 100  # frames of a clip from one to the next
+
+
+def auto_field(pictures: Pictures) -> str:
+    """Name of the field that pictures show.
+
+    Raises
+    ------
+    ValueError
+        If they show none, or several fields explain them alike.
+    """
+    step = STEP if pictures.is_clip or pictures.is_video else 1
+    frames = islice(pictures.frames(), 0, (MOST - 1) * step + 1, step)
+    images = [frame.image for frame in frames if frame.image is not None]
+    found = which_field(images, tuple(FIELDS), SegmentationNetwork.load())
+    if found.name is None:
+        raise ValueError(f'field "{AUTO}": {found.reason}')
+    return found.name

@@ -23,9 +23,8 @@ from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
-from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, open_camera_folder
 from fieldcalib.run_folder.units import (
     UnitResult,

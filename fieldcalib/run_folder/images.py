@@ -1,4 +1,7 @@
-"""Images of files or of a video, read one after the other."""
+"""Images of files or of a video, read one after the other.
+
+What an input is of: a video, a stream, or images; and whether its frames are calibrated together.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,46 @@ from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS
-from fieldcalib.io.streams import Input
+from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.units import read_each
+
+
+def is_video(one: Input) -> bool:
+    """Whether an input is the file of a video."""
+    return not isinstance(one, Stream) and VIDEOS.recognises(one)
+
+
+def is_clip(first: Input, *, together: bool = False, alone: bool = False) -> bool:
+    """Whether frames are calibrated together: those of a video unless `alone`, images if `together`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> is_clip(Path("a.mp4")), is_clip(Path("a.mp4"), alone=True), is_clip(Path("a.jpg"))
+    (True, False, False)
+    """
+    return together or (is_video(first) and not alone)
+
+
+def files_read(inputs: Sequence[Path]) -> list[Path]:
+    """The files that are read of images, or of one video: of a zip the zip itself."""
+    if VIDEOS.recognises(inputs[0]):
+        return list(inputs)
+    return [file.on_disk for file in IMAGES.find(inputs)]
+
+
+def videos_in(one: Input) -> list[Input]:
+    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    if isinstance(one, Stream) or not one.is_dir():
+        return [one]
+    files = sorted(path for path in one.iterdir() if path.is_file())
+    if any(map(IMAGES.recognises, files)):
+        return [one]
+    return [path for path in files if VIDEOS.recognises(path)] or [one]
+
 
 MOST_BYTES = 256_000_000  # of the file of an image
 

@@ -37,14 +37,11 @@ from fieldcalib.io.files import (
 )
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.line_log import LineLog, whole_lines
-from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.overwriting import ELSEWHERE, check_targets
+from fieldcalib.io.output_folder import ELSEWHERE, check_targets, output_folder
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
-from fieldcalib.run_folder.options import ESTIMATED, PARQUET, RunOptions
-from fieldcalib.run_folder.outcome import Outcome, has_finding, is_squashed, kind_of
-from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.to_look_at import ToLookAt
+from fieldcalib.run_folder.outcome import Outcome, ToLookAt, has_finding, is_squashed, kind_of
+from fieldcalib.run_folder.record import ESTIMATED, PARQUET, RECORD, RunOptions, RunRecord
 
 SUMMARY = "summary.json"  # of a run that is finished
 MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"
@@ -287,7 +284,7 @@ def open_run_folder(
 
 
 def _check_targets(run: RunOptions, record: RunRecord, lines: str, files: Sequence[FrameFile]) -> None:
-    """Check the files that a run writes, or removes before, see `fieldcalib.io.overwriting.check_targets`."""
+    """Check the files that a run writes, or removes before, see `fieldcalib.io.output_folder.check_targets`."""
     out, earlier = run.out, _record_or_none(run.out)
     of_run = {RECORD, lines, *((SOLVER, TABLE) if lines == LINES else ()), *shared_files(run.command)}
     of_frames = {name: file.id for file in files for name in record.files_of(file.id)}

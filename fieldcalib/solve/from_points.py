@@ -17,7 +17,6 @@ from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, checked_weight
@@ -35,7 +34,7 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
-from fieldcalib.solve.origin_and_unit import check_coordinates
+from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
 from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 from fieldcalib.solve.task import GivenCamera, Task
 

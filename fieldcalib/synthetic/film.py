@@ -22,13 +22,24 @@ from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.soccernet import camera_from_record, camera_to_record
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.synthetic.colours import BOARD_SCALE, boards_texture
 from fieldcalib.synthetic.ground import random_ground, random_light
-from fieldcalib.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
+from fieldcalib.synthetic.objects import (
+    NEAREST,
+    TEAM_SHARES,
+    Drawable,
+    Kit,
+    Person,
+    add_far_to_near,
+    add_person,
+    random_goals,
+    random_kit,
+    random_suns,
+    soccer_goals,
+)
 from fieldcalib.synthetic.paths import RATE, MeasuredZoom, camera_between, camera_path, flight, seen_far_away
-from fieldcalib.synthetic.people import NEAREST, Kit, Person, add_person, random_kit, random_suns
 from fieldcalib.synthetic.pictures import add_graphics
 from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
-from fieldcalib.synthetic.textures import BOARD_SCALE, boards_texture
 
 CLIP_SIZE = (960, 540)
 LEAST_PATH = 150  # frames: shorter clips are parts of a path of this length, which covers all its ranges

@@ -16,8 +16,16 @@ from fieldcalib._types import BoolArray, Float32
 from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.synthetic.colours import Range, random_colour, wrapped
-from fieldcalib.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
+from fieldcalib.synthetic.colours import (
+    BOARD_SCALE,
+    STAND_HEIGHT,
+    STAND_SCALE,
+    Range,
+    boards_texture,
+    random_colour,
+    stand_texture,
+    wrapped,
+)
 
 BOARDS_AWAY = (2.5, 9.0)  # m behind the lines
 BOARD_HEIGHT = (0.7, 1.2)  # m

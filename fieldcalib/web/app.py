@@ -30,11 +30,9 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import encode_image
 from fieldcalib.web.edits import apply
 from fieldcalib.web.guard import Guard, TooLargeError
-from fieldcalib.web.job import ClipJob
+from fieldcalib.web.jobs import ClipJob, Worker
 from fieldcalib.web.pictures import LARGEST, ShownPictures
-from fieldcalib.web.records import field_record
-from fieldcalib.web.state import error_map, frames_state
-from fieldcalib.web.worker import Worker
+from fieldcalib.web.records import error_map, field_record, frames_state
 
 TYPES = {
     ".html": "text/html; charset=utf-8",

@@ -1,9 +1,14 @@
-"""Images for the page: whole pictures at the size that is shown, and parts of them at full resolution, as JPEG."""
+"""Images for the page: whole pictures at the size that is shown, and parts of them at full resolution, as JPEG.
+
+Small pictures of frames, as many and as large as a budget of bytes allows.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from dataclasses import field as attribute
 from threading import Lock
 
 import numpy as np
@@ -69,3 +74,96 @@ def jpeg(image: Image, width: int) -> bytes:
 
     _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return content.tobytes()
+
+
+PICTURES = 240  # at most
+WIDTHS = (1280, 960, 720, 560, 400, 280)  # of pictures, px: the first with which all of them fit
+THUMBNAIL_QUALITY = 82  # of JPEG
+
+
+@dataclass
+class Thumbnails:
+    """Pictures of some frames as JPEG, made smaller as they become more, so that they never need more than a budget.
+
+    Examples
+    --------
+    >>> thumbnails = Thumbnails(["a", "b"], most_bytes=30_000)
+    >>> noise = np.random.default_rng(0).integers(0, 255, (540, 960, 3), dtype=np.uint8)
+    >>> for id in ("a", "b", "c"):
+    ...     thumbnails.add(id, noise)
+    >>> sorted(thumbnails.jpegs), thumbnails.width < 960, thumbnails.size <= 30_000
+    (['a', 'b'], True, True)
+    """
+
+    wanted: Sequence[str]
+    """Ids of frames, the most important ones first."""
+    most_bytes: float
+    jpegs: dict[str, bytes] = attribute(default_factory=dict)
+    """Pictures by id."""
+    width: int = WIDTHS[0]
+    """Largest width of a picture now, px."""
+
+    def __post_init__(self) -> None:
+        self._ranks = {id: rank for rank, id in enumerate(self.wanted)}
+
+    @property
+    def size(self) -> int:
+        """Bytes of all pictures."""
+        return sum(map(len, self.jpegs.values()))
+
+    def add(self, id: str, image: Image) -> None:
+        """Take the image of a frame, if it is a wanted one."""
+        if id not in self._ranks:
+            return
+        self.jpegs[id] = _jpeg(image, self.width)
+        while self.size > self.most_bytes:
+            self._shrink()
+
+    def _shrink(self) -> None:
+        """Make all pictures smaller or, at the smallest size, leave the least important one out."""
+        narrower = [width for width in WIDTHS if width < self.width]
+        if not narrower:
+            del self.jpegs[max(self.jpegs, key=self._ranks.__getitem__)]
+            return
+        self.width = narrower[0]
+        self.jpegs = {id: _jpeg(_image(jpeg), self.width) for id, jpeg in self.jpegs.items()}
+
+
+def _jpeg(image: Image, width: int) -> bytes:
+    import cv2
+
+    height = max(round(image.shape[0] * width / image.shape[1]), 1)
+    if width < image.shape[1]:
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, THUMBNAIL_QUALITY])
+    return content.tobytes()
+
+
+def _image(jpeg: bytes) -> Image:
+    import cv2
+
+    return np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+
+
+def frames_to_show(count: int, worst: Sequence[int], most: int = PICTURES) -> list[int]:
+    """Numbers of the frames that get a picture: by turns one of the worst, and one of those spread over all.
+
+    Parameters
+    ----------
+    count : int
+        Number of all frames.
+    worst : sequence of int
+        The worst frames, worst first.
+    most : int
+        Number of pictures.
+
+    Examples
+    --------
+    >>> frames_to_show(100, [71, 72], most=6)
+    [71, 0, 72, 64, 32, 96]
+    """
+    bits = max(count - 1, 1).bit_length()
+    spread = sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1])  # by halves, quarters, ...
+    turns = [number for pair in zip(worst, spread, strict=False) for number in pair]
+    order = dict.fromkeys([*turns, *worst[len(spread) :], *spread[len(worst) :]])
+    return list(order)[:most]

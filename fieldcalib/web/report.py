@@ -2,6 +2,8 @@
 
 The file is at most `MOST_BYTES` long, whatever the number of frames: pictures are made smaller and then fewer, and rows
 of good frames are left out last. The file says what was left out.
+
+How the advice of a report is followed: the commands to type, with the folder and the input of the run.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import base64
 import os
 import re
+import shlex
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -22,7 +25,7 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
-from fieldcalib.assess.findings import Remedy, Verdict
+from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
 from fieldcalib.editor.table import Row
@@ -31,16 +34,74 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, write_text
 from fieldcalib.io.image import Image
-from fieldcalib.io.image_size import stored_size
+from fieldcalib.io.image_header import stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
 from fieldcalib.results.sources import Pictures
 from fieldcalib.run_folder.outcome import kind_of
+from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles
+from fieldcalib.web.pictures import Thumbnails, frames_to_show
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
-from fieldcalib.web.report_advice import OF_ANY, Commands, remedy_of
-from fieldcalib.web.thumbnails import Thumbnails, frames_to_show
+
+LOOK_AND_LABEL = Remedy(
+    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
+)
+UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
+
+
+def remedy_of(line: Mapping[str, Any]) -> Remedy:
+    """The remedy of a frame's line of ``cameras.jsonl``."""
+    if line["status"] == BROKEN:
+        return UNREADABLE
+    said = line.get("remedy")
+    return Remedy(said, advice_from_json(line.get("advice"))) if said else LOOK_AND_LABEL
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Commands on the results of a run.
+
+    Examples
+    --------
+    >>> commands = Commands("out", "match.mp4")
+    >>> commands.how(Remedy("more markings in view, or labelled by hand", (Advice.BY_HAND,)))
+    'fieldcalib open out (choose this frame, a marking on the map, and click along it; then Save)'
+    >>> commands.how(LOOK_AND_LABEL).split(" (")[0]
+    'fieldcalib open out'
+    """
+
+    folder: str = "FOLDER"
+    """Of the results, as it is typed."""
+    source: str = "INPUT"
+    """Pictures or the video."""
+
+    @classmethod
+    def of(cls, results: Results) -> Commands:
+        """Those of some results, as far as they know their folder and their input."""
+        if results.folder is None:
+            return cls()
+        record = RunRecord.read(Path(results.folder))
+        paths = () if record is None else record.source
+        return cls(shlex.quote(str(results.folder)), shlex.join(paths) or cls.source)
+
+    def how(self, remedy: Remedy) -> str:
+        """What to type, and what to do there."""
+        if remedy is UNREADABLE:
+            return f"put the file in its place, then {self._run}"
+        said = f"fieldcalib open {self.folder} (choose this frame, a marking on the map, and click along it; then Save)"
+        known = how([one for one in remedy.advice if one not in (Advice.LOOK, Advice.BY_HAND)], Tool.COMMAND)
+        return f"{said}; or {self._run} with {known}" if known else said
+
+    @property
+    def _run(self) -> str:
+        return f"fieldcalib run {self.source} --out NEW-FOLDER"
+
+
+OF_ANY = Commands()
+"""Those of results whose folder is not known."""
+
 
 MOST_BYTES = 20_000_000  # of the file
 PICTURE_BYTES = 7_500_000  # of JPEGs, of which the file has base64: 4/3 of them

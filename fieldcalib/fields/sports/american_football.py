@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.lines import across, along, upright
+from fieldcalib.fields.sports.parts import across, along, court, upright
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import UNPAINTED, Paint, ProbabilityModel
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_top
 from fieldcalib.fields.segments import Arc, Segment
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
+from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, upright, with_top
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import ProbabilityModel
 

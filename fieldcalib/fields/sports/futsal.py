@@ -6,11 +6,8 @@ import numpy as np
 
 from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_top
 from fieldcalib.fields.segments import Arc, Point
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.goals import right_area, right_goal
-from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground
+from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_area, right_goal, with_top
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import Paint, ProbabilityModel, SizePrior
 

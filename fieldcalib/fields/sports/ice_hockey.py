@@ -11,9 +11,7 @@ import numpy as np
 from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.goals import right_goal
-from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground
+from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_goal
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior
 

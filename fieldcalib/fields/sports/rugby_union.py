@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from fieldcalib._checks import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.lines import across, along, on_ground, upright
+from fieldcalib.fields.sports.parts import across, along, court, on_ground, upright
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel, SizePrior
 

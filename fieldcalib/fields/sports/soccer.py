@@ -11,7 +11,7 @@ import numpy as np
 from fieldcalib._checks import is_number, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point, Segment
-from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
+from fieldcalib.fields.sports.parts import CENTRE, across, along, on_ground, upright
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_TRIBUNE, SOCCER_SCALE
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 

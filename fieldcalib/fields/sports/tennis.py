@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sports.court import court
-from fieldcalib.fields.sports.lines import across, along, hanging_net, on_ground
+from fieldcalib.fields.sports.parts import across, along, court, hanging_net, on_ground
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import Paint, ProbabilityModel
 

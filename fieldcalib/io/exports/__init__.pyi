@@ -1,4 +1,3 @@
-from . import axes as axes
 from . import blender as blender
 from . import colmap as colmap
 from . import frames as frames

@@ -19,8 +19,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.exports.axes import camera_to_world
-from fieldcalib.io.exports.frames import FrameCameras, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, camera_to_world, with_cameras
 
 SAME_ASPECT = 1e-9  # relative
 FIRST_FRAME = 1  # Blender's number of a film's first frame

@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.exports.axes import TURN
-from fieldcalib.io.exports.frames import FrameCameras, farthest_shift, with_cameras
+from fieldcalib.io.exports.frames import TURN, FrameCameras, farthest_shift, with_cameras
 
 D1 = 0xD1
 CAMERA_NUMBER = 1

@@ -9,8 +9,14 @@ import json
 from typing import Any
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.exports.axes import camera_to_world
-from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, image_name, lens_coefficients, with_cameras
+from fieldcalib.io.exports.frames import (
+    IMAGE_NAMES,
+    FrameCameras,
+    camera_to_world,
+    image_name,
+    lens_coefficients,
+    with_cameras,
+)
 
 KEYS = ("k1", "k2", "k3", "p1", "p2")
 HALF_PIXEL = 0.5

@@ -1,4 +1,9 @@
-"""JPEG: the segments of a file (ITU-T T.81, annex B), and what tells whether all of its pixels are there."""
+"""The size of an image from the header of its file, before anything is decoded: OpenCV has no function for that.
+
+A file of a megabyte may state 20,000 x 20,000 pixels, which take more than a gigabyte when they are decoded.
+
+JPEG: the segments of a file (ITU-T T.81, annex B), and what tells whether all of its pixels are there.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,7 @@ import numpy as np
 
 from fieldcalib.io.image import Image
 
-BEGIN = b"\xff\xd8"
+JPEG_BEGIN = b"\xff\xd8"
 MARKER = re.compile(rb"\xff[^\x00\xff]")
 AFTER_SCAN = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")  # coded pixels hold stuffed zeros and restart markers
 RESTART = re.compile(rb"\xff([\xd0-\xd7])")
@@ -33,7 +38,7 @@ def segments(content: bytes) -> Iterator[tuple[int, int]]:
     struct.error
         If there is no end.
     """
-    position, pattern = len(BEGIN), MARKER
+    position, pattern = len(JPEG_BEGIN), MARKER
     while marker := pattern.search(content, position):
         kind, position = marker.group()[1], marker.end()
         yield kind, position
@@ -71,14 +76,14 @@ class CodedPixels:
 
         Examples
         --------
-        >>> CodedPixels.of(BEGIN + b"\xff\xd9 and other data").end
+        >>> CodedPixels.of(JPEG_BEGIN + b"\xff\xd9 and other data").end
         4
-        >>> CodedPixels.of(BEGIN + b"\xff\xe1\x00\x04\xff\xd9")
+        >>> CodedPixels.of(JPEG_BEGIN + b"\xff\xe1\x00\x04\xff\xd9")
         Traceback (most recent call last):
             ...
         struct.error: no end of the image
         """
-        begin, end, components = len(BEGIN), 0, b""
+        begin, end, components = len(JPEG_BEGIN), 0, b""
         found: dict[int, int] = {}  # bits by component, one for each coefficient
         for kind, position in segments(content):
             if end <= begin:
@@ -119,3 +124,69 @@ def _scanned(content: bytes, position: int) -> Iterator[tuple[int, int]]:
     first, last, approximation = header[-3:]
     bits = (1 << last + 1) - (1 << first) if approximation & 15 == 0 else 0
     return ((component, bits) for component in header[1:-3:2])
+
+
+PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
+TIFF = {b"II": "<", b"MM": ">"}  # byte orders
+TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
+TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
+
+
+def stored_size(content: bytes) -> tuple[int, int] | None:
+    """Width and height that a JPEG, PNG, BMP, TIFF or WebP file states; None if it is none of these.
+
+    Examples
+    --------
+    >>> stored_size(b"BM" + bytes(12) + struct.pack("<Iii", 40, 960, -540))
+    (960, 540)
+    """
+    try:
+        if content.startswith(PNG):
+            width, height = struct.unpack_from(">II", content, 16)
+        elif content.startswith(BMP):
+            (header,) = struct.unpack_from("<I", content, 14)
+            width, height = struct.unpack_from("<HH" if header == 12 else "<ii", content, 18)
+        elif content.startswith(JPEG_BEGIN):
+            width, height = jpeg_size(content)
+        elif content[:2] in TIFF:
+            width, height = _tiff_size(content, TIFF[content[:2]])
+        elif content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+            width, height = _webp_size(content)
+        else:
+            return None
+    except (struct.error, KeyError, OverflowError):  # cut off, or a TIFF without a size or with absurd offsets
+        return None
+    return abs(width), abs(height)  # the rows of a BMP may run upwards
+
+
+def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
+    """Size in the first directory."""
+    if content[2:4] == struct.pack(order + "H", 43):  # BigTIFF
+        first, count, entry, offset = 8, "Q", 20, 12
+    else:
+        first, count, entry, offset = 4, "H", 12, 8
+    (start,) = struct.unpack_from(order + ("Q" if count == "Q" else "I"), content, first)
+    (entries,) = struct.unpack_from(order + count, content, start)
+    start += struct.calcsize(count)
+    found: dict[int, int] = {}
+    for position in range(start, start + entry * entries, entry):
+        tag, kind = struct.unpack_from(order + "HH", content, position)
+        if tag in TIFF_TAGS:
+            (found[tag],) = struct.unpack_from(order + TIFF_TYPES[kind], content, position + offset)
+        if len(found) == len(TIFF_TAGS):
+            break
+    width, height = (found[tag] for tag in TIFF_TAGS)
+    return width, height
+
+
+def _webp_size(content: bytes) -> tuple[int, int]:
+    """Size in the first chunk: lossy, lossless or extended."""
+    kind = content[12:16]
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", content, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", content, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    low, high = struct.unpack_from("<IH", content, 24)  # two numbers of 24 bits
+    return (low & 0xFFFFFF) + 1, (low >> 24 | high << 8) + 1
