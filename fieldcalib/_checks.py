@@ -20,6 +20,9 @@ from fieldcalib._types import Array
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
+LARGEST = 1e50  # of finite numbers: products of several of them are still floats
+FIELD, CAMERA = "fieldcalib.soccer()", "calibration.camera"  # examples for messages
+
 
 class ReadOnlyDict(dict[Key, Value]):
     """A dict of a frozen dataclass. As a dict it equals others, is JSON, and is taken by `dataclasses.asdict`.
@@ -43,10 +46,6 @@ class ReadOnlyDict(dict[Key, Value]):
 
     def __reduce__(self) -> tuple[type[ReadOnlyDict[Key, Value]], tuple[dict[Key, Value]]]:
         return type(self), (dict(self),)
-
-
-LARGEST = 1e50  # of finite numbers: products of several of them are still floats
-FIELD, CAMERA = "fieldcalib.soccer()", "calibration.camera"  # examples for messages
 
 
 def real_array(values: Any) -> Array:

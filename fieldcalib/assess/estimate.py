@@ -51,6 +51,10 @@ FAINT = 1e-3  # m of marking: less does not determine a translation
 APART = 0.5  # m: larger errors of the centre mark relative to the markings in view are mentioned
 SIDES = (("length", ("left end", "right end")), ("width", ("far side", "near side")))  # as the main camera sees them
 
+INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
+NORMAL = 1e9  # degrees of freedom from which on Fisher's distribution is the chi-squared one
+LENS_INTRINSICS = slice(4, 16)  # of the intrinsics: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
+
 
 class _Places(NamedTuple):
     """N places along the painted markings of a field."""
@@ -160,11 +164,6 @@ def in_words(motion: Array, standard_deviations: Array) -> str:
         f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; the known {names} {gives} "
         f"metres from the centre"
     )
-
-
-INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
-NORMAL = 1e9  # degrees of freedom from which on Fisher's distribution is the chi-squared one
-LENS_INTRINSICS = slice(4, 16)  # of the intrinsics: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
 
 
 @dataclass(frozen=True)

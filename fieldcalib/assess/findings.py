@@ -27,6 +27,29 @@ KNOWN_CAMERA = "what is known of the camera"
 PICTURE = "what the picture is of"
 OTHER_FIELD = "name the field"
 
+LEFT_OUT = "leave out what you gave and may be wrong"
+
+BESIDE = 5.0  # px: nearer pixels lie on the line
+UP_TO_SIDE = (
+    "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
+    "the main one is taken; the camera turned by 180 degrees about the centre mark is in alternatives, and side or "
+    "prior decide which one it is"
+)
+
+UNUSUAL: Mapping[str, str] = MappingProxyType(
+    {
+        "log f": "the focal length is unusual",
+        "place": "it stands at an unusual place",
+        "z": "it stands at an unusual height",
+        "roll": "it is unusually rolled",
+        "tilt": "its tilt is unusual",
+        "pan": "its pan is unusual",
+        "principal point": "the principal point is far from the centre: was the picture cropped?",
+        "lens": "the lens is unusually strong",
+    }
+)
+"""Sentences of unusual parameters."""
+
 
 class Advice(StrEnum):
     """What a remedy asks for; each tool has its own way to do it (`HOW`)."""
@@ -52,7 +75,6 @@ class Remedy(NamedTuple):
 
 
 NOTHING = Remedy()
-LEFT_OUT = "leave out what you gave and may be wrong"
 OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 OFF_PAINT = Remedy(f"{LOOK}; give the known length and width of the field", (Advice.LOOK, Advice.FIELD_SIZE))
 NOT_WHOLE = Remedy(
@@ -129,14 +151,6 @@ def advice_from_json(record: object) -> tuple[Advice, ...]:
     """Advice from the line of a frame; none from lines of earlier versions, or what is none."""
     names = record if isinstance(record, list) else ()
     return tuple(one for one in Advice if one in names)
-
-
-BESIDE = 5.0  # px: nearer pixels lie on the line
-UP_TO_SIDE = (
-    "cameras and probabilities are up to the side of the field: its markings look the same from the opposite side, and "
-    "the main one is taken; the camera turned by 180 degrees about the centre mark is in alternatives, and side or "
-    "prior decide which one it is"
-)
 
 
 class Verdict(StrEnum):
@@ -311,19 +325,6 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
     }
 )
 """Sentences with the numbers of a finding; those of others depend on more (`Finding.__str__`)."""
-UNUSUAL: Mapping[str, str] = MappingProxyType(
-    {
-        "log f": "the focal length is unusual",
-        "place": "it stands at an unusual place",
-        "z": "it stands at an unusual height",
-        "roll": "it is unusually rolled",
-        "tilt": "its tilt is unusual",
-        "pan": "its pan is unusual",
-        "principal point": "the principal point is far from the centre: was the picture cropped?",
-        "lens": "the lens is unusually strong",
-    }
-)
-"""Sentences of unusual parameters."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,13 @@ from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 STATUSES = tuple(Status)
 ACCEPTED, IMPROBABLE = STATUSES.index(Status.ACCEPTED), STATUSES.index(Status.IMPROBABLE)
 
+Value = TypeVar("Value")
+
+# Standard deviations from a uniform motion, for each missing frame:
+STEP = 1e-3  # radians, or of log f,
+STEP_OF_CENTRE = 0.05  # m, of a camera that moves,
+STEP_OF_POINT = 2e-3  # widths of the picture, of the principal point where a window moves
+
 
 class Basis(StrEnum):
     """Data that the camera of a frame rests on."""
@@ -44,8 +51,6 @@ class Basis(StrEnum):
 
 
 BASES = tuple(Basis)
-
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,12 +262,6 @@ def check_indices(index: NDArray[Any], count: int, name: str, least: int = 0) ->
     """Check indices of a record into `count` things; `least` is -1 where that stands for none."""
     if index.dtype.kind not in "iu" or np.any((index < least) | (index >= count)):
         raise ValueError(f"{name!r}: expected whole numbers from {least} to {count - 1}, got {short(index.tolist())}")
-
-
-# Standard deviations from a uniform motion, for each missing frame:
-STEP = 1e-3  # radians, or of log f,
-STEP_OF_CENTRE = 0.05  # m, of a camera that moves,
-STEP_OF_POINT = 2e-3  # widths of the picture, of the principal point where a window moves
 
 
 class Gaps(NamedTuple):

@@ -19,6 +19,15 @@ from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 
+# Share of the image's diagonal, 2.5 px of 960 x 540. On eight clips from a tripod, with labels of a network, 329 of 330
+# keyframes have at most 2.2 px, most of them 0.5; if the tripod is 5 m off, most have 2.5 to 40 px.
+LARGEST_EXCESS = 2.5 / 1101.0
+LEAST_FRAMES = 5  # with fewer the model is not judged
+LEAST_SHARE = 0.15  # of the frames: if as many are contradicted, the model does not hold
+SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
+ITERATIONS = 8  # of the fit of each frame by itself, from the common solution
+TOLERANCE = 1e-3  # of its cost
+
 
 def rms_of_labels(evaluation: Evaluation) -> Array:
     """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
@@ -39,16 +48,6 @@ def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     observations = evaluation.problem.observations
     is_counted = (observations.label >= 0) & (observations.pixel_share > 0.0)  # no padding, no ends
     return observations.by_label(np.where(is_counted, np.square(evaluation.r), 0.0)), observations.pixels_by_label
-
-
-# Share of the image's diagonal, 2.5 px of 960 x 540. On eight clips from a tripod, with labels of a network, 329 of 330
-# keyframes have at most 2.2 px, most of them 0.5; if the tripod is 5 m off, most have 2.5 to 40 px.
-LARGEST_EXCESS = 2.5 / 1101.0
-LEAST_FRAMES = 5  # with fewer the model is not judged
-LEAST_SHARE = 0.15  # of the frames: if as many are contradicted, the model does not hold
-SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
-ITERATIONS = 8  # of the fit of each frame by itself, from the common solution
-TOLERANCE = 1e-3  # of its cost
 
 
 @dataclass(frozen=True, eq=False)

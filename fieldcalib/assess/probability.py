@@ -59,6 +59,18 @@ NAMES = {  # of parameters that may be unusual: as what they are told
     **dict.fromkeys(("a1", "b2"), "lens"),
 }
 
+GRID = (17, 10)  # points along the image's width and height at which errors are computed,
+BORDER = 20  # and along each side of the field
+LARGEST_SCORE = 5.0  # larger z-scores count as this
+MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
+# Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
+EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
+LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
+
+OddsTerms: TypeAlias = tuple[Array, Array]
+"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, one row for each possible
+size of the field, and the probabilities (K,) of these."""
+
 
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Find what is unusual about an estimate; nothing for an ordinary camera.
@@ -116,15 +128,6 @@ def _contradicted(uncertainty: Uncertainty) -> str | None:
     return most if most is not None and scores[most] > CONTRADICTS_GIVEN else None
 
 
-GRID = (17, 10)  # points along the image's width and height at which errors are computed,
-BORDER = 20  # and along each side of the field
-LARGEST_SCORE = 5.0  # larger z-scores count as this
-MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
-# Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
-EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
-LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
-
-
 def largest_error(uncertainty: Estimate, field: Field) -> float:
     """Largest root mean square error of the points of a field in view, relative to the markings there, metres.
 
@@ -171,11 +174,6 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     on_field = np.all(np.abs(on_grid[..., :2]) <= half, axis=-1)
     seen = np.concatenate([sees_ground & on_field, has_pixel & in_image], axis=1)
     return np.concatenate([on_grid, np.broadcast_to(on_border, (B, *on_border.shape))], axis=1), seen
-
-
-OddsTerms: TypeAlias = tuple[Array, Array]
-"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, one row for each possible
-size of the field, and the probabilities (K,) of these."""
 
 
 def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[OddsTerms, OddsTerms]]:

@@ -47,6 +47,12 @@ from fieldcalib.problem.records import check_covariances, check_parameters, layo
 if TYPE_CHECKING:
     import pandas
 
+SURE = 0.5  # times the field's tolerance: frames with larger errors of the field in view are to be looked at
+NUMBERS = (  # columns of the table of frames, NaN for frames without a camera
+    *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
+    *("rms_px", "ground_error_m"),
+)
+
 
 class Codec(NamedTuple):
     """How an attribute is written to JSON, and read from it."""
@@ -149,13 +155,6 @@ class FrameSequence(Sequence[Calibration]):
     def cameras(self) -> list[Camera | None]:
         """Cameras of the frames; None for frames without one."""
         return [frame.camera for frame in self]
-
-
-SURE = 0.5  # times the field's tolerance: frames with larger errors of the field in view are to be looked at
-NUMBERS = (  # columns of the table of frames, NaN for frames without a camera
-    *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
-    *("rms_px", "ground_error_m"),
-)
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,8 @@ from fieldcalib.problem.projection import Projection
 RUNS = 8  # of frames, whose errors are assumed to be independent
 UNDETERMINED = 1e-12  # of the curvatures of the parameters: a direction of less is not determined
 
+GRID = (7, 5)  # pixels across and down the picture
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedSystem:
@@ -150,9 +152,6 @@ def _with_considered_as_shared(evaluation: Evaluation) -> Evaluation:
         prior = GaussianPrior(prior.mean, np.where(layout.considered, np.inf, prior.sigma))
     layout = layout.with_roles_of(layout.considered, Role.SHARED)
     return evaluation.of(replace(problem, layout=layout, prior=prior))
-
-
-GRID = (7, 5)  # pixels across and down the picture
 
 
 class OwnErrors(NamedTuple):

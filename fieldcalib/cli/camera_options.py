@@ -27,6 +27,9 @@ from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera
 
 SQUARE = "square"
 
+SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
+OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
+
 
 def crop(text: str) -> Crop:
     """Parse "WIDTHxHEIGHT+X+Y", for argparse.
@@ -135,10 +138,6 @@ class DeclaredPictures:
         if isinstance(self.aspect, str):
             return size
         return shown_as(size, self.aspect)
-
-
-SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
-OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
 def _intrinsics(text: str) -> Intrinsics:

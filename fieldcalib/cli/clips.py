@@ -44,6 +44,8 @@ from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.solve.task import check_of_clip
 
+RunFunction: TypeAlias = Callable[[RunRequest], int]
+
 
 class KeptParts:
     """Calibrations of parts of a clip, each kept in a file until the run is finished."""
@@ -177,9 +179,6 @@ def _add(
     results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
     if options.draws:
         video.write(options.drawn(frame.image, calibration))
-
-
-RunFunction: TypeAlias = Callable[[RunRequest], int]
 
 
 @dataclass(frozen=True)

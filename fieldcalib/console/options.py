@@ -17,6 +17,10 @@ from fieldcalib._messages import printable
 T = TypeVar("T")
 OPTION = "option"  # key of the metadata of such fields
 
+NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
+SYNONYMS = {"sport": "field", "from": "start", "to": "end", "football": "soccer"}  # what people try first
+LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
+
 
 def option(help: str, *, name: str = "", default: Any = None, exclusive: str = "", **how: Any) -> Any:
     """Declare an option of the command line as a field of a dataclass.
@@ -71,11 +75,6 @@ def given(kind: type[T], options: argparse.Namespace, **others: Any) -> T:
     """Make a dataclass: its fields are the parsed options of the same names, and `others`."""
     found = {one.name: getattr(options, one.name) for one in fields(kind) if hasattr(options, one.name)}  # type: ignore[arg-type]
     return kind(**found | others)
-
-
-NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
-SYNONYMS = {"sport": "field", "from": "start", "to": "end", "football": "soccer"}  # what people try first
-LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 
 def did_you_mean(text: str, known: Iterable[str]) -> str:

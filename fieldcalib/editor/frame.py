@@ -59,6 +59,9 @@ LARGEST_TURN = np.sin(np.radians(25.0))  # between a line and the direction that
 # off on 103 markings of right frames 97 % are then within 3 px of their marking; where strength counts more, 10 px.
 CLICK = 2.0
 
+NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
+NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
+
 
 def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Array:
     """The middle of the line nearest to a click, or the click where no line is near.
@@ -166,10 +169,6 @@ def _task(field: Field, known: Known, placement: Placement) -> Task:
     arguments = known.arguments(placement)
     flags = arguments.pop("flags")
     return Task(field, GivenCamera(**arguments), flags)
-
-
-NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
-NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ from fieldcalib.run_folder.numbered_frames import NumberedFrames
 LABELS = "labels"  # folder of SoccerNet's files in a folder of results, and the first part of other names
 SOCCERNET, LABELME = "soccernet", "labelme"  # these have a file for each frame
 
+MOST_NAMED = 5  # labels that the field does not have, in a message
+
 
 def label_file(id: str) -> str:
     """The name of SoccerNet's file with the labels of a frame, in a folder of results."""
@@ -85,9 +87,6 @@ def saved_files(format: str, annotations: Sequence[Annotation], ids: Sequence[st
         removed: dict[str, bytes | None] = {f"{name}/{tool.file_name(id)}": None for id in ids}
         return {**removed, **(label_files(format, of_saved)[1] if of_saved else {})}
     return {tool.file_name(name): None, **(label_files(format, annotations)[1] if annotations else {})}
-
-
-MOST_NAMED = 5  # labels that the field does not have, in a message
 
 
 class LabelWarning(UserWarning):

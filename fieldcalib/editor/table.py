@@ -23,6 +23,9 @@ from fieldcalib.run_folder.numbered_frames import NumberedFrames
 CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
 REST = 0.3  # of the concern, by the probability that the camera is right
 
+LOOKED_AT = 9  # frames of a stretch in which markings are counted
+BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
+
 
 class Row(NamedTuple):
     """What the table says about a frame."""
@@ -89,10 +92,6 @@ class Table:
         """Values by the name of the column."""
         values = zip(*self.rows, strict=True) if self.rows else ((),) * len(Row._fields)
         return {"id": list(self.ids), **{name: list(one) for name, one in zip(Row._fields, values, strict=True)}}
-
-
-LOOKED_AT = 9  # frames of a stretch in which markings are counted
-BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
 
 
 def next_frame(frames: NumberedFrames, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:

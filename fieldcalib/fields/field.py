@@ -37,6 +37,11 @@ BORDER = 24  # points along each side of a picture
 FARTHEST = 4.0  # diagonals of the field: what a camera sees beyond is drawn there
 GROUND, PAINT, VIEW = "#3c7a46", "#fff", "#ffe15a"
 
+TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a good camera
+SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
+ALIKE = 0.005  # metres: ends nearer to each other than this coincide
+ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
+
 
 def plan(length: float, width: float, markings: Iterable[Segment], cameras: Sequence[Camera] = ()) -> str:
     """SVG of markings as seen from above, and of the ground in view of some cameras; see `Field.as_svg`."""
@@ -68,12 +73,6 @@ def _view(camera: Camera, farthest: float, share: float) -> str:
 
 def _points(X: Array) -> str:
     return " ".join(f"{x:.2f},{y:.2f}" for x, y in X.tolist())
-
-
-TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a good camera
-SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
-ALIKE = 0.005  # metres: ends nearer to each other than this coincide
-ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,18 @@ VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
 NO_MARKING = "no marking was found in the image"
 SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
 
+LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
+LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
+# Line support of a camera in its image, and the share of the labels' weight that the camera explains. On broadcast
+# frames 1 in 80 refined cameras is wrong above SURE_SUPPORT, and 1 in 5 below.
+SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
+LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
+LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
+# times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
+LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
+
+NOTE = "the network's labels gave no camera"
+
 
 def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> list[Calibration]:
     """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
@@ -114,19 +126,6 @@ def _with_advice(calibration: Calibration) -> Calibration:
     labels, equations, unknowns = next(one for one in calibration.findings if one.what is What.TOO_FEW_LABELS).numbers
     few = f"{labels:.0f} segment{'s' * (labels != 1)}: {equations:.0f} equations for {unknowns:.0f} unknowns"
     return replace(calibration, message=f"{few}; {SHOW_MORE}")
-
-
-LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
-LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
-# Line support of a camera in its image, and the share of the labels' weight that the camera explains. On broadcast
-# frames 1 in 80 refined cameras is wrong above SURE_SUPPORT, and 1 in 5 below.
-SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
-LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
-LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
-# times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
-LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
-
-NOTE = "the network's labels gave no camera"
 
 
 def calibrate_from_images(

@@ -33,6 +33,30 @@ Box: TypeAlias = tuple[float, float, float, float]
 
 NOTHING = ("", "nan", "none")  # in a cell: there is no box
 
+EDGES = ("bb_left", "bb_top", "bb_width", "bb_height")
+GAME_STATE = ("id", "image_id", "track_id", "role", "jersey", "team", *EDGES)
+COCO = ("id", "image_id", "track_id", "category", "score", *EDGES)
+
+FRAME_COLUMNS = ("frame", "frame_id", "frame_index", "frame_number", "frame_idx", "image_id", "image")
+
+NO_PIXELS = {"width", "height", "w", "h", "z"}  # beside x, y these are no pixels of points
+ONE_CELL = "bbox_ltwh"  # tracklab's tables: left, top, width and height in brackets
+MOT = ("frame", "id", "bb_left", "bb_top", "bb_width", "bb_height", "conf", "x", "y", "z")
+MOT_TRUTH = (*MOT[:7], "class", "visibility")
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+ReadBox: TypeAlias = Callable[[Sequence[str]], Box | None]  # the box of the cells of a row
+
+SUFFIX = ".txt"
+YOLO_COLUMNS = ("frame", "class", "confidence", "track_id", "x_center", "y_center", "width", "height")
+EXPECTED = "class, x_center, y_center, width, height in shares of the image, and confidence or the number of a track"
+VIDEO_FRAME = re.compile(r".*_[1-9]\d*")  # as ultralytics names the frames of a video, from 1 on
+LARGEST = 1.5  # of a share: the box of somebody at the border may reach beyond the image
+
+KINDS = (
+    "a table (CSV), MOTChallenge's or ByteTrack's text, JSON of COCO or SoccerNet's game state, or YOLO's text files"
+)
+
 
 @dataclass(frozen=True)
 class BoxRow:
@@ -137,11 +161,6 @@ def box_of(texts: Sequence[Any], layout: Layout) -> Box | None:
     return box
 
 
-EDGES = ("bb_left", "bb_top", "bb_width", "bb_height")
-GAME_STATE = ("id", "image_id", "track_id", "role", "jersey", "team", *EDGES)
-COCO = ("id", "image_id", "track_id", "category", "score", *EDGES)
-
-
 def json_boxes(path: Path, content: bytes) -> BoxTable:
     """The boxes of JSON of one of these kinds.
 
@@ -216,7 +235,6 @@ def _cells(values: list[Any]) -> list[str]:
     return ["" if value is None else str(value) for value in values]
 
 
-FRAME_COLUMNS = ("frame", "frame_id", "frame_index", "frame_number", "frame_idx", "image_id", "image")
 COLUMNS: dict[tuple[str, ...], Layout] = {
     ("x", "y", "width", "height"): WITH_SIZE,
     ("x", "y", "w", "h"): WITH_SIZE,
@@ -229,13 +247,6 @@ COLUMNS: dict[tuple[str, ...], Layout] = {
     ("pixel_x", "pixel_y"): AS_POINT,
     ("x", "y"): AS_POINT,
 }
-NO_PIXELS = {"width", "height", "w", "h", "z"}  # beside x, y these are no pixels of points
-ONE_CELL = "bbox_ltwh"  # tracklab's tables: left, top, width and height in brackets
-MOT = ("frame", "id", "bb_left", "bb_top", "bb_width", "bb_height", "conf", "x", "y", "z")
-MOT_TRUTH = (*MOT[:7], "class", "visibility")
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-ReadBox: TypeAlias = Callable[[Sequence[str]], Box | None]  # the box of the cells of a row
 
 
 def box_table(path: Path, file: Any) -> BoxTable:
@@ -323,13 +334,6 @@ def _layout(path: Path, columns: Sequence[str]) -> tuple[int, ReadBox]:
     return frame, lambda values: box_of([values[place] for place in places], COLUMNS[group])
 
 
-SUFFIX = ".txt"
-YOLO_COLUMNS = ("frame", "class", "confidence", "track_id", "x_center", "y_center", "width", "height")
-EXPECTED = "class, x_center, y_center, width, height in shares of the image, and confidence or the number of a track"
-VIDEO_FRAME = re.compile(r".*_[1-9]\d*")  # as ultralytics names the frames of a video, from 1 on
-LARGEST = 1.5  # of a share: the box of somebody at the border may reach beyond the image
-
-
 def is_yolo(path: Path) -> bool:
     """Whether a path is a folder of such files, or one of them: numbers with blanks between them, none with commas."""
     if path.is_dir():
@@ -386,11 +390,6 @@ def _confidence_and_track(cells: list[str]) -> tuple[str, str]:
     if not cells:
         return "", ""
     return ("", cells[0]) if cells[0].isdecimal() else (cells[0], "")
-
-
-KINDS = (
-    "a table (CSV), MOTChallenge's or ByteTrack's text, JSON of COCO or SoccerNet's game state, or YOLO's text files"
-)
 
 
 @contextmanager

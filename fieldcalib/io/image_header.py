@@ -27,6 +27,11 @@ ALL_COEFFICIENTS = (1 << 64) - 1  # of a block, one bit each
 GREY = 128  # of all colours, where decoders find no coded pixels
 MORE = np.random.default_rng(0).integers(0, 255, 256, dtype=np.uint8).tobytes()  # coded pixels of some kind: no markers
 
+PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
+TIFF = {b"II": "<", b"MM": ">"}  # byte orders
+TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
+TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
+
 
 def segments(content: bytes) -> Iterator[tuple[int, int]]:
     """The kinds of the markers up to the end of the image, each with the position of what follows it.
@@ -124,12 +129,6 @@ def _scanned(content: bytes, position: int) -> Iterator[tuple[int, int]]:
     first, last, approximation = header[-3:]
     bits = (1 << last + 1) - (1 << first) if approximation & 15 == 0 else 0
     return ((component, bits) for component in header[1:-3:2])
-
-
-PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
-TIFF = {b"II": "<", b"MM": ">"}  # byte orders
-TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
-TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
 
 
 def stored_size(content: bytes) -> tuple[int, int] | None:

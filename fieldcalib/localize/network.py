@@ -37,6 +37,13 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.flow import Network
 from fieldcalib.localize.grid import BACKGROUND
 
+CPU = "CPUExecutionProvider"
+SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
+HALVED = 4  # times the network's input: larger images are halved first, which changes grey values by 0.2 in the mean
+# Of 35 frames of a 9:16 window, stretched 1 has an accepted camera, continued to 4:5, 1:1, 4:3 and 16:9 it is 6 to 10.
+SHAPE = 4.0 / 3.0  # width by height, to which narrower pictures are continued
+EDGE = 8  # px at a side, whose mean continues it: single pixels of players and paint would make long stripes
+
 
 @dataclass(frozen=True)
 class NetworkDescription:
@@ -107,14 +114,6 @@ def _three(record: Mapping[str, Any], key: str) -> tuple[float, ...]:
     if len(values) != 3 or not np.all(np.isfinite(values)):
         raise BrokenFileError(f"{key}: expected three numbers, one per channel, got {record[key]!r}")
     return values
-
-
-CPU = "CPUExecutionProvider"
-SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
-HALVED = 4  # times the network's input: larger images are halved first, which changes grey values by 0.2 in the mean
-# Of 35 frames of a 9:16 window, stretched 1 has an accepted camera, continued to 4:5, 1:1, 4:3 and 16:9 it is 6 to 10.
-SHAPE = 4.0 / 3.0  # width by height, to which narrower pictures are continued
-EDGE = 8  # px at a side, whose mean continues it: single pixels of players and paint would make long stripes
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,10 @@ LOG = logging.getLogger(__name__)
 DAMAGED = "the compiled solver in {} cannot be read: it is compiled again"
 NOT_KEPT = "the compiled solver cannot be kept in {}: NUMBA_CACHE_DIR names another folder for it"
 
+COMPILING = (
+    "compiling the solver with Numba, which may take half a minute: once after an installation, it is kept for later"
+)
+
 
 def cached(**options: Any) -> Callable[[Function], Function]:
     """Make a decorator that compiles a function when it is first called; `options` are those of `numba.njit`.
@@ -56,11 +60,6 @@ def _bear_faults(cache: Any) -> None:
             LOG.info(NOT_KEPT.format(cache.cache_path))
 
     cache.load_overload, cache.save_overload = load_overload, save_overload
-
-
-COMPILING = (
-    "compiling the solver with Numba, which may take half a minute: once after an installation, it is kept for later"
-)
 
 
 class _CompilationListener(event.Listener):

@@ -20,6 +20,8 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.prior import GaussianPrior
 
+LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count ever less
+
 
 class Coupling(NamedTuple):
     """Blocks of a Hessian that couple the own parameters of pairs of frames."""
@@ -51,9 +53,6 @@ class CostTerm(Protocol):
     def coupling(self) -> Coupling | None:
         """Hessian between frames; None if they are independent, as by default."""
         return None
-
-
-LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count ever less
 
 
 def prior_costs(squared: Array, layout: Layout) -> tuple[Array, Array]:

@@ -25,6 +25,11 @@ from fieldcalib.processes.threads import ONE_THREAD
 
 MODES = {"stdin": "r", "stdout": "w", "stderr": "w"}  # in the order of their descriptors
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+LENGTH = struct.Struct("<Q")
+
 
 def open_closed_streams() -> None:
     """Open the null device for each of stdin, stdout and stderr that is closed.
@@ -50,12 +55,6 @@ def _is_open(handle: int) -> bool:
     except OSError:
         return False
     return True
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-LENGTH = struct.Struct("<Q")
 
 
 class ProcessEndedError(RuntimeError):

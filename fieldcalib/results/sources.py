@@ -23,6 +23,9 @@ from fieldcalib.run_folder.clip_input import ArraysClip, ClipSource, FilesClip, 
 from fieldcalib.run_folder.images import ignored, in_cut
 from fieldcalib.run_folder.numbered_frames import NumberedFiles, NumberedVideo
 
+MOST = 3  # pictures that are searched
+STEP = 100  # frames of a clip from one to the next
+
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
@@ -114,10 +117,6 @@ class Pictures:
         if self.is_video:
             return VideoClip(self.paths[0], self.cut, tell=tell)
         return FilesClip(self.files, tell=ignored)
-
-
-MOST = 3  # pictures that are searched
-STEP = 100  # frames of a clip from one to the next
 
 
 def auto_field(pictures: Pictures) -> str:

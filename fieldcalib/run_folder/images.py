@@ -24,6 +24,10 @@ from fieldcalib.run_folder.annotated import name_skipped
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.units import read_each
 
+MOST_BYTES = 256_000_000  # of the file of an image
+
+T = TypeVar("T")
+
 
 def is_video(one: Input) -> bool:
     """Whether an input is the file of a video."""
@@ -57,11 +61,6 @@ def videos_in(one: Input) -> list[Input]:
     if any(map(IMAGES.recognises, files)):
         return [one]
     return [path for path in files if VIDEOS.recognises(path)] or [one]
-
-
-MOST_BYTES = 256_000_000  # of the file of an image
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,8 @@ SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
 
+NAMED = 5  # number of stretches that are named
+
 
 class Item(Protocol):
     """A frame to be worked on: a file, or a frame of a video."""
@@ -153,9 +155,6 @@ def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
 def _number(value: float) -> float | None:
     """A number for JSON, which has neither infinity nor NaN."""
     return float(value) if np.isfinite(value) else None
-
-
-NAMED = 5  # number of stretches that are named
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,26 @@ from fieldcalib.io.results import FORMAT, OLD_FORMATS
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
+RECORD = "run.json"
+ID = "<id>"  # in the names of files, where the id of a frame comes
+ONE_FILE_NAME = "localized"  # of the file of all frames that localize writes in some formats, without its ending
+WRITTEN = frozenset(  # names of files in records
+    [CAMERAS.file_name(ID), OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
+    + [form.file_name(name) for form in OTHER_ANNOTATIONS.values() for name in (ID, ONE_FILE_NAME)]
+)
+MOST_IN_UNIT = 1_000_000  # frames
+TEXT, WHOLE_NUMBER, TEXTS = "a text", "a whole number from 0", "a list of texts"
+KINDS = {  # of the values of a record, by name
+    **dict.fromkeys(("command", "names", "contents", "version", "network"), TEXT),
+    **dict.fromkeys(("frames", "unit", "format"), WHOLE_NUMBER),
+    **dict.fromkeys(("writes", "source"), TEXTS),
+}
+OPTIONS = {  # that are read from records, by name
+    **dict.fromkeys(("start", "end", "format", "field"), TEXT),
+    "step": WHOLE_NUMBER,
+}
+NOT_COMPARED = frozenset({"input", "threads"})  # options: the input is recorded by its digests, threads change nothing
+
 
 @dataclass(frozen=True)
 class Shard:
@@ -93,27 +113,6 @@ class RunOptions:
 def as_json(options: Mapping[str, Any]) -> dict[str, Any]:
     """Options as JSON; other values as their texts."""
     return json.loads(json.dumps(options, default=str))  # type: ignore[no-any-return]
-
-
-RECORD = "run.json"
-ID = "<id>"  # in the names of files, where the id of a frame comes
-ONE_FILE_NAME = "localized"  # of the file of all frames that localize writes in some formats, without its ending
-WRITTEN = frozenset(  # names of files in records
-    [CAMERAS.file_name(ID), OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
-    + [form.file_name(name) for form in OTHER_ANNOTATIONS.values() for name in (ID, ONE_FILE_NAME)]
-)
-MOST_IN_UNIT = 1_000_000  # frames
-TEXT, WHOLE_NUMBER, TEXTS = "a text", "a whole number from 0", "a list of texts"
-KINDS = {  # of the values of a record, by name
-    **dict.fromkeys(("command", "names", "contents", "version", "network"), TEXT),
-    **dict.fromkeys(("frames", "unit", "format"), WHOLE_NUMBER),
-    **dict.fromkeys(("writes", "source"), TEXTS),
-}
-OPTIONS = {  # that are read from records, by name
-    **dict.fromkeys(("start", "end", "format", "field"), TEXT),
-    "step": WHOLE_NUMBER,
-}
-NOT_COMPARED = frozenset({"input", "threads"})  # options: the input is recorded by its digests, threads change nothing
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,9 @@ from fieldcalib.solve.options import (
 from fieldcalib.solve.squashed_pictures import with_likely_aspect
 from fieldcalib.solve.task import GivenCamera, Task, as_fixed
 
+CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
+CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
+
 
 def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     """Compute the errors behind `Calibration.uncertainty`, `probability` and `verdict` for many calibrations.
@@ -78,10 +81,6 @@ def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     for (_, field), members in groups.items():
         Solved.compute(members, fields[field])
     return list(calibrations)
-
-
-CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
-CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
 
 
 def calibrate_batch(

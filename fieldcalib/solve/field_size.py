@@ -48,6 +48,13 @@ from fieldcalib.solve.sequence.joint_start import joint_evaluation
 LIKELY = 0.5  # probability of the given size from which on it is kept
 LARGEST_SIGMA = 2.0  # m: of a length or width that counts as determined; less than the prior's standard deviations
 
+STILL = 1e-3  # metres: a size that changes by less has converged
+ROUNDS = 10
+# Share below which labels count as uninformative: a frame of one half has 2 % for the length, through the prior of the
+# camera's position.
+SILENT = 0.05
+MOSTLY = 0.5  # share from which on a size counts as determined by the labels
+
 
 def with_size_from_labels(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
     """Calibrate a frame again on a field of the size that its labels determine, unless the given size is likely.
@@ -158,14 +165,6 @@ class _SizeFromLabels:
         _, iterations, tolerance = DEFAULT_CRITERIA
         found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
         return _Sized(self.field, found.take(np.array([np.argmin(found.cost)])))
-
-
-STILL = 1e-3  # metres: a size that changes by less has converged
-ROUNDS = 10
-# Share below which labels count as uninformative: a frame of one half has 2 % for the length, through the prior of the
-# camera's position.
-SILENT = 0.05
-MOSTLY = 0.5  # share from which on a size counts as determined by the labels
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,13 @@ LEAST_POINTS = 3  # smallest number for cv2.solvePnPRefineLM
 NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
 INVERSE = "its inverse is a camera's: H seems to map pixels to metres, give np.linalg.inv(H)"
 
+NAN = float("nan")
+TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
+FROM_A_CORNER = (
+    f"it stands beside a corner and sees little of the field: if the origin of H is the far left corner, give "
+    f"H @ {TO_CORNER}"
+)
+
 
 @dataclass(frozen=True)
 class Decomposition:
@@ -211,14 +218,6 @@ def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
     if not (np.all(np.isfinite(new_rvec)) and np.all(np.isfinite(new_tvec))):
         return None
     return Camera.from_opencv(new_rvec, new_tvec, K, dist, camera.image_size)
-
-
-NAN = float("nan")
-TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
-FROM_A_CORNER = (
-    f"it stands beside a corner and sees little of the field: if the origin of H is the far left corner, give "
-    f"H @ {TO_CORNER}"
-)
 
 
 def calibrate_from_homography(

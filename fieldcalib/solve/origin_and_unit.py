@@ -37,6 +37,23 @@ LEAST_PIXELS = 6
 # frames reach to 0.79 or more in one of the two, key points of 443 of 451 frames to 0.6; none lies past 1.03.
 LEAST_REACH, FARTHEST_REACH = 0.6, 1.05
 
+UNITS = {"metres": 1.0, "yards": YARD, "feet": YARD / 3.0, "centimetres": 0.01, "millimetres": 0.001}
+# Metres from the axis through both goals, and from a goal line; the last of each is of roboflow/sports' template.
+ACROSS = np.array([0.0, GOAL_WIDTH / 2.0, 7.31, CIRCLE_RADIUS, GOAL_AREA_WIDTH / 2.0, PENALTY_AREA_WIDTH / 2.0, 20.5])
+ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPTH, 20.15])
+MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
+ROBOFLOW_SIZE = (120.0, 70.0)
+SIZES = ((105.0, 68.0), ROBOFLOW_SIZE, (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
+NEAR = 0.07  # metres: allows for rounding to yards, and for edges instead of middles of lines
+LEAST_POINTS, MOST_POINTS = 4, 60  # different points; more add nothing
+LEAST_EXTENT = 5.0  # metres: within less, all points are near markings
+EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
+LEAST_EVIDENCE = 4  # different coordinates on markings, minus two for each dimension of the field that was fitted
+
+MAIN_STAND_X = 25.0  # metres from the halfway line: main cameras of the World Cup 2014
+MUCH_LESS = 0.8  # ratio of the shares of field in the ground in view: as given, and with the origin at the corner
+BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands reach 110, in yards from a corner 160
+
 
 def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int]) -> str:
     """Warning about pixels that fill only a part of their image, or lie beyond it; empty for other pixels.
@@ -65,24 +82,6 @@ def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int
         f"they reach to ({x}, {y}) in an image of {width} x {height}: were they found in one of another size, as "
         f"640 x 640?"
     )
-
-
-UNITS = {"metres": 1.0, "yards": YARD, "feet": YARD / 3.0, "centimetres": 0.01, "millimetres": 0.001}
-# Metres from the axis through both goals, and from a goal line; the last of each is of roboflow/sports' template.
-ACROSS = np.array([0.0, GOAL_WIDTH / 2.0, 7.31, CIRCLE_RADIUS, GOAL_AREA_WIDTH / 2.0, PENALTY_AREA_WIDTH / 2.0, 20.5])
-ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPTH, 20.15])
-MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
-ROBOFLOW_SIZE = (120.0, 70.0)
-SIZES = ((105.0, 68.0), ROBOFLOW_SIZE, (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
-NEAR = 0.07  # metres: allows for rounding to yards, and for edges instead of middles of lines
-LEAST_POINTS, MOST_POINTS = 4, 60  # different points; more add nothing
-LEAST_EXTENT = 5.0  # metres: within less, all points are near markings
-EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
-LEAST_EVIDENCE = 4  # different coordinates on markings, minus two for each dimension of the field that was fitted
-
-MAIN_STAND_X = 25.0  # metres from the halfway line: main cameras of the World Cup 2014
-MUCH_LESS = 0.8  # ratio of the shares of field in the ground in view: as given, and with the origin at the corner
-BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands reach 110, in yards from a corner 160
 
 
 @dataclass(frozen=True)

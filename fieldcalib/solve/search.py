@@ -25,6 +25,13 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
 from fieldcalib.solve.options import CERTAIN, Options
 
+FIRST_ITERATIONS = 4  # of every initial camera
+PROMISING = 3  # number of the best cameras of a frame that are solved further,
+HOPELESS = 2.0  # unless they cost more than this multiple of the best one
+WIDE_ITERATIONS = 30
+WIDE_TOLERANCE = 0.2  # relative decrease of the cost at which the wide stage ends: the narrow stage does the rest;
+RIVALS_TOLERANCE = 0.01  # smaller if several cameras are compared, which is possible only at their minima
+
 
 @dataclass(frozen=True)
 class OtherSide:
@@ -98,14 +105,6 @@ def _look_alike(field: Field | None, observations: Observations) -> BoolArray:
         return np.zeros(len(observations), dtype=bool)
     alike = np.array([label in field.self_symmetric for label in observations.labels])
     return np.asarray(np.all(alike[observations.label] | (observations.label < 0), axis=1))
-
-
-FIRST_ITERATIONS = 4  # of every initial camera
-PROMISING = 3  # number of the best cameras of a frame that are solved further,
-HOPELESS = 2.0  # unless they cost more than this multiple of the best one
-WIDE_ITERATIONS = 30
-WIDE_TOLERANCE = 0.2  # relative decrease of the cost at which the wide stage ends: the narrow stage does the rest;
-RIVALS_TOLERANCE = 0.01  # smaller if several cameras are compared, which is possible only at their minima
 
 
 @dataclass(frozen=True, eq=False)

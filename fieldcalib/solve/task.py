@@ -57,6 +57,9 @@ from fieldcalib.solve.options import (
 
 _F = CalibrationFlags
 
+F = CalibrationFlags
+MOST_PAINT = 1000.0  # m
+
 
 class GivenCamera(NamedTuple):
     """Values of a camera in OpenCV's terms; flags say which of them are known and which are initial."""
@@ -120,10 +123,6 @@ def _as_fixed(camera: Camera, given: Camera, flags: int) -> Camera:
     R = given.R if flags & _F.CALIB_FIX_ROTATION else camera.R
     C = given.C if flags & _F.CALIB_FIX_POSITION else camera.C
     return Camera(K, R, C, camera.image_size, dist)
-
-
-F = CalibrationFlags
-MOST_PAINT = 1000.0  # m
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,11 @@ GREY = np.full(3, 1.0 / 3.0, np.float32)  # weights of the channels in brightnes
 NOISE_SIZE = 512  # px: side of the noise tile
 OCTAVES = 7  # its coarsest spots are 64 px wide
 
+LENGTH = 128.0  # m that a texture covers before it repeats
+STAND_HEIGHT = 40.0  # m
+STAND_SCALE, BOARD_SCALE = 5.0, 16.0  # px per metre
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
 
 def one_of(choices: Sequence[V], rng: np.random.Generator) -> V:
     """One of the choices, with equal probability."""
@@ -84,12 +89,6 @@ def _remainder(values: Float32, period: int) -> Float32:
         turns -= np.floor(turns)
     turns *= period
     return np.asarray(np.nan_to_num(turns, copy=False), np.float32)
-
-
-LENGTH = 128.0  # m that a texture covers before it repeats
-STAND_HEIGHT = 40.0  # m
-STAND_SCALE, BOARD_SCALE = 5.0, 16.0  # px per metre
-FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 def boards_texture(rng: np.random.Generator) -> Float32:

@@ -27,6 +27,16 @@ from fieldcalib.synthetic.colours import random_colour, vivid_colour
 FINER = 4  # samples across a pixel for the share of it that a thin bar covers
 FARTHEST = 1e4  # px: shapes that reach farther outside the image are too close to the camera to be drawn
 
+# A person facing along +x, as joints (forward, sideways, up) in shares of the height.
+HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)
+KNEE, FOOT, ELBOW, HAND = 0.28, 0.02, 0.62, 0.5
+SKIN: tuple[Colour, ...] = ((150, 180, 225), (110, 145, 200), (60, 85, 130), (40, 55, 85))
+Kit: TypeAlias = tuple[Colour, Colour, Colour]  # shirt, shorts, socks
+Sun: TypeAlias = tuple[Array, float]  # shadow (x, y) in metres per metre of height, and its darkness
+NEAREST = 2.0  # m in front of the camera
+
+TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
+
 
 @dataclass(frozen=True)
 class GoalFrame:
@@ -101,15 +111,6 @@ def mix_bars(
     covered = share * cv2.resize(mask, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA).astype(np.float32)[..., None]
     patch = image[y0:y1, x0:x1]
     patch[:] = (patch + covered * (np.array(colour, np.float32) - patch)).astype(np.uint8)
-
-
-# A person facing along +x, as joints (forward, sideways, up) in shares of the height.
-HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)
-KNEE, FOOT, ELBOW, HAND = 0.28, 0.02, 0.62, 0.5
-SKIN: tuple[Colour, ...] = ((150, 180, 225), (110, 145, 200), (60, 85, 130), (40, 55, 85))
-Kit: TypeAlias = tuple[Colour, Colour, Colour]  # shirt, shorts, socks
-Sun: TypeAlias = tuple[Array, float]  # shadow (x, y) in metres per metre of height, and its darkness
-NEAREST = 2.0  # m in front of the camera
 
 
 def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:
@@ -240,9 +241,6 @@ def _darken(image: Image, joints: Array, thickness: float, dark: float) -> None:
         ends = fixed_point(a).tolist(), fixed_point(b).tolist()
         cv2.line(shadow, *ends, 255, max(1, round(thickness)), cv2.LINE_AA, SHIFT)
     patch[:] = (patch * (1.0 - np.float32(dark / 255.0) * shadow[..., None])).astype(np.uint8)
-
-
-TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
 
 
 class Drawable(NamedTuple):

@@ -40,6 +40,11 @@ Sample = Literal["clip", "picture"]
 FILES: dict[Sample, str] = {"clip": "clip.mp4", "picture": "picture.png"}
 PLAYERS, TRUTH = "players.csv", ".jsonl"
 
+SEED = 26
+STRETCHES = ((0, 30), (60, 90))  # of the frames of the camera's path, that the clip has before and after its cut
+PICTURE = 10  # the frame of the path that the picture is
+MOST_JOBS = 4
+
 
 def sample(name: Sample, *, progress: Progress = True) -> Path:
     """A clip or a picture to try, with its truth beside it.
@@ -102,12 +107,6 @@ def _digest() -> str:
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
-
-
-SEED = 26
-STRETCHES = ((0, 30), (60, 90))  # of the frames of the camera's path, that the clip has before and after its cut
-PICTURE = 10  # the frame of the path that the picture is
-MOST_JOBS = 4
 
 
 def make(folder: Path, name: Sample, progress: Progress) -> None:

@@ -25,6 +25,8 @@ from fieldcalib.web.records import broken_state, calibration_record, drawn_state
 
 LOG = logging.getLogger("fieldcalib")
 
+PAUSE = 0.5  # seconds after which frames that were drawn get their verdicts, if no page has asked for them
+
 
 class _Cancelled(Exception):
     """The work is to end."""
@@ -175,9 +177,6 @@ class ClipJob:
         self.cancel()
         thread = self._thread
         return [] if thread is None else [thread]
-
-
-PAUSE = 0.5  # seconds after which frames that were drawn get their verdicts, if no page has asked for them
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,10 @@ QUALITY = 88  # of the JPEGs
 CACHE_BYTES = 48_000_000  # of the JPEGs in memory
 LARGEST = 8192  # px: width of what is sent
 
+PICTURES = 240  # at most
+WIDTHS = (1280, 960, 720, 560, 400, 280)  # of pictures, px: the first with which all of them fit
+THUMBNAIL_QUALITY = 82  # of JPEG
+
 
 class ShownPictures:
     """JPEGs of the frames of an editor; those that were asked for last are kept."""
@@ -74,11 +78,6 @@ def jpeg(image: Image, width: int) -> bytes:
 
     _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return content.tobytes()
-
-
-PICTURES = 240  # at most
-WIDTHS = (1280, 960, 720, 560, 400, 280)  # of pictures, px: the first with which all of them fit
-THUMBNAIL_QUALITY = 82  # of JPEG
 
 
 @dataclass

@@ -37,6 +37,9 @@ BORDER = 24  # places along each side of the image whose ground is traced
 BEYOND = 1e6  # m: points of the ground that far off lie on the horizon
 AZIMUTHS = 721  # directions in which the horizon is traced
 
+ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
+NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "view": [], "horizon": None}
+
 
 def field_record(field: Field) -> dict[str, Any]:
     """A field as a map: its size in metres, and the polylines of its segments.
@@ -242,10 +245,6 @@ def horizon_of(camera: Camera) -> list[list[float]] | None:
 
 def _rounded(values: Array, digits: int) -> list[Any]:
     return np.round(np.asarray(values, dtype=float), digits).tolist()  # type: ignore[no-any-return]
-
-
-ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
-NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "view": [], "horizon": None}
 
 
 def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:

@@ -50,6 +50,17 @@ LOOK_AND_LABEL = Remedy(
 )
 UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
 
+MOST_BYTES = 20_000_000  # of the file
+PICTURE_BYTES = 7_500_000  # of JPEGs, of which the file has base64: 4/3 of them
+TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
+MOST_VIEWS = 20_000  # frames: of more the table has no views of the ground, which would be left out of it anyway
+STYLES = ("style", "report")
+
+VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
+VIEW_POINTS = 12  # of the polygon of the ground in view
+MOST_LETTERS = 240  # of a reason
+NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
+
 
 def remedy_of(line: Mapping[str, Any]) -> Remedy:
     """The remedy of a frame's line of ``cameras.jsonl``."""
@@ -101,18 +112,6 @@ class Commands:
 
 OF_ANY = Commands()
 """Those of results whose folder is not known."""
-
-
-MOST_BYTES = 20_000_000  # of the file
-PICTURE_BYTES = 7_500_000  # of JPEGs, of which the file has base64: 4/3 of them
-TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
-MOST_VIEWS = 20_000  # frames: of more the table has no views of the ground, which would be left out of it anyway
-STYLES = ("style", "report")
-
-VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
-VIEW_POINTS = 12  # of the polygon of the ground in view
-MOST_LETTERS = 240  # of a reason
-NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
 
 def write_report(results: Results, path: str | os.PathLike[str], title: str = "", *, progress: Progress = True) -> None:

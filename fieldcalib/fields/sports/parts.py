@@ -23,6 +23,8 @@ from fieldcalib.fields.traits import LineLook, Paint
 
 CENTRE = (0.0, 0.0, 0.0)
 
+NONE: Mapping[str, Segment] = MappingProxyType({})
+
 
 def across(x: float, y: float, z: float = 0.0) -> Line:
     """The line at x from -y to y, metres.
@@ -111,9 +113,6 @@ def right_area(name: str, x: float, y: float, distance: float, reach: float = np
         f"{name} right line": across(x - distance, y),
         f"{name} right arc bottom": Arc((x, y, 0.0), distance, float(start), np.pi),
     }
-
-
-NONE: Mapping[str, Segment] = MappingProxyType({})
 
 
 def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:

@@ -53,6 +53,8 @@ MOSTLY_IN_VIEW = (
 LEAST_LIKENESS_OF_KEY = 0.68  # of matched keyframes, and of frames that make a new piece
 KEPT = 12  # last keyframes of a piece that are kept: no more are made during a dissolve
 
+LONGEST_CHAIN = 25  # frames, a second
+
 
 @dataclass(frozen=True, eq=False)
 class TiedFrame:
@@ -361,9 +363,6 @@ def _matched(
         return None
     alike = likeness(first, second, matches.homography)
     return None if alike < LEAST_LIKENESS else (matches, alike)
-
-
-LONGEST_CHAIN = 25  # frames, a second
 
 
 @dataclass

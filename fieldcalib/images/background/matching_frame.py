@@ -39,6 +39,27 @@ RING = 4  # px around the bounding box of a blob
 LEAST_GROUND = 0.7  # of this ring: what stands before boards and crowd is not told from them
 MARGIN = 5  # px of the dilation
 
+# Lengths are in pixels of the reduced frames.
+WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
+CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
+ENOUGH_CORNERS = 100  # off players
+MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
+LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
+BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
+SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
+SAME_PICTURE = 1.0  # grey levels of mean difference; neighbouring frames of six clips differ by 4 or more somewhere
+SMALLEST_FOR_ORB = 64  # px: ORB cannot make a pyramid of smaller pictures
+ORB_WIDTH = 960  # px: wider frames are halved; flow makes the matches exact afterwards
+ORB_FEATURES = 1000  # of a frame
+ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
+IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
+SMALL_WIDTH = 160  # px of the small pictures that are compared
+LOCAL = 41  # px of a small picture: the mean over so many is subtracted, as slow shading is alike in any two shots
+BLOCK = 5  # px of a small picture
+WHOLE = 0.7  # share of a block that must be in view
+NOISE = 2.0  # grey levels: contrast below is noise
+GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
+
 
 def thumbnail(image: Image) -> Image:
     """A picture reduced to `WIDTH`, if it is wider."""
@@ -123,28 +144,6 @@ def _ground_around(boxes: IntArray, ground: Any) -> Array:
 
     (outer, outer_area), (inner, inner_area) = inside(RING), inside(0)
     return np.asarray((outer - inner) / np.maximum(outer_area - inner_area, 1))
-
-
-# Lengths are in pixels of the reduced frames.
-WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
-CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
-ENOUGH_CORNERS = 100  # off players
-MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
-LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
-BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
-SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
-SAME_PICTURE = 1.0  # grey levels of mean difference; neighbouring frames of six clips differ by 4 or more somewhere
-SMALLEST_FOR_ORB = 64  # px: ORB cannot make a pyramid of smaller pictures
-ORB_WIDTH = 960  # px: wider frames are halved; flow makes the matches exact afterwards
-ORB_FEATURES = 1000  # of a frame
-ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
-IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
-SMALL_WIDTH = 160  # px of the small pictures that are compared
-LOCAL = 41  # px of a small picture: the mean over so many is subtracted, as slow shading is alike in any two shots
-BLOCK = 5  # px of a small picture
-WHOLE = 0.7  # share of a block that must be in view
-NOISE = 2.0  # grey levels: contrast below is noise
-GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
 
 
 @dataclass(frozen=True, eq=False)

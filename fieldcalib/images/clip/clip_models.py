@@ -32,6 +32,19 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
 from fieldcalib.solve.sequence.background_matches import Ties
 
+LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
+LEAST_PIXELS = 3  # of a label that is left out
+WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
+LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
+CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
+LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
+WRONG = (
+    20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
+)
+LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
+LEAST_RUN = 2  # keyframes in a row that make a part
+NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
+
 
 class CameraModel(StrEnum):
     """Model of the camera: the parameters that the frames of a piece share."""
@@ -117,20 +130,6 @@ def numbered(piece: Sequence[int], loose: Sequence[bool]) -> list[int]:
     """
     both = list(zip(piece, loose, strict=True))
     return list(accumulate((one != other for one, other in pairwise(both)), initial=0))[: len(both)]
-
-
-LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
-LEAST_PIXELS = 3  # of a label that is left out
-WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
-LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
-CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
-LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
-WRONG = (
-    20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
-)
-LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
-LEAST_RUN = 2  # keyframes in a row that make a part
-NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
 
 class Misprediction(NamedTuple):

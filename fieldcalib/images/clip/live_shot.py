@@ -45,6 +45,9 @@ from fieldcalib.solve.sequence.sequence_problem import (
 )
 from fieldcalib.solve.sequence.sequence_solver import solve_from_cameras, solve_sequence
 
+MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
+MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
+
 
 class FrameCamera(NamedTuple):
     """The camera of a frame to which other frames can be tied."""
@@ -161,10 +164,6 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
         return None
     known = {key: FrameCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
     return SolvedShot(shared, sequence, Markings.of(shared.object_segments), known)
-
-
-MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
-MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,12 @@ from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.sequence.tripod_position import nearest_places
 
+PLACE = ("x", "y", "z")
+SIZE = ("length", "width")
+SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of where other cameras stand
+LEAST_LOG_RATIO = 1.0  # of the likelihoods: two places that are hardly known agree by chance
+UNMODELLED = 0.1  # m: standard deviation of each coordinate beyond its covariance
+
 
 @dataclass(frozen=True, eq=False)
 class SolvedShots:
@@ -179,13 +185,6 @@ def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
         pair: cells for pair, cells in clip.shots.matches.items() if pair[1] in keys and pieces.number[pair[1]] == piece
     }
     return HeldOut.of(labels, between)
-
-
-PLACE = ("x", "y", "z")
-SIZE = ("length", "width")
-SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of where other cameras stand
-LEAST_LOG_RATIO = 1.0  # of the likelihoods: two places that are hardly known agree by chance
-UNMODELLED = 0.1  # m: standard deviation of each coordinate beyond its covariance
 
 
 class Tripod(NamedTuple):

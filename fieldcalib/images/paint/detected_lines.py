@@ -33,6 +33,22 @@ SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and 
 LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
 SIGMAS = 3.0  # half width of the search for a line, in standard deviations of its projected marking
 
+CLICK = 2.0  # px, of an image of 960 x 540 if the image is larger: standard deviation of labels that a person sets
+REACH = 3.0  # standard deviations of a label from its marking, at most
+LEAST_PROFILES = 5  # of a marking
+FEW = 0.7  # share of the profiles with a line, below which it is traced
+FAINTEST, STRONGEST = -1.0, 3.0  # contrast that one profile contributes, in units of the noise: none decides alone
+LEAST_NOISE = 1.0  # grey values
+TO_SIGMA = 1.48  # standard deviation of normal noise in units of its median absolute deviation
+# Sum over a marking divided by the root of the number of profiles. In eleven broadcast frames reduced to 600 px, 85 of
+# 90 markings have more where they are, and one has more 3 to 6 px beside it.
+LEAST_SIGNAL = 4.0
+LEAST_LEAD = 3.0  # by which the sum, less half the squared distances of the labels, exceeds that of other positions
+OTHER = 2.0  # px: positions that far apart, in the mean, are other ones
+POSITIONS = 25  # of each end of a line, or along each axis for an arc
+NEAR = 0.8  # px of such an image between a line in one profile and the position by all
+SHOWN = 0.5  # contrast, in units of the noise, from which a profile shows the line
+
 
 def line_loss(image_size: tuple[int, int], scale: float = LOSS_SCALE) -> RobustLoss:
     """The loss of lines that are detected in images of a size."""
@@ -75,23 +91,6 @@ def calibrate_on_lines(
     paint = paint_sigma(task.object_segments)
     task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=paint)
     return calibrate_pixels(task, PixelTable.joined(task.object_segments, lines), image_size, cameras)
-
-
-CLICK = 2.0  # px, of an image of 960 x 540 if the image is larger: standard deviation of labels that a person sets
-REACH = 3.0  # standard deviations of a label from its marking, at most
-LEAST_PROFILES = 5  # of a marking
-FEW = 0.7  # share of the profiles with a line, below which it is traced
-FAINTEST, STRONGEST = -1.0, 3.0  # contrast that one profile contributes, in units of the noise: none decides alone
-LEAST_NOISE = 1.0  # grey values
-TO_SIGMA = 1.48  # standard deviation of normal noise in units of its median absolute deviation
-# Sum over a marking divided by the root of the number of profiles. In eleven broadcast frames reduced to 600 px, 85 of
-# 90 markings have more where they are, and one has more 3 to 6 px beside it.
-LEAST_SIGNAL = 4.0
-LEAST_LEAD = 3.0  # by which the sum, less half the squared distances of the labels, exceeds that of other positions
-OTHER = 2.0  # px: positions that far apart, in the mean, are other ones
-POSITIONS = 25  # of each end of a line, or along each axis for an arc
-NEAR = 0.8  # px of such an image between a line in one profile and the position by all
-SHOWN = 0.5  # contrast, in units of the noise, from which a profile shows the line
 
 
 def with_traced(strips: Strips, lines: Array, markings: Markings, labelled: Mapping[str, Array]) -> Array:

@@ -60,6 +60,15 @@ DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
 APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
 LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
 
+NARROWEST = 3.0  # px of any image: the width of narrower lines cannot be measured
+SHARPEST = 0.6  # of the projected width, up to which edges are sharp; a moving or defocused line has longer ones
+STEPS = 16  # samples in a projected width
+REACH = 4.5  # projected widths to both sides of a marking that are sampled: past where ground begins on both sides
+NEAR, NEAR_PX = 1.2, 1.0  # projected widths, and px more, in which the middle of the paint lies
+GROUND_FROM, GROUND_FROM_PX = 1.8, 1.0  # from there, where the ground begins
+LEAST_CONTRAST = 15.0  # levels
+EVEN = 0.5  # of the contrast: largest difference between the grounds on both sides
+
 
 @dataclass(frozen=True, eq=False)
 class PaintEvidence:
@@ -260,16 +269,6 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     run = np.where(near[best], offset[np.arange(n), np.argmin(distance, axis=1)], np.nan)
     fitted, *_ = np.linalg.lstsq(basis[near[best]], run[near[best]], rcond=None)
     return float(np.max(np.abs(basis @ fitted))), run
-
-
-NARROWEST = 3.0  # px of any image: the width of narrower lines cannot be measured
-SHARPEST = 0.6  # of the projected width, up to which edges are sharp; a moving or defocused line has longer ones
-STEPS = 16  # samples in a projected width
-REACH = 4.5  # projected widths to both sides of a marking that are sampled: past where ground begins on both sides
-NEAR, NEAR_PX = 1.2, 1.0  # projected widths, and px more, in which the middle of the paint lies
-GROUND_FROM, GROUND_FROM_PX = 1.8, 1.0  # from there, where the ground begins
-LEAST_CONTRAST = 15.0  # levels
-EVEN = 0.5  # of the contrast: largest difference between the grounds on both sides
 
 
 def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> tuple[MarkingInView, ...]:

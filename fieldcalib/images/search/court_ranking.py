@@ -35,6 +35,12 @@ SURE = 400.0  # score: of 23 rendered views of measured cameras right ones have 
 
 Curves: TypeAlias = tuple[LongLines, Sequence[Ellipse]]  # of a picture
 
+GRID = 7  # points of the field along and across at which cameras are compared
+BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
+OTHER = 20.0  # px: cameras that are further from one than this in the median are others
+
+MOST_STEPS = 10  # by which a camera is moved along the field: half of one of American football
+
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
@@ -115,11 +121,6 @@ def in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: in
     return cameras.take(best), score[best]
 
 
-GRID = 7  # points of the field along and across at which cameras are compared
-BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
-OTHER = 20.0  # px: cameras that are further from one than this in the median are others
-
-
 def grid_of(field: Field) -> Array:
     """Points (N, 3) on the ground, all over the field."""
     x, y = (np.linspace(-half, half, GRID) for half in field.half_extent)
@@ -195,9 +196,6 @@ class Rivals:
             if end is None or not are_apart(end[None], grids, self.size)[0]:
                 are_rivals &= ~near
         return float(np.max(self.score[are_rivals], initial=0.0))
-
-
-MOST_STEPS = 10  # by which a camera is moved along the field: half of one of American football
 
 
 def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:

@@ -31,6 +31,8 @@ FARTHER = 5.0  # standard deviations of the ground at a marking, beyond which a 
 LEAST_OFF = 6.0  # px of a 960 x 540 image: nearer lines may be its paint, as lenses and courts differ from their models
 STEP = 0.1  # m across a marking, for its scale in the picture
 
+FOUND = Finding(What.SEARCHED)
+
 
 def with_hidden_markings(calibration: Calibration) -> Calibration:
     """A calibration of a court by a camera that is sure, in which hidden markings are no evidence against it.
@@ -69,9 +71,6 @@ def _is_other(calibration: Calibration, marking: MarkingInView) -> bool:
     scale = np.linalg.norm(camera.project(X + STEP * across) - xy, axis=1)[seen] / STEP  # px per metre
     error = calibration.uncertainty.at_field(X[seen]).rms
     return bool(marking.offset - FARTHER * np.median(error * scale) > LEAST_OFF * pixel_unit(camera.image_size))
-
-
-FOUND = Finding(What.SEARCHED)
 
 
 def refine_courts(task: Task, field: Field, image: Image, cameras: Sequence[Camera]) -> list[Refined]:

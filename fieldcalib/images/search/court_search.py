@@ -75,6 +75,25 @@ MOST_RIVAL = 1.3  # of the runner-up
 MOST_OFF = 3  # markings off their paint: more tell no more
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4  # from which on evidence is a doubt
 
+POINTS = 300  # of the field, at which cameras are compared with stripes
+FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
+PAINTS = 2  # whose stripes are searched alone, where the search among all is not sure
+ENOUGH = 0.95  # probability of a camera from which on no other stripes are searched
+HOPELESS = 60.0  # score of cameras that are not refined
+REFINED = 4  # cameras that are refined on the picture
+APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
+ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
+SURE = 0.9  # least probability of a camera that tells which markings are hidden
+SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
+NOTHING = (
+    Status.TOO_FEW_SEGMENTS,
+    "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
+    "or a line and a circle",
+    FOUND,
+)
+UNDETERMINED = "the lines near its markings do not determine it"
+ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
+
 
 @dataclass(frozen=True)
 class CourtEvidence:
@@ -201,26 +220,6 @@ def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
         turn -= np.pi * np.round(turn / np.pi)
         found.append((np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE))
     return found
-
-
-POINTS = 300  # of the field, at which cameras are compared with stripes
-FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
-PAINTS = 2  # whose stripes are searched alone, where the search among all is not sure
-ENOUGH = 0.95  # probability of a camera from which on no other stripes are searched
-HOPELESS = 60.0  # score of cameras that are not refined
-REFINED = 4  # cameras that are refined on the picture
-APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
-ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
-SURE = 0.9  # least probability of a camera that tells which markings are hidden
-SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
-NOTHING = (
-    Status.TOO_FEW_SEGMENTS,
-    "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
-    "or a line and a circle",
-    FOUND,
-)
-UNDETERMINED = "the lines near its markings do not determine it"
-ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
 
 
 @dataclass(frozen=True, eq=False)

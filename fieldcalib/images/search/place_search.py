@@ -75,6 +75,15 @@ NOTHING = "no view from the place of the camera shows the field's lines"
 STEP = 9.0  # px: by which focal lengths that are tried move the border of the picture
 HEIGHT = 1.3  # factor by which the height of the camera that a circle tells may differ from that of the place
 
+MOST = 24  # pictures from which the place is found
+SAMPLE = 6  # pictures by which places are compared
+PLACES = 12  # places that are compared
+NEAR = 0.1  # of the distance from the middle of the field: places that are nearer to each other support each other
+FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
+ROUNDS = 2  # of searching all pictures and voting for the place
+ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
+AGREE = 3  # pictures that were found and agree on a place make it known
+
 
 def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
     """The cameras about at a place that explain the stripes of a picture best."""
@@ -282,16 +291,6 @@ def _ends_on(views: Views, ends: Array, on_field: LinesFromPlace, index: IntArra
     at = views.C[:2] + depth[..., None] * seen[..., :2]
     along = np.take_along_axis(at, on_field.axis[index][:, None, None], axis=2)[..., 0]
     return are_within(np.sort(along, axis=1), on_field.reach[index])
-
-
-MOST = 24  # pictures from which the place is found
-SAMPLE = 6  # pictures by which places are compared
-PLACES = 12  # places that are compared
-NEAR = 0.1  # of the distance from the middle of the field: places that are nearer to each other support each other
-FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
-ROUNDS = 2  # of searching all pictures and voting for the place
-ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
-AGREE = 3  # pictures that were found and agree on a place make it known
 
 
 def place_of(found: Sequence[Calibration], share: float | None = None) -> Place | None:

@@ -53,6 +53,15 @@ AT_ONCE = 1024  # cameras: their arrays still fit the processor's cache
 
 Pixels: TypeAlias = Array | Float32
 
+REACHES = (32.0, 20.0, 12.0, 8.0)  # px: half the band across each marking, in each step
+PLACES = 13  # across it
+FARTHER = 1.0  # log likelihood ratio by which a place at the border of the band is less likely than one in its middle
+LEAST = 0.3  # log likelihood ratio of a place that pulls
+OFF = 5.0  # px: standard deviation of places that pull
+TURN, ZOOM = 30.0, 0.1  # standard deviations: px; of log f
+UNKNOWNS = 9  # turn, zoom, place of the camera, principal point
+DIFFERENCE = 1e-3  # of the parameters in these units, for derivatives
+
 
 @dataclass(frozen=True, eq=False)
 class StripeMaps:
@@ -216,16 +225,6 @@ def projected(P: Float32, points: MarkingPoints) -> tuple[Float32, Float32, Floa
     length = stretch * points.spacing.astype(np.float32)
     direction, seen = (np.asarray(np.where(np.isfinite(one), one, 0.0), np.float32) for one in (direction, seen))
     return x, y, direction, length, seen
-
-
-REACHES = (32.0, 20.0, 12.0, 8.0)  # px: half the band across each marking, in each step
-PLACES = 13  # across it
-FARTHER = 1.0  # log likelihood ratio by which a place at the border of the band is less likely than one in its middle
-LEAST = 0.3  # log likelihood ratio of a place that pulls
-OFF = 5.0  # px: standard deviation of places that pull
-TURN, ZOOM = 30.0, 0.1  # standard deviations: px; of log f
-UNKNOWNS = 9  # turn, zoom, place of the camera, principal point
-DIFFERENCE = 1e-3  # of the parameters in these units, for derivatives
 
 
 @dataclass(frozen=True)

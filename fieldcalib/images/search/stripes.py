@@ -40,6 +40,13 @@ MOST = 15_000  # pixels, those that stand out most: the boards of a wooden floor
 AROUND, LEAST_AROUND = 161, 3.0  # px, of the neighbourhood from which they stand out; its least mean response
 LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
 
+SIDE = 11.0  # px from the middle of a stripe to the ground
+COLOUR_BLUR = 1.0  # px
+PURE = 0.7  # quantile of the contrast above which stripes of a paint show it unmixed
+LARGEST_ANGLE = np.radians(25.0)  # between the directions towards the stripe and towards the paint
+FEWEST_LINES, MOST_OF_LINE = 3, 0.6  # lines of a paint, and share of the stripes of a line that are of its paint
+LEAST = 20  # stripes that tell the colour of a paint
+
 
 @dataclass(frozen=True, eq=False)
 class Stripes:
@@ -160,14 +167,6 @@ def _sampled(values: Float32, x: Array | Float32, y: Array | Float32) -> Float32
     upper = (1.0 - u) * values[row, column] + u * values[row, column + 1]
     lower = (1.0 - u) * values[row + 1, column] + u * values[row + 1, column + 1]
     return np.asarray((1.0 - v) * upper + v * lower, np.float32)
-
-
-SIDE = 11.0  # px from the middle of a stripe to the ground
-COLOUR_BLUR = 1.0  # px
-PURE = 0.7  # quantile of the contrast above which stripes of a paint show it unmixed
-LARGEST_ANGLE = np.radians(25.0)  # between the directions towards the stripe and towards the paint
-FEWEST_LINES, MOST_OF_LINE = 3, 0.6  # lines of a paint, and share of the stripes of a line that are of its paint
-LEAST = 20  # stripes that tell the colour of a paint
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,11 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 # World to world and camera to camera: half a turn about x, its own inverse.
 TURN = np.diag([1.0, -1.0, -1.0])
 
+FrameCameras: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
+
+IMAGE_NAMES = "<id>.jpg"
+PIXELS_PER_AXIS = 17  # of the grid on which two cameras are compared
+
 
 def camera_to_world(camera: Camera) -> Array:
     """4 x 4 pose ``[[S R^T S, S C], [0, 1]]`` in metres, ``S = diag(1, -1, -1)``; its columns are right, up, backwards.
@@ -34,12 +39,6 @@ def camera_to_world(camera: Camera) -> Array:
     pose[:3, :3] = TURN @ camera.R.T @ TURN
     pose[:3, 3] = TURN @ camera.C
     return pose
-
-
-FrameCameras: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
-
-IMAGE_NAMES = "<id>.jpg"
-PIXELS_PER_AXIS = 17  # of the grid on which two cameras are compared
 
 
 def with_cameras(frames: FrameCameras) -> dict[str, Camera]:

@@ -31,6 +31,8 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.sequence.joint_start import Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import PixelNoise, SequenceProblem, SharedParameters
 
+LARGEST_SIZE_SIGMA = 0.4  # m: of a size that is estimated; clips of a penalty area and the middle reach 0.2
+
 
 def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
     """Posterior second moment of the crown of a field, square metres.
@@ -47,9 +49,6 @@ def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
     found = possible_values(offset, system.covariance[-1:, -1:], np.asarray(weights), np.reshape(sigma, (-1, 1)))
     posterior = np.exp(found.log - np.max(found.log))
     return float(posterior @ found.moments[:, 0, 0] / np.sum(posterior))
-
-
-LARGEST_SIZE_SIGMA = 0.4  # m: of a size that is estimated; clips of a penalty area and the middle reach 0.2
 
 
 @dataclass(frozen=True, eq=False)

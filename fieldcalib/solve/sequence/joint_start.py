@@ -26,6 +26,9 @@ from fieldcalib.solve.sequence.background_matches import with_tied
 from fieldcalib.solve.sequence.sequence_problem import SequenceProblem
 from fieldcalib.solve.sequence.tripod_position import ACCELERATION
 
+# Parameters that each part of the zoom law changes: the part is fixed unless these are shared.
+CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}
+
 
 def joint_evaluation(
     problem: Problem,
@@ -49,10 +52,6 @@ def joint_evaluation(
     observations = Observations.of(object_segments, pixels, layout.image_size, motion)
     group = np.zeros(count, dtype=np.intp)
     return evaluate(replace(problem, observations=observations, prior=prior, group=group), theta)
-
-
-# Parameters that each part of the zoom law changes: the part is fixed unless these are shared.
-CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}
 
 
 class Start(NamedTuple):

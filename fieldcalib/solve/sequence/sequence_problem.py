@@ -46,6 +46,14 @@ from fieldcalib.solve.sequence.background_matches import Matched, Ties
 
 FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is done: a hundredth of a standard deviation
 
+SIZE = "field size"
+SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a moving camera
+MOST_TOGETHER = 400  # largest number of frames that are solved together,
+MOST_TIED_TOGETHER = 100  # and if matches tie them, which couples all of them in one system
+
+NOTHING: Mapping[int, Calibration] = MappingProxyType({})
+
 
 class PixelNoise(NamedTuple):
     """Noise of the labelled pixels (`fieldcalib.assess.noise`)."""
@@ -101,13 +109,6 @@ class SharedParameters:
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
         """Errors of solved frames; `of_first` are those of the first frame of each pair, if its camera is known."""
         return own_errors(solved, *self.noise, of_first)
-
-
-SIZE = "field size"
-SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a moving camera
-MOST_TOGETHER = 400  # largest number of frames that are solved together,
-MOST_TIED_TOGETHER = 100  # and if matches tie them, which couples all of them in one system
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,9 +204,6 @@ class SequenceProblem:
         if self.options.trust_labels:
             return self.pixels.of_frames([t])
         return NO_PIXELS if alone is None or not alone.accepted or alone.solved is None else alone.solved.pixels
-
-
-NOTHING: Mapping[int, Calibration] = MappingProxyType({})
 
 
 class SolvedFrames(NamedTuple):

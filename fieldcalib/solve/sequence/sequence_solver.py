@@ -65,6 +65,11 @@ GIVEN_SIZE = (0.0, 0.0)  # m: length and width of starts, minus the given ones
 OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
 RUNS = 4  # of consecutive frames: if one of them is wrong, the others may agree without it
 
+FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
+ROUNDS = 3  # of solving all together, and every frame again
+
+OFF_PATH = "its centre is off the path of the frames around it"
+
 
 def best_of_other_starts(
     problem: SequenceProblem, joint: JointSolution, alone: Mapping[int, Calibration]
@@ -173,12 +178,6 @@ def _other_centres(found: Sequence[Evaluation], best: Evaluation, covariance: Ar
         if all(way @ np.linalg.solve(V, way) > APART for way in away) and _cost(one) - least < AS_GOOD:
             others.append(centre)
     return others
-
-
-FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
-ROUNDS = 3  # of solving all together, and every frame again
-
-OFF_PATH = "its centre is off the path of the frames around it"
 
 
 class SolvedSequence(NamedTuple):
