@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from commands import PEAK
 from networks import CLASSES, band_maps, probabilities
 from synthetic import random_frames
-from test_memory import PEAK
 from views import BROADCAST
 
 from fieldcalib import (

@@ -18,6 +18,21 @@ WITHOUT_CAMERA = HEAD_KEYS + FITTED_KEYS  # in both files of lines
 WITH_CAMERA = [*HEAD_KEYS, *CAMERA_KEYS, *PROBABILITY_KEYS, *FITTED_KEYS]
 WITH_CAMERA += ["are_annotated", "rms_as_labelled_px", "loss_ndc_eq3"]
 
+PEAK = """
+import resource, sys
+from importlib import import_module
+from pathlib import Path
+from fieldcalib.run_folder import units
+units.LARGEST_UNIT = 64  # so that a few hundred frames are several units of the same size
+code = import_module(sys.argv[1]).main(sys.argv[2:])
+status = Path("/proc/self/status")  # Linux counts what the process that started this one had, but not here
+if status.exists():
+    print(next(int(line.split()[1]) / 2**10 for line in status.read_text().splitlines() if line.startswith("VmHWM")))
+else:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10))
+raise SystemExit(code)
+"""
+
 
 def run(*arguments):
     """Exit code of the command line."""

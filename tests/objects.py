@@ -6,6 +6,7 @@ from strategies import vectors
 
 from fieldcalib import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.solve.from_homography import GROUND_POINTS
 
 SIZE = (960, 540)
 
@@ -55,3 +56,17 @@ def objects(draw, *, planar, count, unit=1.0):
     X[: 4 if planar else 6] = corners if planar else octahedron
     X += draw(vectors([-0.2] * 3, [0.2] * 3, count=count))
     return seen_object(X, draw(vectors(LEAST_VIEW, LARGEST_VIEW)), planar=planar, unit=unit)
+
+
+def without_focal_length():
+    """h2 is longer than h1 in the image's plane and along the optical axis: no weight of the axis makes them equal."""
+    return np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.1, 1.0]])
+
+
+def points_in_view(camera, tolerance):
+    """Names of the ground points that a camera sees in its enlarged image."""
+    xy = camera.project([point.X for point in GROUND_POINTS.values()])
+    low, high = np.multiply(camera.image_size, -tolerance), np.multiply(camera.image_size, 1.0 + tolerance)
+    return {
+        name for name, inside in zip(GROUND_POINTS, np.all((xy >= low) & (xy <= high), axis=1), strict=True) if inside
+    }

@@ -1,0 +1,111 @@
+"""Advice on cameras: in words of no tool, and how each tool follows it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from networks import Blind
+
+from fieldcalib import calibrate, soccer
+from fieldcalib.assess.estimate import in_words
+from fieldcalib.assess.findings import (
+    HOW,
+    NOT_SOCCER,
+    NOT_WHOLE,
+    OFF_PAINT,
+    OTHER_SPORT,
+    REMEDIES,
+    SMALLER,
+    Advice,
+    Finding,
+    Status,
+    Tool,
+    What,
+    how,
+)
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.whole_picture import CUT, SHAPE
+from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.images.clip.from_video import calibrate_video
+from fieldcalib.images.from_images import calibrate_from_images
+
+SIZES = [in_words(np.diag(one), np.array([2.5, 2.8])) for one in ([0.5, 0.5], [0.5, 0.0], [0.0, -0.5])]
+ALL = [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, OTHER_SPORT, SMALLER]
+REASONS = [str(one) for one in (CUT, SHAPE, Finding(What.TOO_FEW_LABELS, "segment", (2, 4, 7)))]
+
+
+@pytest.mark.parametrize("remedy", [*(one.text for one in ALL), *SIZES, *REASONS])
+def test_a_remedy_names_no_tool_and_none_of_another_frame(remedy):
+    assert "--" not in remedy
+    assert "clip" not in remedy
+    assert "flag" not in remedy
+
+
+@pytest.mark.parametrize("tool", Tool)
+def test_each_tool_says_how(tool):
+    said = {remedy: how(remedy.advice, tool) for remedy in ALL}
+    assert len([one for one in said.values() if one]) >= len(ALL) - 2  # of checking labels there is no more to say
+    for advice in Advice:
+        assert any(advice in remedy.advice for remedy in ALL)
+        assert HOW[advice][tool]
+    assert ("--" in how([Advice.FIELD_SIZE], tool)) == (tool is Tool.COMMAND)
+
+
+def test_the_docs_say_where_they_are():
+    docs = (Path(__file__).parents[2] / "docs" / "refused.md").read_text(encoding="utf-8")
+    assert f"`{how.__module__}.{how.__name__}`" in docs
+
+
+def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():
+    noise = np.random.default_rng(0).integers(0, 255, (270, 480, 3), np.uint8)
+    (found,) = calibrate_from_images(soccer(), [noise], Blind())
+    assert found.reason.endswith("; is this soccer?")
+    assert found.remedy.endswith(NOT_SOCCER.text)
+    assert all(name in found.remedy for name in FIELDS if name != "soccer")
+    assert "--field tennis" in how(found.advice, Tool.COMMAND)
+
+
+def test_a_court_that_was_searched_in_vain_may_be_another_one():
+    found = Calibration.without_camera(Status.IMPROBABLE, "right with a probability of 0.00", Finding(What.SEARCHED))
+    assert found.remedy.endswith(OTHER_SPORT.text)
+    assert "--field tennis, or auto" in how(found.advice, Tool.COMMAND)
+    assert "leave out what you gave" in found.remedy  # a wrong position is never told from a wrong picture
+
+
+def test_a_clip_without_any_camera_may_be_of_another_sport():
+    noise = np.random.default_rng(0).integers(0, 255, (2, 270, 480, 3), np.uint8)
+    found = calibrate_video(soccer(), list(noise), Blind())
+    assert found.notes == (f"no frame has a camera that can be used: is this soccer? {NOT_SOCCER.text.capitalize()}",)
+
+
+def test_a_clip_of_tiny_frames_is_said_to_be_too_small():
+    noise = np.random.default_rng(0).integers(0, 255, (2, 90, 160, 3), np.uint8)
+    found = calibrate_video(soccer(), list(noise), Blind())
+    (note,) = found.notes
+    assert note.startswith("no frame has a camera that can be used: too small: 160 x 90 pixels")
+    assert "soccer" not in note
+
+
+def test_a_small_picture_without_a_camera_is_said_to_be_too_small():
+    noise = np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8)
+    (found,) = calibrate_from_images(soccer(), [noise], Blind())
+    assert found.reason.startswith("too small: 160 x 90 pixels")
+    assert "soccer?" not in found.reason
+
+
+@pytest.mark.parametrize("size", [(2, 3), (31, 480), (270, 31)])
+def test_a_picture_that_is_too_small_says_so(size):
+    results = calibrate(np.zeros((*size, 3), np.uint8), progress=False)
+    found = results["000000"]
+    height, width = size
+    assert found.camera is None
+    assert found.verdict == "reject"
+    assert found.reason.startswith(f"too small: the picture has only {width} x {height} pixels")
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_a_picture_of_one_colour_has_no_camera(level):
+    found = calibrate(np.full((270, 480, 3), level, np.uint8), progress=False)["000000"]
+    assert (found.camera, found.verdict) == (None, "reject")
+    assert found.reason.startswith("the picture shows nothing")
+    assert not found.suspect_labels

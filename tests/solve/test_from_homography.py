@@ -1,0 +1,81 @@
+"""From the homography of the ground to a calibration."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from objects import SIZE, points_in_view, relative_error, without_focal_length
+from strategies import cameras
+
+from fieldcalib import Camera, Status, calibrate_from_homography, soccer
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+
+CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
+
+
+@given(camera=cameras(lens=False))
+def test_a_homography_gives_its_camera(camera):
+    assume(len(points_in_view(camera, 0.1)) >= 3)
+    calibration = calibrate_from_homography(camera.homography, camera.image_size)
+    assert calibration.accepted
+    assert relative_error(calibration.camera, camera) < 1e-5
+    assert calibration.rms < 1e-3
+    assert calibration.loss_ndc < 1e-5
+    assert set(calibration.per_segment_errors) == points_in_view(camera, 0.1)
+
+
+def test_rms_says_how_far_a_homography_is_from_being_a_cameras():
+    H = CAMERA.homography * (1.0 + 0.003 * np.random.default_rng(5).normal(size=(3, 3)))
+    calibration = calibrate_from_homography(H, SIZE)
+    X = np.array([soccer()[name].X for name in calibration.per_segment_errors])
+    xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
+    distance = np.linalg.norm(calibration.camera.project(X) - xy, axis=1)
+    np.testing.assert_allclose(list(calibration.per_segment_errors.values()), distance)
+    assert calibration.rms == pytest.approx(np.sqrt(np.mean(distance**2)))
+    assert calibration.rms > 0.03
+
+
+def test_a_homography_without_focal_length_has_no_camera():
+    calibration = calibrate_from_homography(without_focal_length(), SIZE, principal_point=(0.0, 0.0))
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert calibration.camera is None
+    assert "no real focal length" in calibration.message
+
+
+def test_a_rejected_homography_has_the_closed_form():
+    camera = Camera.from_angles(0.2, 1.36, 0.0, 12000.0, (1.5, 68.0, -17.0), SIZE)
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert relative_error(calibration.camera, camera) < 1e-6
+    assert calibration.message.startswith("not refined: of ")
+
+
+def test_a_field_seen_from_below_is_implausible():
+    """The camera above the ground of that homography has the field behind it."""
+    camera = Camera.from_angles(0.3, np.pi - 1.3, 0.0, 900.0, (2.0, 70.0, 18.0), SIZE)
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert "the camera of the homography has 0 within" in calibration.message
+    np.testing.assert_allclose(calibration.camera.C, camera.C * (1, 1, -1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("camera", "complaint"),
+    [
+        (Camera.from_angles(-0.35, 1.36, np.radians(60.0), 1500.0, (1.5, 68.0, -17.0), SIZE), "rolled by more than 45"),
+        (Camera.from_angles(0.0, 1.36, 0.0, 9000.0, (0.0, 380.0, -80.0), SIZE), "more than 300 m away"),
+    ],
+)
+def test_a_homography_is_of_a_field(camera, complaint):
+    """What no camera of a stadium is, an object of another kind could have been seen by."""
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert complaint in calibration.message
+    assert relative_error(calibration.camera, camera) < 1e-4
+
+
+def test_a_homography_from_pixels_to_metres_is_said_to_be_one():
+    calibration = calibrate_from_homography(-3.0 * np.linalg.inv(CAMERA.homography), SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert calibration.message.endswith("H seems to map pixels to metres, give np.linalg.inv(H)")
+    singular = calibrate_from_homography([[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 0.0]], SIZE)
+    assert "pixels to metres" not in singular.message
