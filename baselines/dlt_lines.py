@@ -29,7 +29,7 @@ from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
-from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
 from fieldcalib.solve.from_homography import NO_FOCAL_LENGTH, closed_form, judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
 

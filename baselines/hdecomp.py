@@ -27,14 +27,14 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import (
+from fieldcalib.run_folder.labelled_frames import (
     CalibratedFrame,
     FromFiles,
     calibrate_files,
     calibrate_folder,
     name_skipped,
 )
-from fieldcalib.run_folder.units import unit_size
+from fieldcalib.run_folder.work_units import unit_size
 from fieldcalib.solve.from_homography import camera_from_homography, judged_camera, judged_decomposition
 
 

@@ -26,7 +26,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.pnlcalib import Detections, keypoint_field, parse_detections
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName
@@ -36,7 +36,7 @@ from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 from fieldcalib.run_folder.images import image_files
 from fieldcalib.run_folder.predictions import FileReader, read_ground_truth
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import PINHOLE_FLAGS
+from fieldcalib.solve.solver_options import PINHOLE_FLAGS
 
 Homographies: TypeAlias = Sequence[Array | None]
 T = TypeVar("T")

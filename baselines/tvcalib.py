@@ -44,8 +44,8 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
-from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.units import in_groups
+from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.work_units import in_groups
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 

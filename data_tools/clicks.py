@@ -44,16 +44,16 @@ from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.fitting import is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.known import Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import CAMERAS, IMAGES
 from fieldcalib.io.image import size_of
-from fieldcalib.io.images import at_most_wide
+from fieldcalib.io.image_files import at_most_wide
 from fieldcalib.io.results import LINES
 from fieldcalib.problem.prior import BROADCAST_SHAPE
-from fieldcalib.run_folder.outcome import calibration_line
+from fieldcalib.run_folder.frame_record import calibration_line
 
 GOAL, MOST = 12, 16  # clicks
 LARGEST = 1.0  # m: error of a right camera

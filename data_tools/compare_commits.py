@@ -29,7 +29,7 @@ import yaml
 
 import fieldcalib as fc
 from fieldcalib import fields
-from fieldcalib.io.images import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.videos import VideoReader
 
 Found: TypeAlias = list[Any]  # results of one part, one for each frame, as JSON

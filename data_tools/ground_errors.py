@@ -35,7 +35,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import read_frames
+from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 LEAST = 3  # segments that remain for the calibration

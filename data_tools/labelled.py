@@ -26,7 +26,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import lines_file
 from fieldcalib.results.entry import read
 from fieldcalib.solve.from_points import calibrate_from_points
-from fieldcalib.solve.options import DEFAULT_FLAGS
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 POINTS_FILE = "keypoints_105x68.json"
 MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # often labelled at the border of the frame or elsewhere: not used

@@ -28,7 +28,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.solve.solver_options import CalibrationFlags
 from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
 from fieldcalib.synthetic.simulated import observe
 

@@ -28,8 +28,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.fitting import included_network, mark_errors
 from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.frame_table import Row, next_frame
 from fieldcalib.editor.marks import Marks
-from fieldcalib.editor.table import Row, next_frame
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

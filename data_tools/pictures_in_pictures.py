@@ -43,7 +43,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.synthetic.film import PAINTED, Scene, clip_frames, filmed
 from fieldcalib.synthetic.paths import with_displaced_lines

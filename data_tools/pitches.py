@@ -42,7 +42,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.synthetic.paths import camera_path, with_displaced_lines

@@ -54,9 +54,9 @@ from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.projection import Projection
-from fieldcalib.run_folder.annotated import read_frames
+from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 from fieldcalib.synthetic.paths import SIZE
 
 TOLERANCES = (0.5, 1.0)  # limits of a right camera's error, in shares of the field's tolerance

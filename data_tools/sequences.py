@@ -30,9 +30,9 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import BACK
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import paint_sigma
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.solver_options import paint_sigma
 from fieldcalib.synthetic.paths import SIZE, camera_path, flight, with_displaced_lines
 
 FRAMES = 300  # of a clip

@@ -34,11 +34,11 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import read_frames
+from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS
-from fieldcalib.solve.options import CalibrationFlags as F
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
+from fieldcalib.solve.solver_options import CalibrationFlags as F
 
 FIELD = soccer()
 GRID = (24, 14)  # pixels across and down the picture at which cameras are compared

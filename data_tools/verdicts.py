@@ -28,7 +28,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import read_frames
+from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 WRONG = 1.0  # m

@@ -28,9 +28,9 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import read_frames
+from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 LEAST_SEGMENTS, WELL_FITTED = 7, 2.0  # labels, px at 960 x 540
 SAME_CAMERA = 3.0  # px at 960 x 540

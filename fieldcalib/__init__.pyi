@@ -61,11 +61,11 @@ from .solve.from_homography import calibrate_from_homography as calibrate_from_h
 from .solve.from_homography import camera_from_homography as camera_from_homography
 from .solve.from_points import calibrate_from_points as calibrate_from_points
 from .solve.from_segments import calibrate_from_segments as calibrate_from_segments
-from .solve.options import DEFAULT_FLAGS as DEFAULT_FLAGS
-from .solve.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
-from .solve.options import PINHOLE_FLAGS as PINHOLE_FLAGS
-from .solve.options import CalibrationFlags as CalibrationFlags
 from .solve.sequence.from_sequence import calibrate_sequence as calibrate_sequence
+from .solve.solver_options import DEFAULT_FLAGS as DEFAULT_FLAGS
+from .solve.solver_options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
+from .solve.solver_options import PINHOLE_FLAGS as PINHOLE_FLAGS
+from .solve.solver_options import CalibrationFlags as CalibrationFlags
 from .synthetic.samples import sample as sample
 
 __version__: str

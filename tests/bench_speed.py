@@ -28,11 +28,11 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.draw.scene import render_field
-from fieldcalib.io.images import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
-from fieldcalib.solve.options import PINHOLE_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import PINHOLE_FLAGS, CalibrationFlags
 
 FIELD, SIZE = soccer(), (960, 540)
 

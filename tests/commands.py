@@ -22,8 +22,8 @@ PEAK = """
 import resource, sys
 from importlib import import_module
 from pathlib import Path
-from fieldcalib.run_folder import units
-units.LARGEST_UNIT = 64  # so that a few hundred frames are several units of the same size
+from fieldcalib.run_folder import work_units
+work_units.LARGEST_UNIT = 64  # so that a few hundred frames are several units of the same size
 code = import_module(sys.argv[1]).main(sys.argv[2:])
 status = Path("/proc/self/status")  # Linux counts what the process that started this one had, but not here
 if status.exists():

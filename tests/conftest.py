@@ -80,7 +80,7 @@ def know(monkeypatch):
 
     def install(cameras):
         network = KnownCameras(cameras)
-        for command in ("run", "clips", "live", "localize"):
+        for command in ("run", "clips", "localize"):
             monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
         return network
 

@@ -5,7 +5,7 @@ from synthetic import observe, whole_circle_markings
 
 from fieldcalib import Camera, soccer
 from fieldcalib.geometry.lens import RadialLens
-from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.solve.solver_options import CalibrationFlags
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)

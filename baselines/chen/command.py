@@ -37,17 +37,17 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import (
+from fieldcalib.run_folder.images import ReadImage, image_files
+from fieldcalib.run_folder.labelled_frames import (
     CalibratedFrame,
     FromFiles,
     calibrate_files,
     calibrate_folder,
 )
-from fieldcalib.run_folder.images import ReadImage, image_files
 from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"

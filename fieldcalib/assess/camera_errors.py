@@ -10,12 +10,12 @@ import numpy as np
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import Picture
 from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import if_level
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import probability_by_covariance
-from fieldcalib.assess.whole_picture import Picture
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.records import check_covariances, check_parameters, layout_from_record, layout_to_record, sized

@@ -15,6 +15,7 @@ from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, 
 from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
+from fieldcalib.assess.cropping_evidence import Declared, Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
     NOT_SOCCER,
@@ -44,7 +45,6 @@ from fieldcalib.assess.paint_in_view import (
 from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.whole_picture import Declared, Picture
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 

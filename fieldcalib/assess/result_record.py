@@ -11,10 +11,10 @@ import numpy as np
 from fieldcalib._checks import expect, whole_number
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, findings_from_json
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
 

@@ -9,10 +9,16 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import (
+    SQUASHED_LOG_ODDS,
+    Picture,
+    differs_in_aspect,
+    log_ratio_of_cut,
+    seems_part,
+)
 from fieldcalib.assess.findings import Finding
 from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right, surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
-from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, differs_in_aspect, log_ratio_of_cut, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate

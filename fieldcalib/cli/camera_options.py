@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.placement import Crop, Placement
-from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.console.arguments import LENSES, Default, image_size, told_by
 from fieldcalib.console.options import did_you_mean, option
 from fieldcalib.geometry.camera import Camera
@@ -21,9 +21,9 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
 from fieldcalib.run_folder.record import ESTIMATED
-from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
+from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
-from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera
 
 SQUARE = "square"
 

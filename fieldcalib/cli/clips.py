@@ -36,13 +36,13 @@ from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
-from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.images import Frame, checked_frames, say_note
+from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
-from fieldcalib.solve.task import check_of_clip
+from fieldcalib.solve.request import check_of_clip
 
 RunFunction: TypeAlias = Callable[[RunRequest], int]
 

@@ -20,10 +20,10 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
-from fieldcalib.run_folder.annotated import name_skipped
+from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished
-from fieldcalib.run_folder.units import executor_of
+from fieldcalib.run_folder.work_units import executor_of
 
 PERCENT = 100.0
 RATIOS = {

@@ -14,7 +14,7 @@ from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_obj
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
-from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.frame_record import Outcome, is_squashed
 from fieldcalib.run_folder.record import PARQUET, RunRecord, Shard
 from fieldcalib.run_folder.results import (
     LOCALIZED,

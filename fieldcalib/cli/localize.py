@@ -24,17 +24,17 @@ from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.annotated import check_labels
+from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
-from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.labelled_frames import check_labels
 from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
-from fieldcalib.run_folder.units import UnitResult, work
+from fieldcalib.run_folder.work_units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"

@@ -40,17 +40,17 @@ from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.localize import Network
 from fieldcalib.results.entry import read
-from fieldcalib.results.sources import Pictures, auto_field
+from fieldcalib.results.pictures import Pictures, auto_field
+from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note, videos_in
-from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
-from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
+from fieldcalib.run_folder.work_units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
 from fieldcalib.web.report import write_report
 

@@ -21,14 +21,14 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import SIDES, Side
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.clip.from_video import Mount
-from fieldcalib.io.cuts import Cut
+from fieldcalib.io.frame_range import Cut
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import check_pixels
+from fieldcalib.io.image_files import check_pixels
 from fieldcalib.io.streams import Input, Stream
+from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.images import ReadImage, is_clip, is_video, videos_in
-from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions
-from fieldcalib.solve.options import Prior
+from fieldcalib.solve.solver_options import Prior
 
 IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos
 TRIPOD = "tripod"

@@ -19,11 +19,11 @@ from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.images import files_read

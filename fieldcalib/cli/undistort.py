@@ -15,11 +15,11 @@ from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
 from fieldcalib.console.arguments import add_most_bytes
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.run_folder.images import files_read, say_note

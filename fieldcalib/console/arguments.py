@@ -12,15 +12,15 @@ from fieldcalib.console.inputs import add_inputs
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file
 from fieldcalib.io.files import MOST_BYTES
-from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
-from fieldcalib.run_folder.annotated import AnnotationReader
 from fieldcalib.run_folder.images import MOST_BYTES as MOST_BYTES_OF_IMAGE
+from fieldcalib.run_folder.labelled_frames import AnnotationReader
 from fieldcalib.run_folder.record import JSON_LINES, PARQUET, RunOptions, Shard, as_json
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
 T = TypeVar("T")
 

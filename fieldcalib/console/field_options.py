@@ -13,7 +13,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.run_folder.record import ESTIMATED
-from fieldcalib.solve.options import ALL, Prior
+from fieldcalib.solve.solver_options import ALL, Prior
 
 SOCCER = "soccer"
 KNOWN = "known"

@@ -14,8 +14,8 @@ from fieldcalib.console.field_options import field_of
 from fieldcalib.console.options import given, option
 from fieldcalib.fields.field import Field
 from fieldcalib.localize import Network, SegmentationNetwork
-from fieldcalib.localize.grid import BACKGROUND, classes_without_segment
 from fieldcalib.localize.network import CPU
+from fieldcalib.localize.network_grid import BACKGROUND, classes_without_segment
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import Colour, draw_text, text_size
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.images import LONGEST_SIDE
+from fieldcalib.io.image_files import LONGEST_SIDE
 
 BACKGROUND: Colour = (30, 27, 25)
 CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # scales of OpenCV's font

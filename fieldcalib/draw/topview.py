@@ -15,7 +15,7 @@ from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.images import LONGEST_SIDE
+from fieldcalib.io.image_files import LONGEST_SIDE
 
 ABOVE = 100.0  # m: height of the camera above the field; the picture of the ground does not depend on it
 PIXELS_OF_SCALE = 400.0  # default length of `Field.scale` in the picture

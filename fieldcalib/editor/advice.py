@@ -20,7 +20,7 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 CLICK = 2.0  # px: standard deviation of a click, along x and y
 PLACES = 9  # on a marking where a mark may be set

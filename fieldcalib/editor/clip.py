@@ -32,7 +32,7 @@ from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.run_folder.numbered_frames import NumberedFrames
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 GRID = (9, 6)  # places across and down the picture whose moves are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")

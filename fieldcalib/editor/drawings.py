@@ -15,7 +15,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
 from fieldcalib.run_folder.numbered_frames import NumberedFrames

@@ -21,6 +21,7 @@ from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
 from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
 from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
+from fieldcalib.editor.frame_table import Row, Table, next_frame
 from fieldcalib.editor.journal import (
     JOURNAL,
     NOTHING_WRITTEN,
@@ -41,11 +42,10 @@ from fieldcalib.editor.label_files import (
     saved_files,
     soccernet_file,
 )
+from fieldcalib.editor.label_versions import Announce, Announced
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.opening import field_of, frames_of, places_of
-from fieldcalib.editor.stored import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
-from fieldcalib.editor.table import Row, Table, next_frame
-from fieldcalib.editor.versions import Announce, Announced
+from fieldcalib.editor.saved_files import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.annotations import Annotation
@@ -53,8 +53,8 @@ from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
-from fieldcalib.solve.options import ALL
-from fieldcalib.solve.task import NOTHING_GIVEN
+from fieldcalib.solve.request import NOTHING_GIVEN
+from fieldcalib.solve.solver_options import ALL
 
 AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
 

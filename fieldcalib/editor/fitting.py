@@ -21,7 +21,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network, localize
-from fieldcalib.localize.grid import classes_without_segment
+from fieldcalib.localize.network_grid import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Weights
 from fieldcalib.problem.layout import Layout
@@ -29,7 +29,7 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
 MOST_MARKS = 6  # of a label, of those that a network found

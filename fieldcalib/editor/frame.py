@@ -27,26 +27,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
 from fieldcalib.editor.fitting import fitted
-from fieldcalib.editor.known import Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.editor.marks import FARTHEST, History, Marks
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.io.images import at_most_wide, encode_image
+from fieldcalib.io.image_files import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import nearest_label
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import pixel_unit
 from fieldcalib.solve.squashed_pictures import likelier, may_be_squashed, shown_size
-from fieldcalib.solve.task import GivenCamera, Task
 
 REACH = 8.0  # px of a 960 x 540 image: clicks are nearer than that
 WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones near by

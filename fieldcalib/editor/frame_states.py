@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import Proposal
 from fieldcalib.editor.frame import Edit
+from fieldcalib.editor.frame_table import Row
 from fieldcalib.editor.journal import FrameHistory
 from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.stored import BY_HAND, BY_HAND_TOO, Spilled
-from fieldcalib.editor.table import Row
+from fieldcalib.editor.saved_files import BY_HAND, BY_HAND_TOO, Spilled
 
 
 class FrameState:

@@ -13,7 +13,7 @@ from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 OFFSIDE_COLOUR = (40, 220, 255)  # blue, green, red
 THICKNESS = 2.0  # px of a 960 x 540 image

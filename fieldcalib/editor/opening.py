@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fieldcalib._checks import expect, file_path, listed
-from fieldcalib.editor.stored import Stored, source_of
+from fieldcalib.editor.saved_files import Stored, source_of
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field

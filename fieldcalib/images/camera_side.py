@@ -32,8 +32,8 @@ from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
-from fieldcalib.solve.options import ALL, CalibrationFlags, Prior, checked_flags, checked_prior
-from fieldcalib.solve.task import GivenCamera
+from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, checked_flags, checked_prior
 
 _F = CalibrationFlags
 

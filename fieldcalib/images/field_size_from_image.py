@@ -13,7 +13,7 @@ from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.field_size import with_size_from_labels
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
 
 
 def on_field_as_seen(

@@ -36,15 +36,15 @@ from fieldcalib.images.shape.borders_and_squash import Method, with_aspect_estim
 from fieldcalib.images.shape.enlarged import with_enlarged_parts
 from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
-from fieldcalib.localize.flow import check_network
+from fieldcalib.localize.batches import check_network
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.task import GivenCamera, Task
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
 HEAVIEST = 5  # segments with the largest weights, from which hypotheses are made
 PER_HYPOTHESIS = 3  # segments, the fewest that determine a camera: 10 hypotheses

@@ -45,8 +45,8 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import checked_labels
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14

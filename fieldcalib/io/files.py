@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
-from fieldcalib.io.abandoned import TEMPORARY, locked, remove_abandoned
+from fieldcalib.io.stale_temporaries import TEMPORARY, locked, remove_abandoned
 from fieldcalib.io.zips import Readable, open_member
 
 HIDDEN = re.compile(r"\.")

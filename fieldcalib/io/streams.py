@@ -11,9 +11,9 @@ from types import MappingProxyType
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
-from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.frame_range import WHOLE, Cut
+from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"

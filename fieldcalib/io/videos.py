@@ -1,6 +1,6 @@
 """Videos: read frame by frame, and drawn pictures written as one.
 
-Frames are images as in `fieldcalib.io.images`, turned as the video's metadata say.
+Frames are images as in `fieldcalib.io.image_files`, turned as the video's metadata say.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, native_name, replacement
+from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import MOST_PIXELS, check_pixels
+from fieldcalib.io.image_files import MOST_PIXELS, check_pixels
 
 WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
 LONGEST_SOUND = 1.0  # seconds that the sound may go on after the last frame
@@ -63,7 +63,7 @@ class FrameReader:
     Raises
     ------
     BrokenFileError
-        If it is no video, has no frame in the cut, or too large ones (`fieldcalib.io.images.check_pixels`).
+        If it is no video, has no frame in the cut, or too large ones (`fieldcalib.io.image_files.check_pixels`).
     ValueError
         If there can be no frame in the cut.
     """

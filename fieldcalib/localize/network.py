@@ -34,8 +34,8 @@ from fieldcalib._types import Float32
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.localize.flow import Network
-from fieldcalib.localize.grid import BACKGROUND
+from fieldcalib.localize.batches import Network
+from fieldcalib.localize.network_grid import BACKGROUND
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"

@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
+from fieldcalib.localize.network_grid import BACKGROUND, Localization, check_classes, image_from_grid
 
 # Chosen by eye on broadcast frames; results hardly depend on them within a factor of two: on 31 images of WC14 IoU_part
 # is 95.9 % (mean) and one camera is not accepted; with any one constant halved or doubled, 95.8 to 96.0 % and 1 to 4.

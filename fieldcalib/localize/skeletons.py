@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32, IntArray
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
+from fieldcalib.localize.network_grid import BACKGROUND, Localization, check_classes, image_from_grid
 from fieldcalib.problem.labelled_pixels import split_circles
 
 POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8

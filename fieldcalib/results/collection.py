@@ -29,9 +29,9 @@ from fieldcalib.fields.sides import MAIN, side_of
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.images import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
-from fieldcalib.results.sources import Pictures
+from fieldcalib.results.pictures import Pictures
 
 if TYPE_CHECKING:
     import pandas

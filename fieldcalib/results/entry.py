@@ -21,21 +21,21 @@ from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.clip.from_video import Mount
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image import Image
 from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.localize import Network
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import StoredFrames
 from fieldcalib.results.inputs import Labels, Method, input_of, pictures_of
-from fieldcalib.results.sources import Pictures, auto_field
+from fieldcalib.results.pictures import Pictures, auto_field
 from fieldcalib.run_folder.clip_results import read_clip
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.task import GivenCamera
+from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 PathLike: TypeAlias = str | os.PathLike[str]
 Source: TypeAlias = (

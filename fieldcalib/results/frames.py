@@ -15,7 +15,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN, ResultFile, split_line
-from fieldcalib.run_folder.outcome import calibration_line
+from fieldcalib.run_folder.frame_record import calibration_line
 
 EQ3 = "loss_ndc_eq3"  # key of the paper's loss
 MOST_OPEN = 1000  # frames whose calibrations are kept as they are

@@ -26,19 +26,18 @@ from fieldcalib.images.clip.from_video import Mount, calibrate_video
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.annotations import Annotation
-from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network
-from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.localize.network_grid import classes_without_segment
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
-from fieldcalib.results.sources import Pictures
-from fieldcalib.run_folder.annotated import paper_losses
+from fieldcalib.results.pictures import Pictures
 from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
 from fieldcalib.run_folder.images import (
     Frame,
@@ -50,11 +49,12 @@ from fieldcalib.run_folder.images import (
     pixels_of,
     videos_in,
 )
-from fieldcalib.run_folder.units import grouped, unit_size, units_of
+from fieldcalib.run_folder.labelled_frames import paper_losses
+from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
 from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import Prior
-from fieldcalib.solve.task import GivenCamera
+from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.solver_options import Prior
 
 Labels: TypeAlias = ImageSegments | Annotation
 

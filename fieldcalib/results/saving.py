@@ -21,14 +21,14 @@ from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
-from fieldcalib.run_folder.annotated import CAMERA_FILES, WITHHELD
 from fieldcalib.run_folder.clip_input import ClipInput, whole_frame
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
-from fieldcalib.run_folder.outcome import Outcome, camera_file, is_squashed
+from fieldcalib.run_folder.frame_record import Outcome, camera_file, is_squashed
+from fieldcalib.run_folder.labelled_frames import CAMERA_FILES, WITHHELD
 from fieldcalib.run_folder.record import ID, RECORD, RunOptions, RunRecord
 from fieldcalib.run_folder.results import (
     OVERLAY,

@@ -12,9 +12,9 @@ from fieldcalib._messages import say
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib.assess.placement import Placement
 from fieldcalib.io.clips import OneSize, in_order
-from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.images import Frame, ReadImage, checked_frames, ignored, image_files, in_cut

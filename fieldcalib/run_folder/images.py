@@ -13,16 +13,16 @@ from typing import Any, TypeVar
 
 from fieldcalib._messages import say
 from fieldcalib._progress import waiting_for
-from fieldcalib.io.cuts import WHOLE, Cut, ends_before
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoWriter
-from fieldcalib.run_folder.annotated import name_skipped
-from fieldcalib.run_folder.outcome import Outcome
-from fieldcalib.run_folder.units import read_each
+from fieldcalib.run_folder.frame_record import Outcome
+from fieldcalib.run_folder.labelled_frames import name_skipped
+from fieldcalib.run_folder.work_units import read_each
 
 MOST_BYTES = 256_000_000  # of the file of an image
 

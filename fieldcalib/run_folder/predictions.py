@@ -32,8 +32,8 @@ from fieldcalib.metrics import Prediction
 from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.annotated import name_left_out
-from fieldcalib.run_folder.units import read_each, units_of
+from fieldcalib.run_folder.labelled_frames import name_left_out
+from fieldcalib.run_folder.work_units import read_each, units_of
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image

@@ -18,7 +18,7 @@ from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.segment_ends import with_segment_ends
-from fieldcalib.solve.options import CERTAIN, Options
+from fieldcalib.solve.solver_options import CERTAIN, Options
 
 LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))
 

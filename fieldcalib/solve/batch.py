@@ -36,7 +36,8 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
-from fieldcalib.solve.options import (
+from fieldcalib.solve.request import GivenCamera, Task, as_fixed
+from fieldcalib.solve.solver_options import (
     DEFAULT_CRITERIA,
     GUESS,
     Criteria,
@@ -44,7 +45,6 @@ from fieldcalib.solve.options import (
     Prior,
 )
 from fieldcalib.solve.squashed_pictures import with_likely_aspect
-from fieldcalib.solve.task import GivenCamera, Task, as_fixed
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames

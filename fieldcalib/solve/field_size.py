@@ -42,8 +42,8 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.sequence.joint_start import joint_evaluation
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
 LIKELY = 0.5  # probability of the given size from which on it is kept
 LARGEST_SIGMA = 2.0  # m: of a length or width that counts as determined; less than the prior's standard deviations

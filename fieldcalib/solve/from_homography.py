@@ -27,8 +27,8 @@ from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import dehomogenize, finite_homography, homogenize
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.solve.options import WIDE_SCALE, pixel_unit
 from fieldcalib.solve.origin_and_unit import UNITS, may_be_from_a_corner, reading_of_camera
+from fieldcalib.solve.solver_options import WIDE_SCALE, pixel_unit
 
 GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
     {name: point for name, point in soccer().points.items() if point.X[2] == 0.0}

@@ -24,7 +24,10 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIP
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.from_segments import calibrate_frame
-from fieldcalib.solve.options import (
+from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
+from fieldcalib.solve.solver_options import (
     ALL,
     DEFAULT_CRITERIA,
     GUESS,
@@ -34,9 +37,6 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
-from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
-from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
-from fieldcalib.solve.task import GivenCamera, Task
 
 HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view

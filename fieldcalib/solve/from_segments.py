@@ -45,10 +45,10 @@ from fieldcalib.problem.segment_ends import with_segment_ends
 from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.auto_lens import with_required_lens
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
-from fieldcalib.solve.options import DEFAULT_CRITERIA, Criteria, Options, Prior
+from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, Criteria, Options, Prior
 from fieldcalib.solve.squashed_pictures import with_likely_aspect
-from fieldcalib.solve.task import GivenCamera, Task, as_fixed
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones

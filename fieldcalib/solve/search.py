@@ -23,7 +23,7 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
-from fieldcalib.solve.options import CERTAIN, Options
+from fieldcalib.solve.solver_options import CERTAIN, Options
 
 FIRST_ITERATIONS = 4  # of every initial camera
 PROMISING = 3  # number of the best cameras of a frame that are solved further,

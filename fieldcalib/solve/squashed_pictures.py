@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import SHAPE
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
 from fieldcalib.solve.annotation_border import with_border_complaint
-from fieldcalib.solve.options import CERTAIN
+from fieldcalib.solve.solver_options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower

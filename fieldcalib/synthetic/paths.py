@@ -19,7 +19,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import POWERS
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.solve.options import paint_sigma
+from fieldcalib.solve.solver_options import paint_sigma
 from fieldcalib.synthetic.colours import Range
 
 SIZE = (1920, 1080)  # of the measured cameras

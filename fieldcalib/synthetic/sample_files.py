@@ -18,11 +18,11 @@ import numpy as np
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
-from fieldcalib.io.images import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.units import executor_of
+from fieldcalib.run_folder.work_units import executor_of
 from fieldcalib.synthetic.film import LEAST_PATH, PAINTED, Scene, TrueFrame, cameras_as_text, clip_frames, filmed
 from fieldcalib.synthetic.paths import with_displaced_lines
 from fieldcalib.synthetic.samples import FILES, PLAYERS, TRUTH, Sample

@@ -21,13 +21,13 @@ from fieldcalib._json import to_json
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.editor import Editor, StaleEdit
 from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.label_versions import ChangedFileError, UnfinishedSaveError
 from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
-from fieldcalib.editor.stored import HISTORY
-from fieldcalib.editor.versions import ChangedFileError, UnfinishedSaveError
+from fieldcalib.editor.saved_files import HISTORY
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.web.edits import apply
 from fieldcalib.web.guard import Guard, TooLargeError
 from fieldcalib.web.jobs import ClipJob, Worker

@@ -14,7 +14,7 @@ from threading import Lock
 import numpy as np
 
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import at_most_wide
+from fieldcalib.io.image_files import at_most_wide
 from fieldcalib.run_folder.numbered_frames import NumberedFrames
 
 QUALITY = 88  # of the JPEGs

@@ -28,7 +28,7 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.editor.table import Row
+from fieldcalib.editor.frame_table import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -37,8 +37,8 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_header import stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
-from fieldcalib.results.sources import Pictures
-from fieldcalib.run_folder.outcome import kind_of
+from fieldcalib.results.pictures import Pictures
+from fieldcalib.run_folder.frame_record import kind_of
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.bundle import as_json, bundled, one_file, styles

@@ -7,6 +7,7 @@ import pytest
 from networks import Blind
 
 from fieldcalib import calibrate, soccer
+from fieldcalib.assess.cropping_evidence import CUT, SHAPE
 from fieldcalib.assess.estimate import in_words
 from fieldcalib.assess.findings import (
     HOW,
@@ -24,7 +25,6 @@ from fieldcalib.assess.findings import (
     how,
 )
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import CUT, SHAPE
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images

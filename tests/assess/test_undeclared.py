@@ -14,10 +14,7 @@ from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.findings import Verdict, What
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import (
+from fieldcalib.assess.cropping_evidence import (
     CUT,
     PART_SCALE,
     SCORE,
@@ -32,6 +29,9 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
+from fieldcalib.assess.findings import Verdict, What
+from fieldcalib.assess.placement import Placement
+from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -39,7 +39,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import likelier
 from fieldcalib.synthetic.simulated import observe as demo_labels
 from fieldcalib.synthetic.simulated import pan_over_field

@@ -15,7 +15,7 @@ from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
 from fieldcalib.io.wc14 import format_homography, parse_homography
-from fieldcalib.run_folder import units
+from fieldcalib.run_folder import work_units
 
 SIZE = (960, 540)
 NAMES = ("a", "b", "c")
@@ -210,7 +210,7 @@ def test_tau_rejects(folder, tmp_path):
 
 @one_quickly
 def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(units, "SMALLEST_UNIT", 1)
+    monkeypatch.setattr(work_units, "SMALLEST_UNIT", 1)
     main, options = COMMANDS[name]
     for jobs in (1, 2):
         arguments = (folder, "--size", "960x540", "--out", tmp_path / str(jobs), *options, "--jobs", jobs)

@@ -18,7 +18,7 @@ from fieldcalib.io.annotation_files import read_annotations
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.run_folder import units
+from fieldcalib.run_folder import work_units
 
 TOOLS = pytest.mark.parametrize("tool", OTHER_ANNOTATIONS)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (24, -22)]
@@ -75,8 +75,8 @@ def test_real_frames(shared_data, tmp_path):
 
 @pytest.mark.parametrize("tool", ["labelme", pytest.param("coco", marks=pytest.mark.slow)])
 def test_jobs_shards_and_resuming_give_the_same(tool, annotations, tmp_path, monkeypatch):
-    monkeypatch.setattr(units, "SMALLEST_UNIT", 2)
-    monkeypatch.setattr(units, "LARGEST_UNIT", 2)
+    monkeypatch.setattr(work_units, "SMALLEST_UNIT", 2)
+    monkeypatch.setattr(work_units, "LARGEST_UNIT", 2)
     path = put(tmp_path / "in", tool, annotations)
     assert calibrate(path, out=tmp_path / "whole") == 0
     for number in (1, 2):

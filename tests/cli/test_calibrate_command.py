@@ -11,8 +11,8 @@ from commands import SIZE, WITH_CAMERA, calibrate, cameras_in, lines_of, summary
 
 import fieldcalib
 from fieldcalib.io.soccernet import camera_from_record
-from fieldcalib.run_folder import annotated as commands_on_folders
-from fieldcalib.run_folder import outcome as outcomes_of_commands
+from fieldcalib.run_folder import frame_record as outcomes_of_commands
+from fieldcalib.run_folder import labelled_frames as commands_on_folders
 
 
 def test_files(calibrated_folder):

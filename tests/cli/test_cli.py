@@ -16,7 +16,7 @@ import fieldcalib
 from fieldcalib._progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.files import write_bytes
-from fieldcalib.io.images import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import output_folder
 
 # --- wrong usage ---
@@ -236,7 +236,7 @@ def test_so_does_a_request_to_end(annotated_folder, tmp_path, name):
 
 
 REQUESTED = """
-import os, signal, fieldcalib.run_folder.units as units
+import os, signal, fieldcalib.run_folder.work_units as units
 def work(*arguments):
     os.kill(os.getpid(), signal.SIGTERM)
 units.work = work
@@ -251,7 +251,7 @@ def test_a_request_to_end_tidies_up(annotated_folder, tmp_path):
 
 
 INTERRUPTED_FINALIZER = """
-import os, signal, time, fieldcalib.run_folder.units as units
+import os, signal, time, fieldcalib.run_folder.work_units as units
 signal.signal(signal.SIGINT, signal.default_int_handler)
 class Interrupting:
     def __del__(self):

@@ -8,13 +8,13 @@ from synthetic import random_frames
 from baselines import dlt_lines
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.results.entry import read
-from fieldcalib.run_folder import units
+from fieldcalib.run_folder import work_units
 
 
 @pytest.fixture(autouse=True)
 def small_units(monkeypatch):
-    monkeypatch.setattr(units, "SMALLEST_UNIT", 1)
-    monkeypatch.setattr(units, "LARGEST_UNIT", 2)
+    monkeypatch.setattr(work_units, "SMALLEST_UNIT", 1)
+    monkeypatch.setattr(work_units, "LARGEST_UNIT", 2)
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
-from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
-from fieldcalib.solve.options import CalibrationFlags as F
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
+from fieldcalib.solve.solver_options import CalibrationFlags as F
 from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.simulated import camera_difference
@@ -207,7 +207,7 @@ def know(monkeypatch):
     """Let the commands use a network that knows the cameras of the images."""
 
     def replace_network(cameras):
-        for module in ("run", "clips", "live"):
+        for module in ("run", "clips"):
             monkeypatch.setattr(f"fieldcalib.cli.{module}.load_network", lambda options: KnownCameras(cameras))
 
     return replace_network

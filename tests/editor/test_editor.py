@@ -15,7 +15,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.advice import GRID, click_errors, likely_labels, next_mark
 from fieldcalib.editor.frame import REACH, FrameEditor, snapped
-from fieldcalib.editor.known import Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.editor.marks import History, Marks
 
 FIELD, SIZE = soccer(), (960, 540)

@@ -24,8 +24,8 @@ from fieldcalib import Camera, soccer
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.editor.clip import BESIDE, CUTS, Proposal, Window, largest_move, with_cuts
 from fieldcalib.editor.journal import JOURNAL
-from fieldcalib.editor.stored import MOVED
-from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.editor.label_versions import ChangedFileError
+from fieldcalib.editor.saved_files import MOVED
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import FramesByNumber
 

@@ -33,7 +33,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.editor import StaleEdit
 from fieldcalib.editor.journal import JOURNAL, read_journal
 from fieldcalib.editor.label_files import LabelWarning
-from fieldcalib.editor.versions import ChangedFileError
+from fieldcalib.editor.label_versions import ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 

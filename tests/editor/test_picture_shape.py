@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, soccer
+from fieldcalib.assess.cropping_evidence import SHAPE
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import InFrame
-from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import _pixels_in_picture
 from fieldcalib.editor.fitting import mark_errors
 from fieldcalib.editor.frame import Edit, FrameEditor
 from fieldcalib.editor.journal import edit_from_record, edit_to_record
-from fieldcalib.editor.known import Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.web.records import shown_aspect
 
 FIELD, SHOWN = soccer(), (1280, 720)

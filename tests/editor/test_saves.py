@@ -24,9 +24,9 @@ from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.journal import JOURNAL, edit_to_record
-from fieldcalib.editor.known import Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.editor.label_files import LabelWarning
-from fieldcalib.editor.versions import STAGED, ChangedFileError
+from fieldcalib.editor.label_versions import STAGED, ChangedFileError
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 

@@ -16,7 +16,7 @@ from fieldcalib import calibrate_batch, calibrate_from_segments, fields
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Arc, Line
-from fieldcalib.solve.options import PINHOLE_FLAGS
+from fieldcalib.solve.solver_options import PINHOLE_FLAGS
 
 NAMES = (
     "badminton",

@@ -21,7 +21,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
 
 NAMES = (
     "american-football-ncaa",

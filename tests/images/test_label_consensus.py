@@ -11,8 +11,8 @@ from fieldcalib.images.from_images import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 from fieldcalib.synthetic.simulated import camera_difference
 
 FIELD = soccer()

@@ -27,8 +27,8 @@ from fieldcalib.images.refinement import (
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)

@@ -17,8 +17,8 @@ from views import camera
 import fieldcalib
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
-from fieldcalib.localize.grid import image_from_grid
 from fieldcalib.localize.network import NetworkDescription, resized
+from fieldcalib.localize.network_grid import image_from_grid
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss

@@ -30,13 +30,13 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Finding, SuspectLabel, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.result import with_findings
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import Shot, VideoCalibration
-from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record

@@ -12,7 +12,7 @@ from synthetic import random_frames
 import fieldcalib
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.run_folder import units
+from fieldcalib.run_folder import work_units
 from fieldcalib.run_folder.results import ResultsWriter
 
 SAME = ("--size", "960x540")
@@ -41,8 +41,8 @@ def written(folder, count):
 
 
 def test_frames_are_read_unit_by_unit(tmp_path, monkeypatch):
-    monkeypatch.setattr(units, "SMALLEST_UNIT", 2)
-    monkeypatch.setattr(units, "LARGEST_UNIT", 2)
+    monkeypatch.setattr(work_units, "SMALLEST_UNIT", 2)
+    monkeypatch.setattr(work_units, "LARGEST_UNIT", 2)
     read, ahead = [], []
 
     def reading(content, size):

@@ -8,8 +8,8 @@ import av
 import numpy as np
 import pytest
 
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter, missing_bytes
 from fieldcalib.run_folder.clip_input import ClipInput, VideoClip
 from fieldcalib.run_folder.images import Frame

@@ -20,11 +20,11 @@ from fieldcalib.io.files import FrameFile, write_bytes
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands
-from fieldcalib.run_folder import units
-from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder import work_units
+from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.record import RunOptions
 from fieldcalib.run_folder.results import ResultsWriter
-from fieldcalib.run_folder.units import UnitResult, work
+from fieldcalib.run_folder.work_units import UnitResult, work
 
 SIZE = (960, 540)
 
@@ -78,8 +78,8 @@ def test_wrong_numbers_of_jobs(many, tmp_path, capsys, jobs):
 
 def with_small_units(patch):
     """Units of two frames."""
-    patch.setattr(units, "SMALLEST_UNIT", 1)
-    patch.setattr(units, "LARGEST_UNIT", 2)
+    patch.setattr(work_units, "SMALLEST_UNIT", 1)
+    patch.setattr(work_units, "LARGEST_UNIT", 2)
 
 
 @pytest.fixture

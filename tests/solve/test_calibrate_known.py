@@ -12,7 +12,7 @@ from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_se
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.geometry.lens.radial import RADIAL_MEAN
-from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
 
 # --- what is known, and from where ---
 

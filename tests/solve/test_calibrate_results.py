@@ -22,7 +22,7 @@ from fieldcalib import (
     locate_on_ground,
 )
 from fieldcalib.assess.findings import NoCameraError
-from fieldcalib.solve.options import DEFAULT_FLAGS
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 # --- what comes back ---
 

@@ -19,7 +19,7 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.field_size import SILENT, _joint, _uncertainty, estimate_field_size
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import PINHOLE_FLAGS
+from fieldcalib.solve.solver_options import PINHOLE_FLAGS
 
 SIZE = (960, 540)
 MEAN, SIGMA = np.array([105.0, 68.0]), soccer().size_model.sigma

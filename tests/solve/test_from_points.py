@@ -21,7 +21,7 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.solve.solver_options import CalibrationFlags
 
 FIELD_POINTS = np.array([point.X for point in soccer().points.values()])
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)

@@ -24,9 +24,9 @@ from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
-from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import _best, _without_lens
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, PINHOLE_FLAGS
 
 
 @pytest.mark.slow

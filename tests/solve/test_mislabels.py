@@ -17,9 +17,9 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.mislabels import _without, without_mislabels
-from fieldcalib.solve.options import PINHOLE_FLAGS
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import find_cameras
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.solver_options import PINHOLE_FLAGS
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)

@@ -15,9 +15,9 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.from_points import Points, _start
-from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.resection import Cameras, resect
-from fieldcalib.solve.task import GivenCamera, Task
+from fieldcalib.solve.solver_options import CalibrationFlags
 
 F = CalibrationFlags
 

@@ -20,12 +20,12 @@ from fieldcalib.fields import tennis
 from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand
 from fieldcalib.fields.stands import ALL_STANDS, OPPOSITE_TRIBUNE
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.io.images import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
-from fieldcalib.solve.options import CalibrationFlags as F
-from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera, Task
+from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera, Task
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.solver_options import CalibrationFlags as F
 
 MAIN = camera(24, 78, 1400.1, (3.3, 68.2, -17.1))
 BEHIND = camera(88, 70, 1100.0, (-78.0, 3.0, -22.0))

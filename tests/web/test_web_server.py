@@ -25,7 +25,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.marks import Marks
-from fieldcalib.editor.stored import Stored
+from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.run_folder.numbered_frames import NumberedVideo

@@ -29,8 +29,8 @@ from fieldcalib.images.clip.clip_problem import Cells, between
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.options import pixel_unit
 from fieldcalib.solve.sequence.background_matches import Ties
+from fieldcalib.solve.solver_options import pixel_unit
 
 LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
 LEAST_PIXELS = 3  # of a label that is left out

@@ -18,13 +18,13 @@ from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
-from fieldcalib.localize.flow import check_network
+from fieldcalib.localize.batches import check_network
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, default_flags, paint_sigma
+from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera, Task, check_of_clip
 from fieldcalib.solve.sequence.background_matches import LEAST_CELLS, cell_means
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SIZE, SequenceProblem
-from fieldcalib.solve.task import NOTHING_GIVEN, GivenCamera, Task, check_of_clip
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, default_flags, paint_sigma
 
 Cells = tuple[Array, Array]
 """Matched pixels (n, 2) of two frames, averaged over cells."""

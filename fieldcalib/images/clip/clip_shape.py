@@ -31,11 +31,11 @@ import numpy as np
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS, SHAPE
 from fieldcalib.assess.findings import Finding
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS, SHAPE
 from fieldcalib.images.clip.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.shape.borders_and_squash import (
     as_shown,
@@ -50,9 +50,9 @@ from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.options import CERTAIN
 from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
+from fieldcalib.solve.solver_options import CERTAIN
 from fieldcalib.solve.squashed_pictures import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
 
 SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next

@@ -23,7 +23,7 @@ from fieldcalib.images.refinement import near_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 FAR, SIGMAS = 12.0, 3.0  # px of a 960 x 540 image, and standard deviations of the picture: labels farther off are wrong
 ROUNDS = 3  # of leaving labels out

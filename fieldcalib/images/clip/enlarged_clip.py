@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.assess.cropping_evidence import ENLARGED, FAINT, LARGEST_SPREAD, SURE, PrincipalPointEvidence
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
-from fieldcalib.assess.whole_picture import ENLARGED, FAINT, LARGEST_SPREAD, SURE, PrincipalPointEvidence
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip.clip_problem import ClipOptions
@@ -40,7 +40,7 @@ from fieldcalib.images.paint.line_profiles import LUMA
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, SCORE_OF_SOFTNESS, softness, window_prior
 from fieldcalib.io.image import Image
 from fieldcalib.problem.prior import is_whole_shape, principal_point_sigma
-from fieldcalib.solve.options import Prior, checked_prior
+from fieldcalib.solve.solver_options import Prior, checked_prior
 
 # Standard deviations of a principal point from the middle: from the first on it is let free, from the second on the
 # picture is no whole one. Measured broadcast cameras are up to 1.75 off.

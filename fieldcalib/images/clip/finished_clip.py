@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.cropping_evidence import CUT
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.assess.whole_picture import CUT
 from fieldcalib.images.clip.clip_models import CameraModel, Pieces
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.enlarged_clip import (

@@ -41,14 +41,14 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.shape.why_no_camera import has_cameras, notes_without_camera
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.io.images import read_ahead
+from fieldcalib.io.image_files import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
-from fieldcalib.localize.grid import classes_without_segment
 from fieldcalib.localize.network import Padded, SegmentationNetwork
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.localize.network_grid import classes_without_segment
+from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
-from fieldcalib.solve.task import GivenCamera
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}

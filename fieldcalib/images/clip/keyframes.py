@@ -28,14 +28,14 @@ from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import place_of, search_from
 from fieldcalib.images.shape.enlarged import window_prior
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.options import pixel_unit
 from fieldcalib.solve.sequence.sequence_solver import calibrate_one_by_one, solve_sequence
+from fieldcalib.solve.solver_options import pixel_unit
 
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field

@@ -27,8 +27,8 @@ from fieldcalib.images.clip.clip_models import (
 from fieldcalib.images.clip.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, cut_out_note, off_middle
 from fieldcalib.images.clip.keyframes import Keyframes, witnesses_of
 from fieldcalib.problem.prior import is_whole_shape
-from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.sequence.tripod_position import nearest_places
+from fieldcalib.solve.solver_options import CalibrationFlags
 
 PLACE = ("x", "y", "z")
 SIZE = ("length", "width")

@@ -41,9 +41,9 @@ from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.sequence.sequence_problem import SHARED
-from fieldcalib.solve.task import GivenCamera
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 LOG = logging.getLogger(__name__)
 TRIALS = 2  # of a keyframe, by processes that end

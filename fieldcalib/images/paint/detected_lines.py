@@ -25,8 +25,8 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_pixels
-from fieldcalib.solve.options import paint_sigma, pixel_unit
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import paint_sigma, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass

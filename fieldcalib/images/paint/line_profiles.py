@@ -19,7 +19,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.solver_options import pixel_unit
 
 # Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or
 # doubled, 1 to 4, except where a number is given below. IoU_part stays within 95.6 and 96.0 % (mean).

@@ -24,8 +24,8 @@ from fieldcalib.images.paint.detected_lines import calibrate_on_lines, detected_
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.refinement import Refined, ToRefine, refine_all
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.options import pixel_unit
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import pixel_unit
 
 FARTHER = 5.0  # standard deviations of the ground at a marking, beyond which a line is not its paint
 LEAST_OFF = 6.0  # px of a 960 x 540 image: nearer lines may be its paint, as lenses and courts differ from their models

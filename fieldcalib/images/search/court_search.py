@@ -54,8 +54,8 @@ from fieldcalib.images.search.picture_stripes import PictureStripes, PictureToSe
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.images.search.stripes import StripeColours, Stripes
 from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 
 EXPLAINED = 6.0  # px from a projected marking
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line

@@ -57,9 +57,9 @@ from fieldcalib.images.search.straightened import Bend
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.request import NOTHING_GIVEN, Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
-from fieldcalib.solve.task import NOTHING_GIVEN, Task
+from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 COARSE = 8.0  # px: deviation of stripes from views
 POINTS, PULLING = 300, 60  # of the field, by which views are compared and pulled

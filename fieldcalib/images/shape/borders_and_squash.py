@@ -20,14 +20,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.shape.picture_in_picture import Window, windows_of
 from fieldcalib.io.image import Image, size_of
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.squashed_pictures import likelier, log_evidence, may_be_squashed, shown_size
-from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
 BLACK = 30  # brightest channel; black of video is 16

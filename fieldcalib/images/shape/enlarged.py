@@ -1,7 +1,7 @@
 """Pictures that may be enlarged parts of frames (digital zoom): evidence for it, and cameras of free principal points.
 
 An enlarged part has the shape of a frame, but its principal point anywhere. Often the labels tell that hardly
-(`fieldcalib.assess.whole_picture`). It also has less detail than its size allows: enlarging makes no fine detail.
+(`fieldcalib.assess.cropping_evidence`). It also has less detail than its size allows: enlarging makes no fine detail.
 Whole frames may be as soft, where they were enlarged as a whole or are out of focus. So detail counts only together
 with the labels: a camera is doubted that would be wrong if the principal point were elsewhere, the sooner the softer
 its picture is. It is then fitted once more with a principal point that may lie anywhere, and that camera is taken if
@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Float32
+from fieldcalib.assess.cropping_evidence import ENLARGED, SURE, PrincipalPointEvidence, score
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.assess.whole_picture import ENLARGED, SURE, PrincipalPointEvidence, score
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.paint.field_markings import Markings
@@ -27,8 +27,8 @@ from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.images.shape.borders_and_squash import Method
 from fieldcalib.io.image import Image
 from fieldcalib.problem.prior import is_whole_shape
-from fieldcalib.solve.options import Prior, checked_prior
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import Prior, checked_prior
 
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 PIECE, EVERY = 64, 4  # px: length of the pieces whose spectrum is taken; of one row and one column in four
@@ -38,7 +38,7 @@ FAINT = 0.5  # power, levels squared, that keeps the logarithm finite
 # Of 199 broadcast pictures with a good camera 85 % have more detail than -4.7, of enlarged parts of them 4 %.
 SHARP, LARGEST_SOFTNESS = -4.2, 0.9
 SOFTEST = -6.9  # few enlarged parts have less; pictures of 256 x 256 stretched to 1280 x 720 have -6.3 to -8.1
-SCORE_OF_SOFTNESS = 5.0  # in the units of `fieldcalib.assess.whole_picture.score`
+SCORE_OF_SOFTNESS = 5.0  # in the units of `fieldcalib.assess.cropping_evidence.score`
 LEAST_SCORE = 1.0  # of softness and labels together, above which a picture may be an enlarged part
 
 

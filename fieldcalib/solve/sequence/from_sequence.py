@@ -15,11 +15,11 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import checked_batch
-from fieldcalib.solve.options import CalibrationFlags, Prior, default_flags, paint_sigma
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import Matched
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.solver_options import CalibrationFlags, Prior, default_flags, paint_sigma
 
 
 def calibrate_sequence(

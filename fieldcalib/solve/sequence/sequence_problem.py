@@ -41,8 +41,8 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_frames
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 from fieldcalib.solve.initial_cameras import given_cameras
-from fieldcalib.solve.options import Options
 from fieldcalib.solve.sequence.background_matches import Matched, Ties
+from fieldcalib.solve.solver_options import Options
 
 FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is done: a hundredth of a standard deviation
 

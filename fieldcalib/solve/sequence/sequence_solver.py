@@ -38,7 +38,6 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import CHUNK
-from fieldcalib.solve.options import Options
 from fieldcalib.solve.sequence.background_matches import contradicted, with_tied
 from fieldcalib.solve.sequence.joint_solution import JointSolution, solved_together, solved_with_known_sizes
 from fieldcalib.solve.sequence.joint_start import JointStart, Start, joint_start
@@ -52,6 +51,7 @@ from fieldcalib.solve.sequence.sequence_problem import (
     without_camera,
 )
 from fieldcalib.solve.sequence.tripod_position import KnownCentres, expected_centres, near_path, on_path, voted_centres
+from fieldcalib.solve.solver_options import Options
 
 WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
 FEW = 30  # iterations with each of them,

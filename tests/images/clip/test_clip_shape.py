@@ -10,16 +10,16 @@ from networks import KnownCameras, looked_at
 from tripods import far_off
 
 from fieldcalib import calibrate_video, soccer
+from fieldcalib.assess.cropping_evidence import SHAPE
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.images.clip import clip_shape
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.shape.borders_and_squash import within_borders
-from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS
+from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path

@@ -12,8 +12,8 @@ from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, arranged, clip_views, counts
 from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
+from fieldcalib.assess.cropping_evidence import ENLARGED
 from fieldcalib.assess.findings import NOT_WHOLE, Verdict
-from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.images.clip.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS
 

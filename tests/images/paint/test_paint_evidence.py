@@ -27,9 +27,9 @@ from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)

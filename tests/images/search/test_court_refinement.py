@@ -13,7 +13,7 @@ from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.court_refinement import with_hidden_markings
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.place_search import search_from
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)

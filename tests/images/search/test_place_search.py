@@ -17,7 +17,7 @@ from fieldcalib.images.search.court_hypotheses import FieldLines
 from fieldcalib.images.search.long_lines import LongLines
 from fieldcalib.images.search.place_search import STEP, search_from, views_through
 from fieldcalib.images.search.straightened import Bend
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
 
 COURT = tennis()
 STAND = np.array([-32.0, 1.0, -9.0])

@@ -19,7 +19,7 @@ from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.keyframes import SearchedKeyframes
 from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.place_search import place_of, pooled_place, search_from
-from fieldcalib.solve.task import Task
+from fieldcalib.solve.request import Task
 
 SIZE = (960, 540)
 RINK, COURT = field_named(FIELD), tennis()

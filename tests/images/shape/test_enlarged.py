@@ -11,8 +11,8 @@ from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from fieldcalib import Calibration, calibrate_from_images
+from fieldcalib.assess.cropping_evidence import ENLARGED
 from fieldcalib.assess.findings import NOT_WHOLE, Verdict
-from fieldcalib.assess.whole_picture import ENLARGED
 from fieldcalib.cli.camera_options import DeclaredPictures
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import enlarged

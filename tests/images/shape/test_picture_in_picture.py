@@ -9,9 +9,9 @@ from pictures import picture
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, counts
 from fieldcalib import calibrate_from_segments, soccer
+from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.assess.findings import Status, Verdict, What
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import ShapeEstimator

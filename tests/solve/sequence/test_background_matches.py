@@ -13,6 +13,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import (
     CELLS,
     LEAST_CELLS,
@@ -22,7 +23,6 @@ from fieldcalib.solve.sequence.background_matches import (
     stepped,
     with_tied,
 )
-from fieldcalib.solve.task import Task
 
 FIELD = soccer()
 LAYOUT = Layout.of(SIZE).fixed("centre", "principal point", "aspect", "lens")

@@ -14,9 +14,9 @@ from pathlib import Path
 from fieldcalib.fields.catalogue import AUTO, FIELDS
 from fieldcalib.images.which_field import which_field
 from fieldcalib.io.clips import in_order
-from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.run_folder.clip_input import ArraysClip, ClipSource, FilesClip, VideoClip

@@ -7,8 +7,8 @@ import sys
 import pytest
 from waiting import wait_until
 
-from fieldcalib.io.abandoned import TEMPORARY, remove_abandoned
 from fieldcalib.io.files import write_bytes
+from fieldcalib.io.stale_temporaries import TEMPORARY, remove_abandoned
 
 WRITER = """
 import sys, time

@@ -1,9 +1,9 @@
 """The folder of results of an editor: read as a run wrote it, and written so that other commands go on from there.
 
-Files are replaced together (`fieldcalib.editor.versions`), and what is replaced is kept in ``history/0001``, ``0002``
-and so on. Replaced are files that a run has written, as its record says, or that were written here, and that nobody
-has changed since. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with ``cameras.jsonl``, or have a note that says
-where they do not.
+Files are replaced together (`fieldcalib.editor.label_versions`), and what is replaced is kept in ``history/0001``,
+``0002`` and so on. Replaced are files that a run has written, as its record says, or that were written here, and that
+nobody has changed since. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with ``cameras.jsonl``, or have a note
+that says where they do not.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
+from fieldcalib.editor.frame_table import Row
 from fieldcalib.editor.journal import finish_save
 from fieldcalib.editor.label_files import LABELS, label_file
-from fieldcalib.editor.table import Row
-from fieldcalib.editor.versions import MISSING, Announce, Kept, Staged, State, Versions
+from fieldcalib.editor.label_versions import MISSING, Announce, Kept, Staged, State, Versions
 from fieldcalib.io.files import (
     BrokenFileError,
     named_in_errors,
@@ -43,13 +43,13 @@ from fieldcalib.io.files import (
     write_text,
 )
 from fieldcalib.io.formats import CAMERAS, OVERLAYS
-from fieldcalib.io.images import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
-from fieldcalib.run_folder.outcome import Outcome, camera_file
+from fieldcalib.run_folder.frame_record import Outcome, camera_file
 from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord
 from fieldcalib.run_folder.results import (
     CLIP,

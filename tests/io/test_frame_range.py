@@ -10,10 +10,10 @@ from networks import Blind
 
 from fieldcalib import calibrate
 from fieldcalib.io import videos
-from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.results.sources import Pictures
+from fieldcalib.results.pictures import Pictures
 
 COUNT, RATE = 260, 25.0
 

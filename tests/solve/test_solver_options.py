@@ -7,14 +7,14 @@ import pytest
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
-from fieldcalib.solve.options import (
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import (
     DEFAULT_FLAGS,
     PINHOLE_FLAGS,
     CalibrationFlags,
     checked_prior,
     pixel_unit,
 )
-from fieldcalib.solve.task import GivenCamera, Task
 
 F = CalibrationFlags
 K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])

@@ -1,4 +1,4 @@
-"""Flags and priors that users choose from, and the options of the solver, which `fieldcalib.solve.task` derives.
+"""Flags and priors that users choose from, and the options of the solver, which `fieldcalib.solve.request` derives.
 
 `CalibrationFlags` have the names and values of cv2's flags where these exist; `criteria` is cv2's (type, max_count,
 eps).

@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._checks import is_number, truth
 from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
-from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 LONGEST = 1e6  # px: focal length of a picture 8000 wide that shows 1 m at 100 m

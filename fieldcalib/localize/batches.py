@@ -11,8 +11,8 @@ from fieldcalib._checks import named
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.image import Image, each_checked, size_of
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
-from fieldcalib.localize.grid import Localization
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
+from fieldcalib.localize.network_grid import Localization
 from fieldcalib.localize.ridges import ridge_points
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.jobs import in_order

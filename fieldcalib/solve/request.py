@@ -37,7 +37,7 @@ from fieldcalib.problem.layout import (
     SizeBlock,
 )
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.solve.options import (
+from fieldcalib.solve.solver_options import (
     ALL,
     BLOCKS_OF_FLAGS,
     COUNT,
