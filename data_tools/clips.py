@@ -45,6 +45,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.request import Task
 from fieldcalib.synthetic.paths import seen_far_away
 
 GRID = (9, 7)  # columns and rows of the pixels at which field points are compared
@@ -129,7 +130,7 @@ class Clip:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
         self.network = Padded(SegmentationNetwork.load())
         tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
-        self.keyframes = read_keyframes(tied, ClipOptions(soccer()), self.network)
+        self.keyframes = read_keyframes(tied, ClipOptions(Task(soccer())), self.network)
         self.lines: dict[int, PixelTable] = {}
 
     def images(self) -> Iterator[Image]:

@@ -29,7 +29,6 @@ import yaml
 
 import fieldcalib as fc
 from fieldcalib import fields
-from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.videos import VideoReader
 
 Found: TypeAlias = list[Any]  # results of one part, one for each frame, as JSON
@@ -143,7 +142,7 @@ def pictures(data: Path) -> Found:
     """`calibrate_from_images`, with the size of the pitch unknown and given."""
     network, found = fc.SegmentationNetwork.load(threads=1), []
     for folder in ("sncalib-images", "offside-stills", "images", "mls-squashed"):
-        images = [parse_image(path.read_bytes()) for path in sorted((data / folder).glob("*.jpg"))]
+        images: list[Any] = [cv2.imread(str(path)) for path in sorted((data / folder).glob("*.jpg"))]
         found += fc.calibrate_from_images(fc.soccer(), images, network)
         if folder == "sncalib-images":
             found += fc.calibrate_from_images(fc.soccer(length=105.0, width=68.0), images[::3], network)

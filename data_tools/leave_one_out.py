@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import LENSES, add_size
+from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
@@ -26,6 +26,7 @@ from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_homography import judged_camera
+from fieldcalib.solve.solver_options import LENS_FLAGS
 
 LEAST = 5  # segments that remain for the calibration
 
@@ -64,7 +65,7 @@ def left_out_errors(
     if not parts:
         return np.zeros(0)
     rest = [{other: xy for other, xy in frame.items() if other != label} for frame, label in parts]
-    flags = LENSES[lens]
+    flags = LENS_FLAGS[lens]
     if free_field_size:
         found = [estimate_field_size(field, [frame], size, flags=flags).calibrations[0] for frame in rest]
     else:
@@ -93,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     field = soccer()
     frames = list(read_frames([options.annotations], field, options.size).values())
-    for lens in LENSES:
+    for lens in LENS_FLAGS:
         errors = left_out_errors(
             field, frames, options.size, lens=lens, least=options.least, free_field_size=options.free_field_size
         )

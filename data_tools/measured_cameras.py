@@ -21,20 +21,20 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import LENSES, count, positive
+from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.solver_options import CalibrationFlags
+from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
 from fieldcalib.synthetic.simulated import observe
 
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENSES.items()}}
+MODELS = {**LENS_FLAGS, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENS_FLAGS.items()}}
 GRID = 12  # ground points along the image's width and height at which regions are tested
 
 

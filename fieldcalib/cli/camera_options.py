@@ -14,7 +14,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.placement import Crop, Placement
-from fieldcalib.console.arguments import LENSES, Default, image_size, told_by
+from fieldcalib.console.arguments import Default, image_size, told_by
 from fieldcalib.console.options import did_you_mean, option
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
@@ -22,7 +22,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera
-from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 SQUARE = "square"
@@ -175,7 +175,7 @@ class KnownCamera:
     """Parameters of the camera that the user knows."""
 
     lens: str
-    """Name of what is estimated of the lens, see `LENSES`."""
+    """Name of what is estimated of the lens, see `LENS_FLAGS`."""
     intrinsics: Intrinsics | None = option(
         "known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
         "camera_<id>.json; of whole frames as shown, scaled to their size",
@@ -209,7 +209,7 @@ class KnownCamera:
     def flags(self) -> CalibrationFlags:
         """Flags of what is known and what is estimated."""
         F = CalibrationFlags
-        flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENSES[self.lens]
+        flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENS_FLAGS[self.lens]
         if self.position is not None:
             flags |= F.CALIB_FIX_POSITION
         if self.rotation is not None:

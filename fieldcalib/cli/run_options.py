@@ -28,6 +28,7 @@ from fieldcalib.io.streams import Input, Stream
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.images import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior
 
 IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos
@@ -128,7 +129,7 @@ class CalibrationOptions:
     def notes(self) -> tuple[str, ...]:
         """What is said once of the cameras of all pictures."""
         known = replace(self.known, intrinsics=None)  # these say nothing of the place
-        on = CameraSide.of(self.field, known.given((1, 1)), known.flags, self.prior, self.side)
+        on = CameraSide.of(Task(self.field, known.given((1, 1)), known.flags, prior=self.prior), self.side)
         return (UP_TO_SIDE,) if on.is_open else ()
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:

@@ -20,18 +20,9 @@ from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.run_folder.images import MOST_BYTES as MOST_BYTES_OF_IMAGE
 from fieldcalib.run_folder.labelled_frames import AnnotationReader
 from fieldcalib.run_folder.record import JSON_LINES, PARQUET, RunOptions, Shard, as_json
-from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import ALL, LENS_FLAGS
 
 T = TypeVar("T")
-
-_F = CalibrationFlags
-LENSES = {
-    "none": DEFAULT_FLAGS | _F.CALIB_FIX_K1,
-    "k1": DEFAULT_FLAGS,
-    "k1k2": DEFAULT_FLAGS & ~_F.CALIB_FIX_K2,
-    "opencv": DEFAULT_FLAGS & ~(_F.CALIB_FIX_K2 | _F.CALIB_FIX_K3 | _F.CALIB_FIX_TANGENT_DIST),
-    "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
-}
 
 
 class Default(str):
@@ -245,7 +236,7 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
     )
     parser.add_argument(
         "--lens",
-        choices=LENSES,
+        choices=LENS_FLAGS,
         default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         f"call for ({USUAL_LENS})",

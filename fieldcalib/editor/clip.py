@@ -32,6 +32,7 @@ from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
 GRID = (9, 6)  # places across and down the picture whose moves are compared
@@ -144,7 +145,7 @@ def first_pass(
     """Match the frames of a window, and label its keyframes by the network, or by search for the court without one."""
     mount: Mount = "moving" if options.get("camera") == "moving" else "tripod"
     estimate_size = options.get("field_size", "estimated") == "estimated"
-    how = ClipOptions(field, shared=shared_parameters(SHARED_BY[mount], estimate_size))
+    how = ClipOptions(Task(field), shared_parameters(SHARED_BY[mount], estimate_size))
     shape = ShapeEstimator(how, network).shape(_readable(frames, window))
     images = _in_frame(_counted(_readable(frames, window), window, progress, STAGES[0]), shape)
     moves = "centre" not in how.shared

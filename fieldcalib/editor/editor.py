@@ -53,7 +53,7 @@ from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
-from fieldcalib.solve.request import NOTHING_GIVEN
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL
 
 AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
@@ -227,7 +227,7 @@ class Editor:
         record = None if self.stored is None else self.stored.record
         options = {} if record is None else record.options
         prior = options.get("prior") if options.get("prior") in self.field.named_stands else ALL
-        return CameraSide.of(self.field, NOTHING_GIVEN, 0, prior, options.get("side"))
+        return CameraSide.of(Task(self.field, prior=prior), options.get("side"))
 
     @property
     def table(self) -> Table:

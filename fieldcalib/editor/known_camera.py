@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from reprlib import repr as short
 from typing import Any
@@ -12,19 +11,11 @@ import numpy as np
 from fieldcalib._checks import is_number, truth
 from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
-from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 LONGEST = 1e6  # px: focal length of a picture 8000 wide that shows 1 m at 100 m
 FARTHEST = 1e4  # m: of the camera from the centre mark
-
-LENSES: Mapping[str, int] = {
-    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
-    "k1": DEFAULT_FLAGS,
-    "k1, k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
-    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
-}
-"""Flags by the name of a lens model."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +29,15 @@ class Known:
     principal_point: bool = False
     """Whether it is the middle of the image."""
     lens: str = "k1"
-    """A name of `LENSES`."""
+    """A name of `LENS_FLAGS`."""
     field_size: tuple[float, float] | None = None
     """Length and width, metres."""
     aspect: float | None = None
     """Width / height at which the picture is shown with square pixels: 16 / 9 for one that was squashed from it."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.lens, str) or self.lens not in LENSES:
-            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {short(self.lens)}")
+        if not isinstance(self.lens, str) or self.lens not in LENS_FLAGS:
+            raise ValueError(f"lens must be one of {', '.join(map(repr, LENS_FLAGS))}, got {short(self.lens)}")
         values = {
             "focal_length": _number(self.focal_length),
             "position": _above_ground(_numbers(self.position, 3, "position", "x, y, z in metres")),
@@ -73,7 +64,7 @@ class Known:
     def arguments(self, placement: Placement) -> dict[str, Any]:
         """Keyword arguments of `calibrate_from_segments` for pixels of the frame in which a picture lies."""
         F = CalibrationFlags
-        flags, found = LENSES[self.lens], dict[str, Any]()
+        flags, found = LENS_FLAGS[self.lens], dict[str, Any]()
         if self.focal_length is not None:
             middle = np.divide(placement.frame_size, 2.0)
             f = self.focal_length * float(placement.scale[0])  # along rows, as `Camera.focal_length`

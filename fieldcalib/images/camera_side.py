@@ -32,8 +32,8 @@ from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
-from fieldcalib.solve.request import GivenCamera
-from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, checked_flags, checked_prior
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, checked_prior
 
 _F = CalibrationFlags
 
@@ -86,10 +86,8 @@ class CameraSide:
     """Whether the user said so; otherwise it is the convention."""
 
     @classmethod
-    def of(
-        cls, field: Field | None, given: GivenCamera, flags: int, prior: Prior, side: Side | None = None
-    ) -> CameraSide:
-        """The side that the arguments of a calibration say.
+    def of(cls, task: Task, side: Side | None = None) -> CameraSide:
+        """The side that a person says, or that the camera of a task or its prior is on.
 
         Raises
         ------
@@ -98,11 +96,12 @@ class CameraSide:
         """
         if side is not None and not (isinstance(side, str) and side in SIDES):
             raise ValueError(f"side must be {' or '.join(map(repr, SIDES))}, got {side!r}")
+        field = task.field
         if field is None or not looks_the_same_turned(field):
             if side is not None:
                 raise ValueError(f"side={side!r} is of a field that looks the same from both sides: leave it out")
             return cls(None, is_said=False)
-        told = _told(field, given, checked_flags(flags), prior)
+        told = _told(field, task.given, task.chosen_flags, task.prior)
         if None not in (side, told) and side != told:
             raise ValueError(f"side={side!r}, but the camera or its prior is on the {told} side: leave one of them out")
         said = side or told
@@ -113,11 +112,13 @@ class CameraSide:
         """Whether nothing tells the side: the camera on the other side is as likely."""
         return self.side is not None and not self.is_said
 
-    def prior(self, prior: Prior, field: Field | None) -> Prior:
-        """The prior; where it is of all stands, those of the main side as they are on the opposite side."""
-        if self.side != OPPOSITE or prior != ALL or field is None:
-            return prior
-        return tuple(turned_stand(stand) for stand in field.stands if side_of_stand(stand, field) == MAIN)
+    def task(self, task: Task) -> Task:
+        """The task for cameras on this side: a prior of all stands is of those of the main side, turned over there."""
+        field = task.field
+        if self.side != OPPOSITE or task.prior != ALL or field is None:
+            return replace(task, side=self.side)
+        stands = tuple(turned_stand(stand) for stand in field.stands if side_of_stand(stand, field) == MAIN)
+        return replace(task, prior=stands, side=self.side)
 
     def network(self, network: Network, field: Field | None) -> Network:
         """The network, with the names of the ends as seen from this side."""

@@ -220,8 +220,8 @@ def calibrate_from_images(
     """
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     task = Task(object_segments, given, flags, prior=prior)
-    on = CameraSide.of(task.field, given, flags, prior, side)
-    task = replace(task, prior=on.prior(prior, task.field), side=on.side)
+    on = CameraSide.of(task, side)
+    task = on.task(task)
     for name, value in (
         ("refine", refine),
         ("estimate_size", estimate_size),

@@ -152,9 +152,14 @@ class Task:
         """The calibration object if it is a `Field`."""
         return self.object_segments if isinstance(self.object_segments, Field) else None
 
+    @property
+    def chosen_flags(self) -> CalibrationFlags:
+        """The flags, checked; the default ones if none are given."""
+        return checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
+
     def with_flags(self, flags: CalibrationFlags) -> Task:
         """Add flags to those of the task."""
-        return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
+        return replace(self, flags=self.chosen_flags | flags)
 
     def options(self, image_size: tuple[int, int], start: Camera | None = None) -> Options:
         """The options for frames of one size; a ValueError names arguments that do not fit together.
@@ -163,7 +168,7 @@ class Task:
         initial camera `start` takes the place of given values.
         """
         image_size = checked_image_size(image_size)
-        flags = checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
+        flags = self.chosen_flags
         dist_coeffs = self.given.dist_coeffs if start is None else start.dist
         layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):

@@ -130,6 +130,15 @@ WHOLE_LENS = (
     | CalibrationFlags.CALIB_FIX_TANGENT_DIST
 )
 
+LENS_FLAGS: Mapping[str, CalibrationFlags] = {
+    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
+    "k1": DEFAULT_FLAGS,
+    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+    "opencv": DEFAULT_FLAGS & ~(WHOLE_LENS & ~CalibrationFlags.CALIB_FIX_K1),
+    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
+}
+"""Flags by the name of what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's five, as much as is required."""
+
 
 @dataclass(frozen=True, eq=False)
 class Options:

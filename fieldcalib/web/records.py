@@ -24,12 +24,13 @@ from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.fitting import is_left_out, is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.known_camera import LENSES, Known
+from fieldcalib.editor.known_camera import Known
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.io.image import size_of
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.solve.solver_options import LENS_FLAGS
 
 MARGIN = 0.06  # share of the field's diagonal that its map shows around it
 FARTHEST = 2.0  # diagonals of the field from the camera: ground beyond is not shown
@@ -270,7 +271,7 @@ def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
         "problem": None,
         "marks": _marks(one),
         "known": asdict(one.known),
-        "lenses": list(LENSES),
+        "lenses": list(LENS_FLAGS),
         "can_undo": one.history.can_undo,
         "can_redo": one.history.can_redo,
         "automatic": one.is_automatic,
@@ -303,7 +304,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
         "judged": True,
         "marks": [],
         "known": asdict(Known()),
-        "lenses": list(LENSES),
+        "lenses": list(LENS_FLAGS),
         **dict.fromkeys(("can_undo", "can_redo", "by_hand", "gets_marks"), False),
         "automatic": True,
         **said,

@@ -23,8 +23,8 @@ from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.image_files import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame
-from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera, Task
-from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 from fieldcalib.solve.solver_options import CalibrationFlags as F
 
 MAIN = camera(24, 78, 1400.1, (3.3, 68.2, -17.1))
@@ -102,7 +102,7 @@ def test_where_no_end_is_in_view_labels_of_pictures_are_as_good_as_elsewhere(sid
     """A person who labels the middle line and the circle leaves open what a picture leaves open anyway."""
     seen = {label: MIDDLE.project(FIELD[label].sample(2.0)) for label in ("Middle line", "Circle central")}
     inside = {label: xy[np.all((xy > 0.0) & (xy < (959.0, 539.0)), axis=1)] for label, xy in seen.items()}
-    prior = CameraSide.of(FIELD, NOTHING_GIVEN, DEFAULT_FLAGS, ALL, side).prior(ALL, FIELD)
+    prior = CameraSide.of(Task(FIELD), side).task(Task(FIELD)).prior
     found = calibrate_frame(Task(FIELD, prior=prior, side=side), inside, (960, 540), None)
     assert (len(found.alternatives), found.has_finding(What.OTHER_SIDE)) == (side is None, side is None)
     assert (found.camera.C[1] < 0.0) == (side == "opposite")
@@ -129,8 +129,8 @@ def test_where_no_end_is_in_view_labels_of_pictures_are_as_good_as_elsewhere(sid
     ],
 )
 def test_what_tells_the_side(said, expected):
-    said = {"given": NOTHING_GIVEN, "flags": DEFAULT_FLAGS, "prior": ALL, **said}
-    on = CameraSide.of(FIELD, **said)
+    of_camera = {name: value for name, value in said.items() if name != "side"}
+    on = CameraSide.of(Task(FIELD, **of_camera), said.get("side"))
     assert (on.side, on.is_said) == expected
 
 
@@ -158,7 +158,7 @@ def test_turned_stands_are_on_the_other_side():
 
 
 def test_a_turned_network_names_the_ends_the_other_way_round():
-    on = CameraSide.of(FIELD, NOTHING_GIVEN, DEFAULT_FLAGS, ALL, "opposite")
+    on = CameraSide.of(Task(FIELD), "opposite")
     (found,) = localize(FIELD, [picture(MAIN)], KnownCameras([MAIN]))
     (turned,) = localize(FIELD, [picture(MAIN)], on.network(KnownCameras([MAIN]), FIELD))
     assert {FIELD.symmetric[label] for label in turned.pixels} == set(found.pixels)

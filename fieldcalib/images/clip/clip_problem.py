@@ -8,23 +8,18 @@ from dataclasses import dataclass, replace
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.matches import Matches
-from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.batches import check_network
-from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera, Task, check_of_clip
+from fieldcalib.solve.request import Task, check_of_clip
 from fieldcalib.solve.sequence.background_matches import LEAST_CELLS, cell_means
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SIZE, SequenceProblem
-from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, default_flags, paint_sigma
+from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags, default_flags, paint_sigma
 
 Cells = tuple[Array, Array]
 """Matched pixels (n, 2) of two frames, averaged over cells."""
@@ -34,33 +29,18 @@ Cells = tuple[Array, Array]
 class ClipOptions:
     """Options for the calibration of a clip."""
 
-    object_segments: ObjectSegments
-    flags: int = DEFAULT_FLAGS
-    prior: Prior = ALL
+    task: Task
+    """The task of each frame by itself."""
     shared: tuple[str, ...] = SHARED
     """Names of the parameters that frames share, as in `calibrate_sequence`."""
-    given: GivenCamera = NOTHING_GIVEN
-    side: Side | None = None
-    """As `Task.side`."""
     may_be_enlarged: bool = True
     """Whether frames may be enlarged parts of larger ones (`fieldcalib.images.clip.enlarged_clip`)."""
 
     def check(self, network: Network | None) -> None:
-        """Raise a ValueError for an invalid calibration object or network, or flags that cannot hold for a clip."""
-        check_object(self.object_segments)
+        """Raise a ValueError for an invalid network, or flags that cannot hold for a clip."""
         if network is not None:
             check_network(network)
-        check_of_clip(self.flags)
-
-    @property
-    def field(self) -> Field | None:
-        """The calibration object if it is a `Field`."""
-        return self.object_segments if isinstance(self.object_segments, Field) else None
-
-    @property
-    def task(self) -> Task:
-        """The task of each frame by itself."""
-        return Task(self.object_segments, self.given, self.flags, prior=self.prior, side=self.side)
+        check_of_clip(self.task.chosen_flags)
 
     def calibrate_alone(self, images: Sequence[Image], network: Network | None) -> list[Calibration]:
         """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio.
@@ -81,17 +61,11 @@ class ClipOptions:
 
         k2 is estimated too by default and with CALIB_AUTO_LENS: all frames together determine the lens.
         """
-        position = self.flags & CalibrationFlags.CALIB_FIX_POSITION
-        if self.flags == DEFAULT_FLAGS | position or self.flags & CalibrationFlags.CALIB_AUTO_LENS:
-            return default_flags(self.prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
-        return self.flags
-
-
-def on_side(options: ClipOptions, side: Side | None) -> tuple[ClipOptions, CameraSide]:
-    """The options for cameras on a side of the field, and that side; a ValueError as `CameraSide.of`."""
-    check_object(options.object_segments)
-    on = CameraSide.of(options.field, options.given, options.flags, options.prior, side)
-    return replace(options, prior=on.prior(options.prior, options.field), side=on.side), on
+        flags = self.task.chosen_flags
+        position = flags & CalibrationFlags.CALIB_FIX_POSITION
+        if flags == DEFAULT_FLAGS | position or flags & CalibrationFlags.CALIB_AUTO_LENS:
+            return default_flags(self.task.prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
+        return flags
 
 
 def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:
@@ -129,9 +103,9 @@ class ClipProblem:
     def from_zero(self) -> SequenceProblem:
         """This problem with frames numbered from 0."""
         options, loss = self.options, line_loss(self.image_size)
-        paint = paint_sigma(options.object_segments)
+        paint = paint_sigma(options.task.object_segments)
         task = replace(options.task, flags=options.flags_together, loss=loss, paint=paint, trust_labels=True)
         labels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
-        pixels = PixelTable.joined(options.object_segments, labels)
+        pixels = PixelTable.joined(options.task.object_segments, labels)
         matches = between(self.frames, self.matches)
         return SequenceProblem.of(task.options(self.image_size), pixels, options.shared, matches)

@@ -84,12 +84,12 @@ class ShapeEstimator:
     @property
     def finds_borders(self) -> bool:
         """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
-        return self.take_off_borders and self.options.given.camera_matrix is None
+        return self.take_off_borders and self.options.task.given.camera_matrix is None
 
     @property
     def finds_squash(self) -> bool:
         """Whether frames may be found to be squashed."""
-        is_free = self.options.given.camera_matrix is None and self.options.prior is not None
+        is_free = self.options.task.given.camera_matrix is None and self.options.task.prior is not None
         return self.estimate_aspect and is_free
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
@@ -153,7 +153,7 @@ class ShapeEstimator:
         labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
-        segments = self.options.object_segments if solved.field is None else solved.field
+        segments = self.options.task.object_segments if solved.field is None else solved.field
         cameras = {t: camera.scaled(size) for t, one in enumerate(solved) if (camera := one.camera) is not None}
         found = np.full((len(frames), len(segments)), np.nan)
         if cameras:

@@ -133,7 +133,7 @@ def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration
     """The labels of a keyframe that are near what its camera projects; None if most are far."""
     if calibration is None or calibration.camera is None:
         return labels
-    objects = keyframes.options.object_segments if calibration.field is None else calibration.field
+    objects = keyframes.options.task.object_segments if calibration.field is None else calibration.field
     unit = pixel_unit(keyframes.shots.image_size)
     table, reach = labels.labels, FAR + SIGMAS * _sigma(calibration) / unit
     (is_near,) = near_labels(objects, [calibration.camera], [table], reach)

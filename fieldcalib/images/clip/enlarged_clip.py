@@ -105,11 +105,11 @@ class SharedPrincipalPoint:
         `is_free` says that they were solved with the prior of windows
         (`fieldcalib.images.shape.enlarged.window_prior`).
         """
-        if options.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
+        if options.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
             return None
-        size, objects = found.layout.image_size, options.object_segments
-        of_whole = _sigma(options.prior, objects, size)
-        prior = _sigma(window_prior(options.prior, objects, size), objects, size) if is_free else of_whole
+        size, objects = found.layout.image_size, options.task.object_segments
+        of_whole = _sigma(options.task.prior, objects, size)
+        prior = _sigma(window_prior(options.task.prior, objects, size), objects, size) if is_free else of_whole
         index = [found.names.index(name) for name in ("cx", "cy")]
         offset = found.values[index] - np.divide(size, 2.0)
         return cls(offset, found.covariance[np.ix_(index, index)], prior, of_whole)

@@ -81,7 +81,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     The network sees the frames of pieces that are calibrated one by one.
     """
     pieces, options = solved.pieces, solved.keyframes.options
-    given = Markings.of(options.object_segments)
+    given = Markings.of(options.task.object_segments)
     cameras: dict[int, tuple[Calibration, Markings]] = {}
     for tripod in solved.tripods:
         field = tripod.calibration.field
@@ -214,7 +214,7 @@ def _with_place_of_picture(
 ) -> SequenceCalibration:
     """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
     off = off_middle(calibration, options)
-    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.given.camera_matrix is not None:
+    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.task.given.camera_matrix is not None:
         return calibration
     return with_doubts(calibration, range(len(calibration)), CUT)
 
@@ -256,7 +256,7 @@ def _markings_seen(
     The widths of their paint are those of all frames: they show the same lines.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
-    markings = Markings.of(lines.solved.keyframes.options.object_segments if field is None else field)
+    markings = Markings.of(lines.solved.keyframes.options.task.object_segments if field is None else field)
     cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
     seen = {
         k: evidence_of(lines.ridges[int(frames[k])].seen_by(camera, markings), markings).markings

@@ -32,8 +32,9 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
+from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.clip.clip_models import crown_notes
-from fieldcalib.images.clip.clip_problem import ClipOptions, on_side, shared_parameters
+from fieldcalib.images.clip.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip, finish_clip_again, off_paint
 from fieldcalib.images.clip.keyframes import read_keyframes
@@ -46,7 +47,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.localize.network_grid import classes_without_segment
-from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
@@ -170,7 +171,9 @@ def calibrate_video(
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     shared = shared_parameters(SHARED_BY[camera], estimate_size)
     is_free = truth(may_be_enlarged, "may_be_enlarged") and given.is_empty
-    options, on = on_side(ClipOptions(object_segments, flags, prior, shared, given, may_be_enlarged=is_free), side)
+    task = Task(object_segments, given, flags, prior=prior)
+    on = CameraSide.of(task, side)
+    options = ClipOptions(on.task(task), shared, is_free)
     options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
@@ -178,7 +181,7 @@ def calibrate_video(
     if network is None:
         options = replace(options, may_be_enlarged=False)
     else:
-        network = on.network(network, options.field)
+        network = on.network(network, task.field)
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))

@@ -98,11 +98,11 @@ class Keyframes:
         """
         options, size = self.options, self.shots.image_size
         frames, models = pieces.frames(members).tolist(), pieces.models_of(members)
+        if models & {CameraModel.WINDOW, CameraModel.CUT_OUT}:
+            prior = window_prior(options.task.prior, options.task.object_segments, size)
+            options = replace(options, task=replace(options.task, prior=prior))
         if CameraModel.WINDOW in models:
-            prior = window_prior(options.prior, options.object_segments, size)
-            options = replace(options.not_sharing("principal point"), prior=prior)
-        elif CameraModel.CUT_OUT in models:
-            options = replace(options, prior=window_prior(options.prior, options.object_segments, size))
+            options = options.not_sharing("principal point")
         elif models == {CameraModel.MOVING}:
             options = options.not_sharing("centre")
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
@@ -112,7 +112,7 @@ class Keyframes:
         else:
             calibration = solve_sequence(problem, start).calibration
         witnesses = witnesses_of(self.labels, frames, calibration)
-        return with_witnesses(options.object_segments, calibration, witnesses)
+        return with_witnesses(options.task.object_segments, calibration, witnesses)
 
 
 def read_keyframes(

@@ -93,7 +93,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
     labelled = np.count_nonzero(np.isin(frames, list(clip.accepted)))
     is_wrong = bool(labelled >= LEAST_FRAMES and is_of_wrong_model(excess, size))
     found = SolvedShots(clip, pieces, {piece: calibration})
-    is_free = "centre" in options.shared and not options.flags & CalibrationFlags.CALIB_FIX_POSITION
+    is_free = "centre" in options.shared and not options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION
     if is_free and calibration.together and (is_wrong or not is_whole_shape(size)):
         first: list[list[int]] = []
         if is_wrong:
@@ -110,7 +110,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
 def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
     """A piece on a tripod, with a principal point far from the middle if its frames tell that it is there."""
     clip, options = on_tripod.keyframes, on_tripod.keyframes.options
-    if options.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
+    if options.task.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
         return on_tripod
     pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
     found = clip.calibrate(pieces, [piece], clip.accepted)
@@ -136,10 +136,10 @@ def _other_models(
     `first` are keyframes before which the piece may be divided into parts. Where a tripod is not wrong, only a window
     is tried.
     """
-    options, pieces = on_tripod.keyframes.options, on_tripod.pieces
+    task, pieces = on_tripod.keyframes.options.task, on_tripod.pieces
     frames = pieces.frames([piece])
-    is_known = options.given.camera_matrix is not None or options.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    if options.prior is not None and not is_known:
+    is_known = task.given.camera_matrix is not None or task.chosen_flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    if task.prior is not None and not is_known:
         yield CameraModel.WINDOW, frames, pieces.with_model(piece, CameraModel.WINDOW)
     for k, some in enumerate(first):
         if some and some not in first[:k]:
@@ -174,7 +174,7 @@ def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
         (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))
         for p, start in solved.calibrations.items()
     ]
-    return left_out.misprediction(clip.options.object_segments, found)
+    return left_out.misprediction(clip.options.task.object_segments, found)
 
 
 def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
@@ -216,7 +216,7 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     cut_out = [piece for piece in located if pieces.models.get(piece) is CameraModel.CUT_OUT]
     if not stands:
         groups = [[piece] for piece in located]
-    elif options.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
+    elif options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
         groups = [located] if located else []
     else:
         standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
@@ -256,7 +256,7 @@ def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> 
 def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: SequenceCalibration) -> list[int]:
     """Pieces whose lines fit their own tripod, but not that of all members; never all of them."""
     options, size = shots.keyframes.options, shots.keyframes.shots.image_size
-    if len(members) == 1 or options.flags & CalibrationFlags.CALIB_FIX_POSITION:
+    if len(members) == 1 or options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
         return []
     number = shots.pieces.number[shots.pieces.frames(members)]
     excess = {p: calibration.frames.misfit[number == p] for p in members}

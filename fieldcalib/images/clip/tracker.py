@@ -24,7 +24,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
-from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, cells_of, on_side, shared_parameters
+from fieldcalib.images.camera_side import CameraSide
+from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.clip.live_shot import (
     FollowedFrame,
@@ -41,7 +42,7 @@ from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
-from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
@@ -130,13 +131,15 @@ class Tracker:
         wait, every = truth(wait, "wait"), whole_number(every, "every", 1)
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
         shared = shared_parameters(SHARED, estimate_size)
-        self._options, self._side = on_side(ClipOptions(object_segments, flags, prior, shared, given), side)
+        task = Task(object_segments, given, flags, prior=prior)
+        self._side = CameraSide.of(task, side)
+        self._options = ClipOptions(self._side.task(task), shared)
         self._options.check(network)
         self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         # one core is left to `update`
         network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
-        self._network = self._side.network(network, self._options.field)
+        self._network = self._side.network(network, task.field)
         if self._other is not None:
             self._other.run(prepare, self._options)
         estimator = ShapeEstimator(self._options, self._network, take_off_borders, estimate_aspect)
@@ -214,7 +217,7 @@ class Tracker:
             if self._shape.update(image):
                 self._begin()
             image = self._shape.image_in_frame(image)
-        calibration = self._side.with_alternatives(self._updated(image), self._options.field)
+        calibration = self._side.with_alternatives(self._updated(image), self._options.task.field)
         return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
 
     def _updated(self, image: Image) -> Calibration:

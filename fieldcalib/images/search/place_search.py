@@ -57,7 +57,7 @@ from fieldcalib.images.search.straightened import Bend
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.request import NOTHING_GIVEN, Task
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
@@ -331,8 +331,9 @@ def pooled_place(
     ValueError
         As `find_courts`.
     """
-    on = CameraSide.of(field, NOTHING_GIVEN, flags, prior, side)
-    task = Task(field, flags=flags, prior=prior, side=on.side and MAIN)
+    task = Task(field, flags=flags, prior=prior)
+    on = CameraSide.of(task, side)
+    task = replace(task, side=on.side and MAIN)
     images = [images[k] for k in _spread(len(images), MOST)]
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
     found = [one[0].calibration for one in searched if one]

@@ -25,6 +25,7 @@ from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, a
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import cell_means
 
 FIELD = soccer()
@@ -39,7 +40,7 @@ def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
     frames = [frame.pixels for frame in labelled(cameras, FIELD, rng, noise)]
     labels = {t: KeyframeLabels(PixelTable.of(FIELD, [pixels])) for t, pixels in enumerate(frames)}
     shots = Shots(0, size, pieces, np.array(loose or [False] * count), matches)
-    return Keyframes(ClipOptions(FIELD), shots, labels)
+    return Keyframes(ClipOptions(Task(FIELD)), shots, labels)
 
 
 def solved(clip):

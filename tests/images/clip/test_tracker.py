@@ -23,6 +23,7 @@ from fieldcalib.images.clip.live_shot import MOST_EXTRAPOLATED, SegmentedImage, 
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
+from fieldcalib.solve.request import Task
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path
 
@@ -162,7 +163,7 @@ def test_it_gives_what_this_process_gives(clip):
     cameras, pictures = clip
     network = KnownCameras(cameras[:1])
     seen = SegmentedImage(pictures[0], network.classes, network(pictures[:1]))
-    problem = ShotProblem(ClipProblem(ClipOptions(FIELD), SIZE, [0], {}, {}), 0)
+    problem = ShotProblem(ClipProblem(ClipOptions(Task(FIELD)), SIZE, [0], {}, {}), 0)
     other = OtherProcess()
     there = other.run(solve_shot, problem, seen)
     other.close()

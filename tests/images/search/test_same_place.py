@@ -85,7 +85,7 @@ def test_there_is_no_place_without_a_court():
 def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
     close, whole = on_court(94.0, 1900.0), on_court(90.0, 1300.0)
     nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing was found")
-    first = SearchedKeyframes(ClipOptions(COURT))
+    first = SearchedKeyframes(ClipOptions(Task(COURT)))
     with monkeypatch.context() as patched:
         patched.setattr("fieldcalib.images.clip.keyframes.search_courts", lambda task, images: [nothing])
         first = first.searched({0: render_field(close, COURT)})
@@ -96,7 +96,7 @@ def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
 
 
 def test_a_camera_that_moves_has_no_place():
-    options = ClipOptions(COURT).not_sharing("centre")
+    options = ClipOptions(Task(COURT)).not_sharing("centre")
     found = SearchedKeyframes(options).searched({0: render_field(on_court(90.0, 1300.0), COURT)})
     assert found.found
     assert found.place is None

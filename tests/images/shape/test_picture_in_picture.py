@@ -18,6 +18,7 @@ from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.shape.borders_and_squash import without_borders
 from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.io.image import size_of
+from fieldcalib.solve.request import Task
 from fieldcalib.synthetic.simulated import observe
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)
@@ -111,7 +112,7 @@ class NoNetwork:
 @pytest.mark.parametrize(("way", "views"), [("0.8 upper left, studio", 1), ("split, two thirds", 2)])
 def test_a_clip_is_seen_in_its_window(way, views):
     image, made = shown(way)
-    estimator = ShapeEstimator(ClipOptions(FIELD), NoNetwork(), estimate_aspect=False)
+    estimator = ShapeEstimator(ClipOptions(Task(FIELD)), NoNetwork(), estimate_aspect=False)
     shape = estimator.shape([image] * 24)
     x, y, w, h = made.windows[-1][0]
     np.testing.assert_allclose(shape.placement.corner, (-x, -y), atol=5)
