@@ -17,18 +17,17 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from io import StringIO
-from itertools import chain, islice
 from pathlib import Path
 from typing import TypeAlias, cast
 
 import numpy as np
 
 from fieldcalib._messages import say
-from fieldcalib._progress import progress_bar, solving
+from fieldcalib._progress import progress_bar
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
 from fieldcalib.console.network import digest_of, load_network, or_search
-from fieldcalib.images.clip.from_video import PART, calibrate_video
+from fieldcalib.images.clip.from_video import PART
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.io.formats import VIDEOS
@@ -36,9 +35,10 @@ from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
-from fieldcalib.run_folder.clip_input import SOLVING, ClipInput, clip_frames
+from fieldcalib.run_folder.clip_input import ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
-from fieldcalib.run_folder.images import Frame, checked_frames, say_note
+from fieldcalib.run_folder.engine import calibrate_clip, clip_keywords, live_tracker, tracked
+from fieldcalib.run_folder.images import Frame, say_note
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
@@ -87,22 +87,13 @@ def run_clip(request: RunRequest) -> int:
     network = or_search(lambda: load_network(options.network))
     source = clip_frames(request.paths, request.cut, options.read, options.network.video_threads)
     clip = ClipInput(source, options.placement)
-    keywords = options.keywords((0, 0) if options.known.intrinsics is None else clip.frame_size())
+    clip_keywords(options, clip)  # an error before anything is written
     record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))
     with open_camera_folder(run, record, began, source.files) as results:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)
-        with solving(SOLVING):
-            found = calibrate_video(
-                options.field,
-                clip,
-                network,
-                camera=options.camera,
-                may_be_enlarged=options.pictures.may_be_enlarged,
-                parts=parts,
-                **keywords,
-            )
+        found = calibrate_clip(options, network, clip, parts)
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)
@@ -123,7 +114,6 @@ def run_stream(request: RunRequest) -> int:
     record = RunRecord.of(request.run, [], unit=1, writes=CAMERA_FILES)
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
-    size = (0, 0)
     check_of_clip(options.known.flags)
     with (
         reader,
@@ -131,12 +121,7 @@ def run_stream(request: RunRequest) -> int:
         VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
     ):
         results.notes = options.notes
-        frames = checked_frames(stream, reader, options.placement)
-        if options.known.intrinsics is not None:  # these are for the size of the frames, which the first one tells
-            first = list(islice(frames, 1))
-            size = next((options.placement(frame.image).frame_size for frame in first if frame.image is not None), size)
-            frames = chain(first, frames)
-        with Tracker(options.field, network, wait=not stream.is_live, **options.keywords(size)) as tracker:
+        with live_tracker(options, network, stream, reader) as (frames, tracker):
             try:
                 for frame in frames:
                     _add(options, frame, tracker, results, video)
@@ -173,8 +158,7 @@ def _add(
     """Calibrate the next frame, and write its results."""
     assert frame.image is not None
     start = time.perf_counter()
-    placement = options.placement(frame.image)
-    calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
+    calibration = tracked(options, tracker, frame)
     results.calibrating += time.perf_counter() - start
     results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
     if options.draws:

@@ -34,23 +34,23 @@ from fieldcalib.console.network import NetworkOptions, digest_of, load_network, 
 from fieldcalib.console.options import add_options
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
-from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.localize import Network
 from fieldcalib.results.entry import read
 from fieldcalib.results.pictures import Pictures, auto_field
+from fieldcalib.run_folder.engine import calibrate_frames, calibrate_images
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
-from fieldcalib.run_folder.work_units import UnitResult, grouped, in_groups, joined, work
+from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
 from fieldcalib.web.report import write_report
 
@@ -216,10 +216,8 @@ class ImageCalibrator:
         if all(frame.line is not None for frame in frames):
             calibrations = [Calibration.from_dict(frame.line) for frame in frames if frame.line is not None]
         else:
-            seen = [(frame.image, self.options.placement(frame.image)) for frame in frames if frame.image is not None]
-            images = [placement.image_in_frame(image) for image, placement in seen]
-            found = self._calibrate(self.options.field, images)
-            calibrations = [placement.from_frame(one) for one, (_, placement) in zip(found, seen, strict=True)]
+            images = [frame.image for frame in frames if frame.image is not None]
+            calibrations = calibrate_images(self.options, self.network, images, self.place)
         seconds = time.perf_counter() - start
         return UnitResult(outcomes_of(frames, calibrations, self._outcome), seconds)
 
@@ -230,10 +228,15 @@ class ImageCalibrator:
         alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
         alike = [self.options.placement(image).image_in_frame(image) for image in alike]
         given = self.options.field
+
+        def on(field: Field) -> list[Calibration]:
+            how = replace(self.options, field=replace(field, size_known=True))
+            return calibrate_frames(how, self.network, alike) if alike else []
+
         shown = shared_field(given, [])
         for _ in range(ROUNDS - 1 if alike else 0):
-            shown = shared_field(given, self._calibrate(replace(shown, size_known=True), alike))
-        found = shared_size(given, self._calibrate(replace(shown, size_known=True), alike) if alike else [])
+            shown = shared_field(given, on(shown))
+        found = shared_size(given, on(shown))
         say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
@@ -250,25 +253,6 @@ class ImageCalibrator:
         else:
             say(f"the camera stands at ({place.C[0]:.1f}, {place.C[1]:.1f}, {place.C[2]:.1f}) m")
         return replace(self, place=place)
-
-    def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
-        options = self.options
-
-        def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
-            return calibrate_from_images(
-                field,
-                some,
-                self.network,
-                refine=options.refine,
-                may_be_enlarged=options.pictures.may_be_enlarged,
-                place=self.place,
-                **options.keywords(size),
-            )
-
-        # known intrinsics are of one size, nothing else depends on it
-        is_known = options.known.intrinsics is not None
-        found = in_groups(images, lambda image: size_of(image) if is_known else (0, 0), of_size)
-        return [replace(one, declared=options.pictures.declared) for one in found]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.options.drawn(image, calibration) if self.options.draws else None

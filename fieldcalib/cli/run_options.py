@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
@@ -112,6 +113,21 @@ class CalibrationOptions:
         check_pixels(placement.frame_size, self.most_pixels)
         self.known.given(placement.frame_size)  # a BrokenFileError if it is of other images
         return placement
+
+    @property
+    def may_be_enlarged(self) -> bool:
+        """Whether pictures may be enlarged parts of frames."""
+        return self.pictures.may_be_enlarged
+
+    @property
+    def declared(self) -> Declared:
+        """What is declared of the pictures."""
+        return self.pictures.declared
+
+    @property
+    def depends_on_size(self) -> bool:
+        """Whether what is known of the camera is of frames of one size."""
+        return self.known.intrinsics is not None
 
     def keywords(self, frame_size: tuple[int, int]) -> dict[str, Any]:
         """Keyword arguments that `calibrate_from_images`, `calibrate_video` and `Tracker` share."""

@@ -16,15 +16,15 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from fieldcalib._checks import file_path
-from fieldcalib._progress import Progress, progress_bar, solving
+from fieldcalib._progress import Progress, progress_bar
+from fieldcalib.assess.cropping_evidence import Declared
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
 from fieldcalib.geometry.camera import checked_image_size
-from fieldcalib.images.clip.from_video import Mount, calibrate_video
-from fieldcalib.images.clip.tracker import Tracker
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.clip.from_video import Mount
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
@@ -38,12 +38,11 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segm
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.pictures import Pictures
-from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
+from fieldcalib.run_folder.clip_input import ClipInput, whole_frame
+from fieldcalib.run_folder.engine import calibrate_clip, calibrate_images, live_tracker, tracked
 from fieldcalib.run_folder.images import (
     Frame,
     ReadImage,
-    accepted,
-    checked_frames,
     is_clip,
     is_video,
     pixels_of,
@@ -78,15 +77,22 @@ class Method:
     progress: Progress
     side: Side | None = None
 
-    @property
-    def keywords(self) -> dict[str, Any]:
-        """Keyword arguments of the functions that calibrate."""
-        return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
+    refine = may_be_enlarged = True
+    depends_on_size = False
+    declared = Declared.NOTHING
 
     @property
-    def of_pictures(self) -> dict[str, Any]:
-        """Keyword arguments of those that take pictures."""
-        return {**self.keywords, "side": self.side}
+    def of_camera(self) -> dict[str, Any]:
+        """Keyword arguments of all functions that calibrate: what is known of the camera."""
+        return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
+
+    def placement(self, image: Image) -> Placement:
+        """The placement of a whole frame."""
+        return whole_frame(image)
+
+    def keywords(self, frame_size: tuple[int, int]) -> dict[str, Any]:
+        """Keyword arguments of the functions that calibrate pictures."""
+        return {**self.of_camera, "side": self.side}
 
     def loaded(self) -> Network | None:
         """The network that is given, or the one of the package; None where that does not know the field."""
@@ -212,7 +218,7 @@ class Labelled:
                 losses: dict[str, float] = {}
                 for size, ids in grouped(unit, lambda id: frames[id][1]).items():
                     pixels = {id: frames[id][0] for id in ids}
-                    found = calibrate_batch(method.field, list(pixels.values()), size, **method.keywords)
+                    found = calibrate_batch(method.field, list(pixels.values()), size, **method.of_camera)
                     seen = [
                         with_border_complaint(method.field, pixels[id], one) for id, one in zip(ids, found, strict=True)
                     ]
@@ -252,7 +258,7 @@ class OneByOne:
         with progress_bar(unit="frame", total=total, progress=method.progress) as bar:
             for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
                 images = [frame.image for frame in part if frame.image is not None]
-                found = iter(calibrate_from_images(method.field, images, network, **method.of_pictures))
+                found = iter(calibrate_images(method, network, images))
                 for frame in part:
                     if frame.image is None:
                         collected.add_broken(frame.id, frame.problem)
@@ -299,8 +305,7 @@ class Clip:
         _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=method.progress)
-        with solving(SOLVING, method.progress):
-            found = calibrate_video(method.field, input, method.loaded(), camera=method.camera, **method.of_pictures)
+        found = calibrate_clip(method, method.loaded(), input, progress=method.progress)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
@@ -330,13 +335,11 @@ class LiveStream:
             )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
-            Tracker(method.field, network, wait=not self.stream.is_live, **method.of_pictures) as tracker,
+            live_tracker(method, network, self.stream, reader) as (frames, tracker),
             progress_bar(unit="frame", total=len(reader.numbers), progress=method.progress) as bar,
         ):
-            for frame in checked_frames(self.stream, reader, accepted):
-                assert frame.image is not None
-                calibration = tracker.update(frame.image)
-                collected.add(frame.id, calibration, basis=str(tracker.basis))
+            for frame in frames:
+                collected.add(frame.id, tracked(method, tracker, frame), basis=str(tracker.basis))
                 bar.update()
         _warn_of(reader.loss())
         return Results(collected.frames())

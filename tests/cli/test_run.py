@@ -185,7 +185,7 @@ def test_an_implausible_camera_has_no_file(know, tmp_path, monkeypatch):
         (found,) = calibrate_from_images(*arguments, **options)
         return [replace(found, status=Status.IMPLAUSIBLE)]
 
-    monkeypatch.setattr("fieldcalib.cli.run.calibrate_from_images", implausible)
+    monkeypatch.setattr("fieldcalib.run_folder.engine.calibrate_from_images", implausible)
     (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
     know([TRUTHS[0]])
     assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
