@@ -32,7 +32,7 @@ from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_l
 from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import search_from
-from fieldcalib.images.shape.borders_and_squash import Method, with_aspect_estimated, without_borders
+from fieldcalib.images.shape.borders_and_squash import Method, Step, with_aspect_estimated, without_borders
 from fieldcalib.images.shape.enlarged import with_enlarged_parts
 from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -236,15 +236,22 @@ def calibrate_from_images(
             raise ValueError("a place is of courts that are searched for: leave it or the network out")
         check_network(network)
         of_part = partial(calibrate_alone, ImageTask(task, on.network(network, task.field), refine, estimate_size))
-        if estimate_aspect and camera_matrix is None and prior is not None:
-            of_part = partial(with_aspect_estimated, of_part, task)
-        if refine and prior is not None and may_be_searched(task):
-            of_part = partial(with_second_opinion, of_part, task, estimate_size)
-        if may_be_enlarged and refine and prior is not None and task.given.is_empty:
-            of_part = partial(with_enlarged_parts, of_part, task)
-    if take_off_borders and camera_matrix is None:
-        of_part = partial(without_borders, of_part)
-    of_part = partial(said_plainly, of_part, object_segments, by_network=network is not None)
+    by_network, without_matrix = network is not None, camera_matrix is None
+    is_open = by_network and prior is not None  # the camera is found by the network, its principal point under a prior
+    # The steps that a picture passes on its way to `calibrate_alone` or to the search, the first one first.
+    steps: tuple[tuple[bool, Step], ...] = (
+        (True, partial(said_plainly, object_segments=object_segments, by_network=by_network)),
+        (take_off_borders and without_matrix, without_borders),
+        (may_be_enlarged and is_open and refine and given.is_empty, partial(with_enlarged_parts, task=task)),
+        (
+            is_open and refine and may_be_searched(task),
+            partial(with_second_opinion, task=task, estimate_size=estimate_size),
+        ),
+        (estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
+    )
+    for applies, step in reversed(steps):
+        if applies:
+            of_part = partial(step, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     found = (calibration for part in in_order(executor, of_part, parts) for calibration in part)
@@ -414,7 +421,7 @@ def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Cal
 
 
 def with_second_opinion(
-    calibrate: Method, task: Task, estimate_size: bool, images: Sequence[Image]
+    calibrate: Method, images: Sequence[Image], *, task: Task, estimate_size: bool
 ) -> list[Calibration]:
     """Calibrate pictures by a network; where its camera is refused, take the one that is found by search, if any."""
     found = calibrate(images)

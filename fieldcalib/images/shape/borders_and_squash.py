@@ -30,6 +30,7 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.squashed_pictures import likelier, log_evidence, may_be_squashed, shown_size
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
+Step = Callable[[Method, Sequence[Image]], list[Calibration]]  # one around a method
 BLACK = 30  # brightest channel; black of video is 16
 FEW = 0.02  # share of brighter pixels that a black row may have: noise, a logo
 EVEN = 4.0  # largest standard deviation of the brightness of a border; dark stands have more
@@ -89,7 +90,7 @@ def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibrati
     return with_findings(replace(whole, message="; ".join(filter(None, (whole.message, str(IN_WINDOW))))), IN_WINDOW)
 
 
-def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
+def with_aspect_estimated(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
     """Calibrate pictures; those of another shape than 16:9 as they are or as they would be shown if squashed."""
     found = calibrate(images)
     odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(size_of(image))]

@@ -42,7 +42,7 @@ SCORE_OF_SOFTNESS = 5.0  # in the units of `fieldcalib.assess.cropping_evidence.
 LEAST_SCORE = 1.0  # of softness and labels together, above which a picture may be an enlarged part
 
 
-def with_enlarged_parts(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
+def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
     """Calibrate pictures; those that may be enlarged parts of frames with a free principal point, or with a doubt."""
     markings = Markings.of(task.object_segments)
     return [

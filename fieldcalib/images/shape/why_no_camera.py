@@ -24,7 +24,7 @@ DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
 
 
 def said_plainly(
-    calibrate: Method, object_segments: ObjectSegments, images: Sequence[Image], *, by_network: bool
+    calibrate: Method, images: Sequence[Image], *, object_segments: ObjectSegments, by_network: bool
 ) -> list[Calibration]:
     """Calibrate pictures; those that are too small, or show nothing, get no camera, and a reason.
 
