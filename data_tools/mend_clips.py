@@ -35,7 +35,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.keyframes import KeyframeLabels, are_consistent
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.numbered_frames import NumberedFrames, NumberedVideo
+from fieldcalib.run_folder.frame_source import FrameSource, VideoFrames
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.synthetic.film import (
     CAMERAS,
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not path.exists():
             options.folder.mkdir(parents=True, exist_ok=True)
             CLIPS[name].write(path)
-        frames, network = NumberedVideo(path), included_network()
+        frames, network = VideoFrames(path), included_network()
         first = first_pass(frames, window_around(len(frames), []), soccer(), network, {}, _silent)
         truth = [one.camera for one in read_cameras(path.with_suffix(".jsonl"))]
         for seed in range(options.seeds):
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"{name}, seed {seed}: {number}; largest error {said} px", flush=True)
 
 
-def mended(frames: NumberedFrames, first: FirstPass, truth: Sequence[Camera], field: Field, seed: int) -> list[float]:
+def mended(frames: FrameSource, first: FirstPass, truth: Sequence[Camera], field: Field, seed: int) -> list[float]:
     """The largest error after no, one, two ... frames were mended, pixels."""
     network, rng = included_network(), np.random.default_rng(seed)
     spoiled = with_spoiled_labels(first, soccer(), rng)
@@ -130,7 +130,7 @@ def mended(frames: NumberedFrames, first: FirstPass, truth: Sequence[Camera], fi
         anchors[number] = labelled(frames, number, truth[number], field, rng).calibration
 
 
-def to_mend(frames: NumberedFrames, solved: Proposal, errors: Array) -> int:
+def to_mend(frames: FrameSource, solved: Proposal, errors: Array) -> int:
     """The frame that is mended next."""
     network, field = included_network(), soccer()
     rows = [Row.of(one, by_hand=n in solved.anchors) for n, one in solved.calibrations.items()]
@@ -196,7 +196,7 @@ def _spoiled(pixels: Mapping[str, Array], field: Field, rng: np.random.Generator
     return exchanged
 
 
-def labelled(frames: NumberedFrames, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
+def labelled(frames: FrameSource, number: int, truth: Camera, field: Field, rng: np.random.Generator) -> FrameEditor:
     """A frame that is labelled from nothing, by clicks on both ends of the markings that are longest in view."""
     editor = FrameEditor.of(frames.image(number), field)
     ends = dict(_ends(truth, field))

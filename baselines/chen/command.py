@@ -41,7 +41,7 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.images import ReadImage, image_files
+from fieldcalib.run_folder.frame_source import ReadImage, image_files
 from fieldcalib.run_folder.labelled_frames import (
     CalibratedFrame,
     FromFiles,

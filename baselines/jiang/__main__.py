@@ -36,7 +36,7 @@ from fieldcalib.console.options import given
 from fieldcalib.console.program import run_command
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.image import Image
-from fieldcalib.run_folder.images import ReadImage, image_files
+from fieldcalib.run_folder.frame_source import ReadImage, image_files
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, FromFiles, calibrate_files
 
 AT_ONCE = 16  # images that are optimised together

@@ -35,10 +35,10 @@ from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
-from fieldcalib.run_folder.clip_input import ClipInput, clip_frames
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.engine import calibrate_clip, clip_keywords, live_tracker, tracked
-from fieldcalib.run_folder.images import Frame, say_note
+from fieldcalib.run_folder.frame_source import ClipInput, Frame, frames_of_files
+from fieldcalib.run_folder.inputs import say_note
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
@@ -85,7 +85,7 @@ def run_clip(request: RunRequest) -> int:
     began = time.perf_counter()
     check_of_clip(options.known.flags)
     network = or_search(lambda: load_network(options.network))
-    source = clip_frames(request.paths, request.cut, options.read, options.network.video_threads)
+    source = frames_of_files(request.paths, request.cut, options.read, options.network.video_threads, is_clip=True)
     clip = ClipInput(source, options.placement)
     clip_keywords(options, clip)  # an error before anything is written
     record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))

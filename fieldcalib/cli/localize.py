@@ -30,7 +30,8 @@ from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
+from fieldcalib.run_folder.frame_source import Frame, ReadImage, image_files
+from fieldcalib.run_folder.inputs import outcomes_of, pixels_of
 from fieldcalib.run_folder.labelled_frames import check_labels
 from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
@@ -77,15 +78,14 @@ def run(options: argparse.Namespace) -> int:
     names = names_of(labels, field)  # a ValueError if that cannot be
     network = load_network(network_options)
     method = ImageLocalizer(network_options, read, names, format, run.out, network)
-    with opened(options.input, options.most_pixels) as source:
-        writes = [_file_name(format, ID)]
-        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
-        with open_run_folder(run, record, LOCALIZED, source.files) as results:
-            work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
-            summary = localized_summary(results, run.recorded, time.perf_counter() - began)
-            if run.shard is None:
-                write_all(run.out, format)
-            finish(run.out, summary)
+    files = image_files(options.input)
+    record = RunRecord.of(run, files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, ID)], network=digest_of(network))
+    with open_run_folder(run, record, LOCALIZED, files) as results:
+        work(run, results, files, IMAGES_AT_ONCE, method, len(files))
+        summary = localized_summary(results, run.recorded, time.perf_counter() - began)
+        if run.shard is None:
+            write_all(run.out, format)
+        finish(run.out, summary)
     count = summary["annotations"]
     show(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {counted(count, 'frame')} in {run.out}")
     return results.exit_code

@@ -17,7 +17,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
-from fieldcalib.run_folder.images import say_note
+from fieldcalib.run_folder.inputs import say_note
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)

@@ -47,7 +47,8 @@ from fieldcalib.results.entry import read
 from fieldcalib.results.pictures import Pictures, auto_field
 from fieldcalib.run_folder.engine import calibrate_frames, calibrate_images
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.images import Frame, Source, opened, outcomes_of, say_note, videos_in
+from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files
+from fieldcalib.run_folder.inputs import outcomes_of, say_note, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
@@ -140,43 +141,34 @@ def _run_one_by_one(request: RunRequest) -> int:
     network = or_search(lambda: load_network(options.network))
     method = ImageCalibrator(options, network)
     request.check_place(is_searched=network is None)
-    with opened(
-        request.paths,
-        options.most_pixels,
-        check=options.placement,
-        cut=request.cut,
-        threads=options.network.video_threads,
-    ) as source:
-        if source.frames_per_second is not None and run.shard is not None:
-            raise ValueError("--shard is of images: give every machine some of the videos")
-        writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if options.draws else (CAMERAS,))]
-        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
-        with open_camera_folder(run, record, began, source.files) as results:
-            results.notes = options.notes
-            if is_finished(run.out):
-                return results.exit_code
-            if request.same_field:
-                method = method.on_one_field(source.files)
-            if request.same_camera:
-                method = method.on_one_tripod(source.files)
-            if source.frames_per_second is None:
-                work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
-            else:
-                _run_video(request, results, source, method)
-        if loss := source.loss():
-            say(loss)
-    return 1 if loss else results.exit_code
+    source = frames_of_files(request.paths, request.cut, options.read, options.network.video_threads)
+    if source.rate is not None and run.shard is not None:
+        raise ValueError("--shard is of images: give every machine some of the videos")
+    writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if options.draws else (CAMERAS,))]
+    record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
+    with open_camera_folder(run, record, began, source.files) as results:
+        results.notes = options.notes
+        if is_finished(run.out):
+            return results.exit_code
+        if request.same_field:
+            method = method.on_one_field(source.files)
+        if request.same_camera:
+            method = method.on_one_tripod(source.files)
+        if source.rate is None:
+            work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
+        else:
+            _run_video(request, results, source, method)
+    return 1 if source.loss else results.exit_code
 
 
-def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:
+def _run_video(request: RunRequest, results: ResultsWriter, source: FrameSource, method: ImageCalibrator) -> None:
     """Calibrate each frame on its own; frames of an earlier part of the run are only drawn again."""
     run = request.run
     lines = islice(whole_line_pairs(run.out), results.done)
-    frames = (replace(frame, line=_whole(next(lines, None))) for frame in source.frames)
-    path, rate = run.out / OVERLAY, source.frames_per_second
-    assert rate is not None  # it is a video
+    frames = (replace(frame, line=_whole(next(lines, None))) for frame in source)
+    path = run.out / OVERLAY
 
-    with VIDEOS.write(path, rate, threads=request.calibration.network.video_threads) as video:
+    with VIDEOS.write(path, source.frames_per_second, threads=request.calibration.network.video_threads) as video:
 
         def write(outcome: Outcome) -> None:
             if not outcome.is_written:

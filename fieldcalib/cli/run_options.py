@@ -27,7 +27,8 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import check_pixels
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.images import ReadImage, is_clip, is_video, videos_in
+from fieldcalib.run_folder.frame_source import ReadImage
+from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior

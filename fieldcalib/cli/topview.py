@@ -26,7 +26,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.run_folder.images import files_read
+from fieldcalib.run_folder.inputs import files_read
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel

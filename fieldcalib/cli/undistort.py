@@ -22,7 +22,7 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.images import files_read, say_note
+from fieldcalib.run_folder.inputs import files_read, say_note
 
 PICTURE, VIDEO = ".png", ".mp4"
 

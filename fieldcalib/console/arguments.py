@@ -17,7 +17,7 @@ from fieldcalib.io.files import MOST_BYTES
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
-from fieldcalib.run_folder.images import MOST_BYTES as MOST_BYTES_OF_IMAGE
+from fieldcalib.run_folder.frame_source import MOST_BYTES as MOST_BYTES_OF_IMAGE
 from fieldcalib.run_folder.labelled_frames import AnnotationReader
 from fieldcalib.run_folder.record import JSON_LINES, PARQUET, RunOptions, Shard, as_json
 from fieldcalib.solve.solver_options import ALL, LENS_FLAGS

@@ -31,7 +31,7 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.run_folder.frame_source import FrameSource
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -135,7 +135,7 @@ def window_around(count: int, anchors: Sequence[int]) -> Window:
 
 
 def first_pass(
-    frames: NumberedFrames,
+    frames: FrameSource,
     window: Window,
     field: Field,
     network: Network | None,
@@ -154,7 +154,7 @@ def first_pass(
 
 
 def solve(
-    frames: NumberedFrames,
+    frames: FrameSource,
     first: FirstPass,
     anchors: Mapping[int, Calibration],
     cuts: Sequence[int] | None,
@@ -166,7 +166,7 @@ def solve(
 
     Parameters
     ----------
-    frames : NumberedFrames
+    frames : FrameSource
     first : FirstPass
     anchors : mapping of int to Calibration
         Calibrations of these frames, by their numbers.
@@ -246,7 +246,7 @@ def _padded(network: Network | None) -> Network | None:
     return None if network is None else Padded(network)
 
 
-def _readable(frames: NumberedFrames, window: Window) -> Iterator[Image]:
+def _readable(frames: FrameSource, window: Window) -> Iterator[Image]:
     """The images of a window, up to the first one that cannot be read: the file may be cut off."""
     images = frames.each(window.begin, window.end)
     while True:

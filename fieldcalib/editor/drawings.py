@@ -18,7 +18,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
-from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.run_folder.frame_source import FrameSource
 from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
 
 AGAIN = (OVERLAY, WORST, MOTION)
@@ -27,7 +27,7 @@ AGAIN = (OVERLAY, WORST, MOTION)
 
 def draw_again(
     folder: Path,
-    frames: NumberedFrames,
+    frames: FrameSource,
     calibrations: Sequence[Calibration | None],
     clip: VideoCalibration | None,
     field: Field,
@@ -47,7 +47,7 @@ def draw_again(
 
 def _draw_frames(
     folder: Path,
-    frames: NumberedFrames,
+    frames: FrameSource,
     calibrations: Sequence[Calibration | None],
     field: Field,
     rate: float,

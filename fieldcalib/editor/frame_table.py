@@ -18,7 +18,7 @@ from fieldcalib.editor.fitting import network_marks
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.run_folder.frame_source import FrameSource
 
 CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
 REST = 0.3  # of the concern, by the probability that the camera is right
@@ -94,7 +94,7 @@ class Table:
         return {"id": list(self.ids), **{name: list(one) for name, one in zip(Row._fields, values, strict=True)}}
 
 
-def next_frame(frames: NumberedFrames, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
+def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
     """The frame to mend next; None if all are good.
 
     It is in the stretch of frames whose cameras are not good that gives most cause for concern in all, and there the
@@ -129,7 +129,7 @@ def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
         yield run
 
 
-def _markings(frames: NumberedFrames, number: int, field: Field, network: Network) -> int:
+def _markings(frames: FrameSource, number: int, field: Field, network: Network) -> int:
     """How many markings the network finds in a frame; none where it cannot be read."""
     try:
         return len(network_marks(field, frames.image(number), network).pixels)

@@ -17,7 +17,7 @@ from fieldcalib.io.annotation_files import AnnotatedFrame, frames_in, parse_fram
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
-from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.run_folder.frame_source import FrameSource
 
 LABELS = "labels"  # folder of SoccerNet's files in a folder of results, and the first part of other names
 SOCCERNET, LABELME = "soccernet", "labelme"  # these have a file for each frame
@@ -105,7 +105,7 @@ class GivenLabels:
     """Where they were read."""
 
 
-def given_labels(path: Path, frames: NumberedFrames, field: Field) -> GivenLabels:
+def given_labels(path: Path, frames: FrameSource, field: Field) -> GivenLabels:
     """Read the labels of frames from annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, by frame id.
 
     What the field does not have is left out, with a `LabelWarning`; so are frames that the source does not have.
@@ -149,7 +149,7 @@ def _format(file: FrameFile) -> str:
     return tool_of(file.read(), file.path) if isinstance(file, AnnotatedFrame) else SOCCERNET
 
 
-def _nothing(path: Path, found: list[FrameFile], frames: NumberedFrames, others: list[str]) -> str:
+def _nothing(path: Path, found: list[FrameFile], frames: FrameSource, others: list[str]) -> str:
     """The message about annotations of which nothing is shown."""
     if others:
         return f"{path}: expected labels of the field, got {_some(others)}: give the field, or rename the labels"

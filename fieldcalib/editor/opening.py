@@ -15,7 +15,7 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.run_folder.numbered_frames import NumberedArrays, NumberedFiles, NumberedFrames, NumberedVideo
+from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored
 
 
 def places_of(
@@ -41,16 +41,16 @@ def _beside(path: Path) -> Path:
     return named.with_name(f"{named.stem if named.is_file() else named.name}-fieldcalib")
 
 
-def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -> NumberedFrames:
+def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -> FrameSource:
     """The frames of arrays, of files, or of a video, of which a run may have a part."""
     if paths is None:
-        return NumberedArrays([checked_image(image) for image in listed(source, "a path or pictures")])
+        return ArrayFrames([checked_image(image) for image in listed(source, "a path or pictures")])
     if VIDEOS.recognises(paths[0]):
         of_run = stored is not None and not stored.is_begun_here  # a run may be of a part of the video
         numbers = [int(id) for id in stored.ids if id.isdecimal()] if stored is not None and of_run else []
-        return NumberedVideo(paths[0], numbers or None)
+        return VideoFrames(paths[0], tell=ignored, numbers=numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
-    pictures = NumberedFiles(files)
+    pictures = FileFrames(files, tell=ignored)
     if len(files) == 1 and files[0].path == paths[0]:  # of a folder, the page says which are broken
         pictures.image(0)
     return pictures

@@ -19,9 +19,7 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.run_folder.clip_input import ArraysClip, ClipSource, FilesClip, VideoClip
-from fieldcalib.run_folder.images import ignored, in_cut
-from fieldcalib.run_folder.numbered_frames import NumberedFiles, NumberedVideo
+from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut
 
 MOST = 3  # pictures that are searched
 STEP = 100  # frames of a clip from one to the next
@@ -102,21 +100,21 @@ class Pictures:
         return next(self._files.each(number, number + 1))
 
     @cached_property
-    def _files(self) -> NumberedFiles:
-        return NumberedFiles(self.files)
+    def _files(self) -> FileFrames:
+        return FileFrames(self.files, tell=ignored)
 
     @cached_property
-    def _video(self) -> NumberedVideo:
+    def _video(self) -> VideoFrames:
         """The video, which stays open to be read at any place."""
-        return NumberedVideo(self.paths[0])
+        return VideoFrames(self.paths[0], tell=ignored)
 
-    def frames(self, tell: Callable[[str], object] = ignored) -> ClipSource:
+    def frames(self, tell: Callable[[str], object] = ignored) -> FrameSource:
         """The pictures one after the other, again and again; `tell` gets a message about lost frames of a video."""
         if len(self.images):
-            return ArraysClip(self.images, self.cut)
+            return ArrayFrames(self.images, self.cut)
         if self.is_video:
-            return VideoClip(self.paths[0], self.cut, tell=tell)
-        return FilesClip(self.files, tell=ignored)
+            return VideoFrames(self.paths[0], self.cut, tell=tell)
+        return FileFrames(self.files, tell=ignored)
 
 
 def auto_field(pictures: Pictures) -> str:

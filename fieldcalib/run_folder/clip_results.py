@@ -34,9 +34,8 @@ from fieldcalib.io.image_files import read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.clip_input import ClipInput
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.images import Frame
+from fieldcalib.run_folder.frame_source import ClipInput, Frame
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
 
 SHEET_FRAMES = 12  # in the contact sheet of the worst frames

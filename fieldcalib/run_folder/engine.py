@@ -28,8 +28,7 @@ from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.clip_input import SOLVING, ClipInput
-from fieldcalib.run_folder.images import Frame, checked_frames
+from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, checked_frames
 from fieldcalib.run_folder.work_units import in_groups
 
 NO_SIZE = (0, 0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import at_most_wide
-from fieldcalib.run_folder.numbered_frames import NumberedFrames
+from fieldcalib.run_folder.frame_source import FrameSource
 
 QUALITY = 88  # of the JPEGs
 CACHE_BYTES = 48_000_000  # of the JPEGs in memory
@@ -29,7 +29,7 @@ THUMBNAIL_QUALITY = 82  # of JPEG
 class ShownPictures:
     """JPEGs of the frames of an editor; those that were asked for last are kept."""
 
-    def __init__(self, frames: NumberedFrames) -> None:
+    def __init__(self, frames: FrameSource) -> None:
         self._frames = frames
         self._kept: OrderedDict[tuple[int, ...], bytes] = OrderedDict()
         self._lock = Lock()

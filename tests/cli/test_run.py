@@ -25,8 +25,8 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder import images as frames_of_commands
-from fieldcalib.run_folder.images import Frame, ReadImage, opened
+from fieldcalib.run_folder import frame_source
+from fieldcalib.run_folder.frame_source import Frame
 from fieldcalib.synthetic.simulated import camera_difference
 
 SIZE = (960, 540)
@@ -461,6 +461,7 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
 
     class Watched(VideoReader):
         def numbered(self):
+            read.clear()  # the first frame is read once before, to see whether it can be
             for number, image in super().numbered():
                 read.append(number)
                 yield number, image
@@ -473,7 +474,7 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
             seen.extend(images)
             return network(images)
 
-    monkeypatch.setattr(frames_of_commands, "VIDEOS", replace(VIDEOS, read=Watched))
+    monkeypatch.setattr(frame_source, "VIDEOS", replace(VIDEOS, read=Watched))
     monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
     assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out", "--independent") == 0
     assert ahead == [IMAGES_AT_ONCE] * 2 + [1]
@@ -574,11 +575,11 @@ def test_networks_that_are_not_there(tmp_path, capsys):
 def test_frames_are_read_when_they_are_asked_for(tmp_path):
     (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
     (tmp_path / "b.png").write_bytes(b"")
-    with opened([tmp_path]) as source:
-        assert source.count == 2
-        assert source.frames_per_second is None
-        (tmp_path / "a.png").unlink()
-        first, second = map(ReadImage(), source.files)
+    source = frame_source.frames_of_files([tmp_path])
+    assert (source.count, source.rate, source.ids) == (2, None, ["a", "b"])
+    (tmp_path / "a.png").unlink()
+    first, second = source
+    assert source.broken == {"a": first.problem, "b": second.problem}
     assert first == Frame("a", None, first.problem, tmp_path / "a.png")
     assert "cannot be read" in first.problem
     assert second.problem == NO_IMAGE

@@ -11,8 +11,7 @@ import pytest
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter, missing_bytes
-from fieldcalib.run_folder.clip_input import ClipInput, VideoClip
-from fieldcalib.run_folder.images import Frame
+from fieldcalib.run_folder.frame_source import ClipInput, Frame, VideoFrames
 
 MILLISECONDS = Fraction(1, 1000)
 TIMES = {"regular": np.arange(60) * 40, "irregular": np.cumsum(np.random.default_rng(0).integers(20, 100, 60))}
@@ -114,7 +113,7 @@ def test_a_clip_that_is_replaced_while_it_is_read(tmp_path, frames):
                 writer.write(picture(number))
 
     write(5)
-    clip = ClipInput(VideoClip(path), progress=False)
+    clip = ClipInput(VideoFrames(path), progress=False)
     assert len(list(clip)) == 5
     write(frames)
     os.utime(path, ns=(1, 1))

@@ -28,7 +28,7 @@ from fieldcalib.editor.marks import Marks
 from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.run_folder.numbered_frames import NumberedVideo
+from fieldcalib.run_folder.frame_source import VideoFrames
 from fieldcalib.web.app import Page, page_files
 from fieldcalib.web.guard import Hosts
 from fieldcalib.web.records import frame_state
@@ -586,7 +586,7 @@ def test_a_video_that_is_cut_off(tmp_path, capfd):
     assert one.state(0)["problem"] is None
     assert one.get("image/3").status_code == 200
     one.close()
-    frames = NumberedVideo(path, range(30))  # as results of the whole video name them
+    frames = VideoFrames(path, numbers=range(30))  # as results of the whole video name them
     assert frames.image(3).shape == (90, 160, 3)
     with pytest.raises(BrokenFileError, match="cut off"):
         frames.image(25)

@@ -1,0 +1,481 @@
+"""Where frames come from: a video, files of images, or arrays; in order as often as wanted, or one by its number.
+
+A live stream is none: its frames come once (`fieldcalib.io.streams`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from threading import Lock
+from typing import Any, TypeVar
+
+from fieldcalib._checks import is_number
+from fieldcalib._messages import say
+from fieldcalib._progress import Progress, progress_bar, waiting_for
+from fieldcalib.assess.placement import Placement
+from fieldcalib.io.clips import OneSize, in_order
+from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
+from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.io.image_files import MOST_PIXELS
+from fieldcalib.io.streams import Input
+from fieldcalib.io.videos import DEFAULT_RATE, FrameReader, FramesByNumber
+from fieldcalib.run_folder.labelled_frames import name_skipped
+from fieldcalib.run_folder.work_units import read_each
+
+PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip is calibrated, in this order
+AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
+SOLVING = "solving the clip"  # between them
+REPLACED = "the frames are not those that were read before: was the input replaced in the meantime? Run it again"
+MOST_BYTES = 256_000_000  # of the file of an image
+CACHE_BYTES = 64_000_000  # of the images in memory: 10 of 1920 x 1080
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image, or the reason why it cannot be read."""
+
+    id: str
+    image: Image | None
+    problem: str = ""
+    path: Path | str = ""
+    """File of the image, for messages."""
+    is_of_video: bool = False
+    line: Mapping[str, Any] | None = None
+    """The image's results from an earlier part of the run, if any."""
+
+
+def accepted(image: Image) -> None:
+    """Accept any image: the default of checks."""
+
+
+def ignored(message: str) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True)
+class ReadImage:
+    """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
+
+    most_bytes: float = MOST_BYTES
+    most_pixels: float = MOST_PIXELS
+    check: Callable[[Image], object] = accepted
+
+    def __call__(self, item: FrameFile | Frame) -> Frame:
+        """Read the image of a file."""
+        if isinstance(item, Frame):
+            return item
+        found, broken = read_each([item], self.image)
+        return Frame(item.id, found.get(item.id), broken.get(item.id, ""), item.path)
+
+    def image(self, file: FrameFile) -> Image:
+        """The image of a file; a BrokenFileError or MemoryError if it cannot be read."""
+        image = IMAGES.read(file.read(self.most_bytes), self.most_pixels)
+        self.check(image)
+        return image
+
+    def sized(self, file: FrameFile, size: tuple[int, int] | None = None) -> tuple[Image, tuple[int, int]]:
+        """The image of a file, and its size or another one that is given."""
+        image = self.image(file)
+        return image, size or size_of(image)
+
+
+READ = ReadImage()
+
+
+class FrameSource(ABC):
+    """Frames in order, each time from the first one; and one by its number among them, from 0.
+
+    Reading by number is safe from several threads, and the images last read are kept.
+    """
+
+    files: Sequence[FrameFile] = ()
+    """Files that they are read from."""
+    rate: float | None = None
+    """Frames per second of a video; None for pictures."""
+    loss: str = ""
+    """Message about frames that the input announced and does not have; known when it was read to its end."""
+
+    def __init__(self) -> None:
+        self.broken: dict[str, str] = {}
+        """Problems of frames that cannot be read, by id; known when they were read in order."""
+        self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._sizes: dict[int, tuple[int, int]] = {}
+        self._lock = Lock()
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frame rate, of pictures the usual one."""
+        return DEFAULT_RATE if self.rate is None else self.rate
+
+    @property
+    def count(self) -> int:
+        """Number of frames that are announced; 0 if it is not known."""
+        return len(self)
+
+    @property
+    @abstractmethod
+    def ids(self) -> Sequence[str]:
+        """Name of each frame."""
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame]:
+        """The frames in order."""
+
+    @abstractmethod
+    def _read(self, number: int) -> Image:
+        """Read the image of a frame; a BrokenFileError if it cannot be read."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def number(self, number: int) -> int:
+        """The number of a frame, checked.
+
+        Raises
+        ------
+        IndexError
+            If there is no such frame.
+        """
+        if not is_number(number) or not 0 <= number < len(self) or number != int(number):
+            raise IndexError(f"expected a frame from 0 to {len(self) - 1}, got {number!r}")
+        return int(number)
+
+    def image(self, number: int) -> Image:
+        """The image of a frame; do not write to it.
+
+        Raises
+        ------
+        BrokenFileError
+            If it cannot be read.
+        IndexError
+            If there is no such frame.
+        """
+        number = self.number(number)
+        with self._lock:
+            if number in self._kept:
+                self._kept.move_to_end(number)
+                return self._kept[number]
+            image = self._read(number)
+            self._kept[number] = image
+            while len(self._kept) > 1 and sum(one.nbytes for one in self._kept.values()) > CACHE_BYTES:
+                self._kept.popitem(last=False)
+            return image
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Width and height of a frame, pixels; errors as those of `image`."""
+        if number not in self._sizes:
+            self._sizes[number] = size_of(self.image(number))
+        return self._sizes[number]
+
+    def each(self, begin: int, end: int) -> Iterator[Image]:
+        """The images of frames from `begin` to `end`, one after the other, without keeping them."""
+        for number in range(begin, end):
+            with self._lock:
+                image = self._kept.get(number)
+                image = self._read(number) if image is None else image
+            yield image
+
+    def name(self, number: int) -> str:
+        """The name of a frame in annotations of other tools."""
+        return self.ids[number]
+
+    def close(self) -> None:  # noqa: B027 - pictures and arrays have nothing to close
+        """End reading."""
+
+
+class ArrayFrames(FrameSource):
+    """Images in memory, checked when they are read; their ids are their numbers with six digits."""
+
+    def __init__(self, images: Sequence[Image], cut: Cut = WHOLE) -> None:
+        super().__init__()
+        self._images, self._cut = images, cut
+
+    @cached_property
+    def _numbers(self) -> Sequence[int]:
+        return in_cut(range(len(self._images)), self._cut, ignored)
+
+    @cached_property
+    def ids(self) -> Sequence[str]:
+        """The numbers of the images."""
+        return [f"{number:06d}" for number in self._numbers]
+
+    def __iter__(self) -> Iterator[Frame]:
+        for id, number in zip(self.ids, self._numbers, strict=True):
+            yield Frame(id, checked_image(self._images[number]))
+
+    def _read(self, number: int) -> Image:
+        return checked_image(self._images[self._numbers[number]])
+
+
+class FileFrames(FrameSource):
+    """Images in files, or in zips; `tell` gets what is wrong with one, once.
+
+    Those of a clip must be of one size.
+    """
+
+    def __init__(
+        self,
+        files: Sequence[FrameFile],
+        read: ReadImage = READ,
+        tell: Callable[[str], object] = say,
+        *,
+        is_clip: bool = True,
+    ) -> None:
+        super().__init__()
+        self.files, self._one, self._tell, self._is_clip = files, read, tell, is_clip
+
+    @cached_property
+    def ids(self) -> Sequence[str]:
+        """The names of the files without their endings."""
+        return [file.id for file in self.files]
+
+    def __iter__(self) -> Iterator[Frame]:
+        one_size = OneSize()
+        for file in self.files:
+            if file.id in self.broken:
+                yield Frame(file.id, None, self.broken[file.id], file.path)
+                continue
+            frame = self._one(file)
+            if frame.image is None:
+                self.broken[frame.id] = frame.problem
+                self._tell(f"{frame.path}: {frame.problem}")
+            elif self._is_clip:
+                one_size.check(file, frame.image)
+            yield frame
+
+    def _read(self, number: int) -> Image:
+        file = self.files[number]
+        try:
+            return self._one.image(file)
+        except (BrokenFileError, MemoryError) as error:
+            raise BrokenFileError(f"{file.path.name}: {error or 'there is not enough memory for it'}") from None
+
+    def name(self, number: int) -> str:
+        """The name of the picture's file."""
+        return self.files[number].path.name
+
+
+class VideoFrames(FrameSource):
+    """The frames of a video, whose ids are their numbers with six digits.
+
+    Parameters
+    ----------
+    path : Path
+    cut : Cut
+        Which frames are read in order.
+    read : ReadImage
+        The most pixels of a frame, and the check of each.
+    threads : int, optional
+        Of the decoder.
+    tell : function
+        Gets a message about announced frames that cannot be read, once.
+    numbers : sequence of int, optional
+        Numbers in the video of the frames that are read by number; all by default.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError
+        As `fieldcalib.io.videos.VideoReader`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        cut: Cut = WHOLE,
+        read: ReadImage = READ,
+        threads: int | None = None,
+        tell: Callable[[str], object] = say,
+        *,
+        numbers: Sequence[int] | None = None,
+    ) -> None:
+        super().__init__()
+        self._path, self._cut, self._one, self._threads, self._tell = path, cut, read, threads, tell
+        self._numbers_given = numbers
+        self.files = [FrameFile(path.stem, path)]
+        self._state = self.files[0].state
+        self._announced, self._beyond = 0, ""
+        next(iter(self))  # what is wrong with it shows before anything is written
+        if self._beyond:
+            tell(self._beyond)
+
+    @property
+    def count(self) -> int:
+        """Number of frames that the file announces; 0 if it does not."""
+        return self._announced
+
+    def __iter__(self) -> Iterator[Frame]:
+        path, most = self._path, self._one.most_pixels
+        if self.files[0].state != self._state:
+            raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
+        with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
+            self.rate, self._announced, self._beyond = video.frames_per_second, video.count, video.beyond
+            yield from checked_frames(path, video, self._one.check)
+            if not self.loss and (loss := video.loss()):
+                self.loss = loss
+                self._tell(loss)
+
+    @cached_property
+    def _video(self) -> FramesByNumber:
+        """The video, which stays open to be read at any place."""
+        return FramesByNumber(self._path)
+
+    @cached_property
+    def _numbers(self) -> Sequence[int]:
+        numbers = range(self._video.count) if self._numbers_given is None else self._numbers_given
+        if numbers and numbers[0] == self._video.first_number:
+            self._kept[0] = self._video.first
+        return numbers
+
+    @cached_property
+    def ids(self) -> Sequence[str]:
+        """The numbers of the frames in the video."""
+        return [f"{number:06d}" for number in self._numbers]
+
+    def _read(self, number: int) -> Image:
+        return self._decoded(self._numbers[number])
+
+    def frame(self, wanted: int) -> Image:
+        """Read a frame by its number in the video, whether it is one of `numbers` or not; it is not kept.
+
+        Raises
+        ------
+        BrokenFileError
+            If it cannot be read.
+        """
+        with self._lock:
+            return self._decoded(wanted)
+
+    def _decoded(self, wanted: int) -> Image:
+        image = self._video.read(wanted)
+        if image is None:
+            raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")
+        return image
+
+    def size(self, number: int) -> tuple[int, int]:
+        """Width and height of all frames."""
+        return size_of(self._video.first)
+
+    def close(self) -> None:
+        """End reading."""
+        with self._lock, self._video:
+            self._kept.clear()
+
+
+def frames_of_files(
+    paths: Sequence[Path],
+    cut: Cut = WHOLE,
+    read: ReadImage = READ,
+    threads: int | None = None,
+    *,
+    is_clip: bool = False,
+) -> FrameSource:
+    """The frames of a video, or of files of images; those of a clip are in the order of the numbers in their names.
+
+    Files in folders and zips that are no images are named on stderr.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError, ValueError
+        As `find_files`, `in_cut` and `VideoReader`, and as the check of `read` for the frames of a video.
+    """
+    if VIDEOS.recognises(paths[0]):
+        return VideoFrames(paths[0], cut, read, threads)
+    files = image_files(paths)
+    return FileFrames(in_cut(in_order(files) if is_clip else files, cut, say), read, is_clip=is_clip)
+
+
+def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
+    """Find images in folders and zips, and single files; unused files are named on stderr."""
+    files = IMAGES.find(inputs)
+    name_skipped(inputs, files)
+    return files
+
+
+def in_cut(images: Sequence[T], cut: Cut, tell: Callable[[str], object]) -> Sequence[T]:
+    """Select the images in a cut; `tell` gets a message if its end lies beyond the last one.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the cut is one of times.
+    """
+    numbers = cut.numbers()
+    found = images[numbers.start : numbers.stop : numbers.step]
+    if not found:
+        raise ValueError(f"the input {ends_before(cut.start, len(images))}: there is no frame to begin with")
+    if beyond := cut.beyond(len(images)):
+        tell(f"the input {beyond}")
+    return found
+
+
+def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:
+    """The frames of a video, whose ids are their numbers with six digits.
+
+    A BrokenFileError of `check` gets the name of the video.
+    """
+    frames = reader.numbered()
+    with named_in_errors(name):
+        while True:
+            with waiting_for(str(name)):
+                number, image = next(frames, (0, None))
+            if image is None:
+                return
+            check(image)
+            yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
+
+
+def whole_frame(image: Image) -> Placement:
+    """The placement of an image that is a whole frame."""
+    return Placement(size_of(image), size_of(image), None)
+
+
+class ClipInput:
+    """The images of a clip as parts of their frames; they can be read several times, with progress."""
+
+    def __init__(
+        self, source: FrameSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
+    ) -> None:
+        self.source, self._placement, self._progress = source, placement, progress
+        self.ids: list[str] = []
+        """Ids of all frames, in order; known after the first pass."""
+        self._passes = iter(PASSES)
+
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height of the frames, by the first one that can be read."""
+        placement = self.placement()
+        return (0, 0) if placement is None else placement.frame_size
+
+    def placement(self) -> Placement | None:
+        """Where the images lie in their frames, by the first one that can be read; None if there is none."""
+        first = next((frame.image for frame in self.source if frame.image is not None), None)
+        return None if first is None else self._placement(first)
+
+    def __iter__(self) -> Iterator[Image]:
+        """The images that can be read, as parts of their frames."""
+        for frame in self.frames(next(self._passes, AGAIN)):
+            if frame.image is not None:
+                yield self._placement(frame.image).image_in_frame(frame.image)
+
+    def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
+        """The images as they are; `stage` is shown."""
+        ids: list[str] = []
+        count = len(self.ids) or self.source.count or None
+        with progress_bar(desc=stage, total=count, unit="frame", progress=self._progress) as progress:
+            for frame in self.source:
+                if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
+                    raise BrokenFileError(REPLACED)
+                ids.append(frame.id)
+                yield frame
+                progress.update()
+        if self.ids and len(ids) < len(self.ids):
+            raise BrokenFileError(REPLACED)
+        self.ids = ids
