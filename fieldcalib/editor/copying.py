@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.editor.edit import Marks
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.marks import Marks
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image, size_of

@@ -18,8 +18,9 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
 from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
+from fieldcalib.editor.edit import Edit, History, Marks, check_edit
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
-from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
+from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
 from fieldcalib.editor.frame_table import Row, Table, next_frame
 from fieldcalib.editor.journal import (
@@ -43,7 +44,6 @@ from fieldcalib.editor.label_files import (
     soccernet_file,
 )
 from fieldcalib.editor.label_versions import Announce, Announced
-from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.opening import field_of, frames_of, places_of
 from fieldcalib.editor.saved_files import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
 from fieldcalib.fields.field import Field

@@ -18,7 +18,6 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from dataclasses import field as attribute
 from functools import cached_property
 from html import escape
 from typing import Any
@@ -34,9 +33,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
+from fieldcalib.editor.edit import Edit, History, Known, Marks
 from fieldcalib.editor.fitting import fitted
-from fieldcalib.editor.known_camera import Known
-from fieldcalib.editor.marks import FARTHEST, History, Marks
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
@@ -169,16 +167,6 @@ def _task(field: Field, known: Known, placement: Placement) -> Task:
     arguments = known.arguments(placement)
     flags = arguments.pop("flags")
     return Task(field, GivenCamera(**arguments), flags)
-
-
-@dataclass(frozen=True)
-class Edit:
-    """What is said about an image."""
-
-    marks: Marks = attribute(default_factory=Marks)
-    known: Known = attribute(default_factory=Known)
-    automatic: bool = False
-    """Whether it was found without a person: marks of a network, and a camera that does not follow from them alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,15 +370,6 @@ class FrameEditor:
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)
         return replace(self, history=self.history.then(edit), found=None)
-
-
-def check_edit(edit: Edit, field: Field) -> None:
-    """Raise a ValueError for an edit that cannot be; labels and sizes of another field are kept, without effect."""
-    for one in edit.marks.all:
-        if not (abs(one.x) < FARTHEST and abs(one.y) < FARTHEST):
-            raise ValueError(f"expected pixels below {FARTHEST:g}, got {one.x, one.y} of {one.label!r}")
-    if field.size_model is not None:
-        edit.known.of(field)
 
 
 def _check_label(label: str, field: Field) -> None:

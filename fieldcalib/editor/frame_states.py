@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import Proposal
-from fieldcalib.editor.frame import Edit
+from fieldcalib.editor.edit import Edit, History, Marks
 from fieldcalib.editor.frame_table import Row
 from fieldcalib.editor.journal import FrameHistory
-from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.saved_files import BY_HAND, BY_HAND_TOO, Spilled
 
 
