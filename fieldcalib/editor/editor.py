@@ -16,11 +16,10 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
-from fieldcalib.editor.copying import moved_marks
 from fieldcalib.editor.drawings import AGAIN, draw_again
 from fieldcalib.editor.edit import Edit, History, Marks, check_edit
 from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
-from fieldcalib.editor.frame import FrameEditor
+from fieldcalib.editor.frame import FrameEditor, moved_marks
 from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
 from fieldcalib.editor.frame_table import Row, Table, next_frame
 from fieldcalib.editor.journal import (
