@@ -1,4 +1,4 @@
-"""The results in the folder of an editor: read as a run wrote them, and written so that other commands go on from it.
+"""The results in the folder of an editor: read as a run wrote them, and written so that other commands can go on.
 
 Files are replaced together (`fieldcalib.editor.label_versions`), and what is replaced is kept in ``history/0001``,
 ``0002`` and so on. Replaced are files that a run has written, as its record says, or that were written here, and that
