@@ -42,9 +42,9 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.scene import image_curves
+from fieldcalib.editor.edit import Known
 from fieldcalib.editor.fitting import is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.known_camera import Known
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text

@@ -25,11 +25,11 @@ from data_tools.random_frames import mislabelled
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, solve, window_around
+from fieldcalib.editor.clip import FirstPass, Proposal, first_pass, next_frame, solve, window_around
+from fieldcalib.editor.edit import Marks
 from fieldcalib.editor.fitting import included_network, mark_errors
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.frame_table import Row, next_frame
-from fieldcalib.editor.marks import Marks
+from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

@@ -1,11 +1,15 @@
-"""A clip solved again around the frames that a person has mended, and what changes by that."""
+"""A clip: which frame to mend next, and the clip solved again around those that a person has mended.
+
+The files of a clip that show its cameras, drawn again after these have changed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +20,11 @@ from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.placement import InFrame, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
-from fieldcalib.editor.fitting import FARTHER
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.editor.fitting import FARTHER, network_marks
+from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
@@ -26,12 +34,17 @@ from fieldcalib.images.clip.clip_with_anchors import Anchors, solve_around
 from fieldcalib.images.clip.from_video import PART, SHARED_BY, Mount
 from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, read_keyframes
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import write_image
+from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
 from fieldcalib.run_folder.frame_source import FrameSource
+from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -39,10 +52,20 @@ GRID = (9, 6)  # places across and down the picture whose moves are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")
 
 SAME = 1e-6  # px: cameras that move points less are the same
+LOOKED_AT = 9  # frames of a stretch in which markings are counted
+BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
+
+AGAIN = (OVERLAY, WORST, MOTION)
+"""Files that can be drawn again."""
+
 BESIDE, CUTS = Finding(What.FRAMES_BESIDE_CLIP), Finding(What.CUTS_BESIDE_CLIP)
 
 Progress = Callable[[int, int, str], None]
 """Gets the number of frames that are done, of all, and the stage; may raise an error to end the work."""
+
+
+def ignored(done: int, count: int, stage: str) -> None:
+    """Take no notice of the progress of some work."""
 
 
 class Window(NamedTuple):
@@ -283,3 +306,96 @@ def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTabl
     if pixels is None or shape is None:
         return pixels
     return replace(pixels, xy=shape.placement.scale * pixels.xy + shape.placement.corner)
+
+
+def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
+    """The frame to mend next; None if all are good.
+
+    It is in the stretch of frames whose cameras are not good that gives most cause for concern in all, and there the
+    one that shows most markings: its labels determine the camera, and matches hand it on to its neighbours. Without a
+    network it is in the middle.
+    """
+    stretches = sorted(_stretches(rows), key=lambda stretch: -sum(rows[n].concern for n in stretch))
+    if not stretches:
+        return None
+    mended = np.array([n for n, row in enumerate(rows) if row.by_hand])
+    far: list[int] = [n for n in stretches[0] if not len(mended) or np.min(np.abs(mended - n)) > BESIDE_MENDED]
+    candidates = far or [*stretches[0]]
+    middle: int = candidates[len(candidates) // 2]
+    if network is None:
+        return middle
+    spread = np.linspace(0, len(candidates) - 1, min(len(candidates), LOOKED_AT)).round().astype(int)
+    counts: dict[int, int] = {candidates[k]: _markings(frames, candidates[k], field, network) for k in spread.tolist()}
+    return max(counts, key=lambda n: (counts[n], -abs(n - middle)))
+
+
+def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
+    """Runs of frames that were not mended and whose cameras are not good."""
+    run: list[int] = []
+    for n, row in enumerate(rows):
+        if row.verdict == Verdict.GOOD or row.by_hand:
+            if run and row.verdict == Verdict.GOOD:
+                yield run
+                run = []
+        else:
+            run.append(n)
+    if run:
+        yield run
+
+
+def _markings(frames: FrameSource, number: int, field: Field, network: Network) -> int:
+    """How many markings the network finds in a frame; none where it cannot be read."""
+    try:
+        return len(network_marks(field, frames.image(number), network).pixels)
+    except BrokenFileError:
+        return 0
+
+
+def draw_again(
+    folder: Path,
+    frames: FrameSource,
+    calibrations: Sequence[Calibration | None],
+    clip: VideoCalibration | None,
+    field: Field,
+    names: Collection[str],
+    progress: Progress,
+) -> None:
+    """Draw files of `AGAIN` as a run draws them; the progress may raise an error to end the work.
+
+    A frame that cannot be read is left out, and all after it: the file is cut off there.
+    """
+    rate = frames.rate or DEFAULT_RATE
+    if {OVERLAY, WORST} & set(names):
+        _draw_frames(folder, frames, calibrations, field, rate, progress)
+    if MOTION in names and clip is not None:
+        write_image(folder / MOTION, plot_sequence(clip, frames_per_second=rate))
+
+
+def _draw_frames(
+    folder: Path,
+    frames: FrameSource,
+    calibrations: Sequence[Calibration | None],
+    field: Field,
+    rate: float,
+    progress: Progress,
+) -> None:
+    """Write the overlay video and the sheet of the worst frames."""
+    worst = worst_frames(calibrations, SHEET_FRAMES)
+    pictures: dict[int, Image] = {}
+    with VIDEOS.write(folder / OVERLAY, rate) as video:
+        images = frames.each(0, len(frames))
+        for number, calibration in enumerate(calibrations):
+            progress(number, len(frames), f"drawing {OVERLAY}")
+            try:
+                image = next(images)
+            except (StopIteration, BrokenFileError):
+                break
+            if calibration is not None:
+                image = draw_calibration(image, calibration, calibration.field or field)
+            video.write(image)
+            if number in worst:
+                pictures[number] = image
+    shown = [number for number in worst if number in pictures]
+    if shown:
+        captions = [caption(frames.ids[number], calibrations[number]) for number in shown]
+        write_image(folder / WORST, contact_sheet([pictures[number] for number in shown], captions))

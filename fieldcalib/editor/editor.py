@@ -3,64 +3,31 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from threading import RLock, Thread
-from typing import Self
+from typing import Any, Self
 from warnings import warn
 
 from fieldcalib._checks import expect, file_path, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, solve, window_around
-from fieldcalib.editor.copying import moved_marks
-from fieldcalib.editor.drawings import AGAIN, draw_again
-from fieldcalib.editor.fitting import automatic, is_to_search, network_marks, network_of, searched
-from fieldcalib.editor.frame import Edit, FrameEditor, check_edit
-from fieldcalib.editor.frame_states import BeforeKeep, FrameState, basis_of
-from fieldcalib.editor.frame_table import Row, Table, next_frame
-from fieldcalib.editor.journal import (
-    JOURNAL,
-    NOTHING_WRITTEN,
-    FrameHistory,
-    Journal,
-    Replayed,
-    Unfinished,
-    nothing,
-    read_journal,
-)
-from fieldcalib.editor.label_files import (
-    SOCCERNET,
-    GivenLabels,
-    LabelWarning,
-    given_labels,
-    label_file,
-    label_files,
-    saved_files,
-    soccernet_file,
-)
-from fieldcalib.editor.label_versions import Announce, Announced
-from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.opening import field_of, frames_of, places_of
-from fieldcalib.editor.saved_files import LastSave, NewRun, Saved, Spilled, Stored, is_by_hand
+from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around
+from fieldcalib.editor.edit import Edit, History, Marks, check_edit
+from fieldcalib.editor.fitting import automatic, network_marks, network_of, searched
+from fieldcalib.editor.folder import NOTHING_KEPT, Folder, field_of, frames_of, places_of
+from fieldcalib.editor.frame import FrameEditor, moved_marks
+from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, Table, basis_of, is_by_hand
+from fieldcalib.editor.journal import JOURNAL, FrameHistory, Replayed, read_journal
+from fieldcalib.editor.label_files import GivenLabels, LabelWarning, given_labels
+from fieldcalib.editor.saved_files import LastSave, NewRun, Stored
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.io.annotations import Annotation
-from fieldcalib.io.formats import OVERLAYS
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL
-
-AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
-
-
-def ignored(done: int, count: int, stage: str) -> None:
-    """Take no notice of the progress of some work."""
 
 
 class StaleEdit(ValueError):
@@ -107,97 +74,44 @@ class Editor:
         overwrite: bool = False,
     ) -> None:
         paths, folder = places_of(source, out)
-        self.stored = None if folder is None else Stored(folder, overwrite=truth(overwrite, "overwrite"))
-        self.field, self.field_name = field_of(field, self.stored)
+        stored = None if folder is None else Stored(folder, overwrite=truth(overwrite, "overwrite"))
+        self.field, self.field_name = field_of(field, stored)
         check = partial(check_edit, field=self.field)
         replayed = Replayed(check) if folder is None else read_journal(folder / JOURNAL, check)
         self.title = "images" if paths is None else paths[0].name
-        self.frames = frames_of(source, paths, self.stored)
-        self.version = 0
-        self.lock = RLock()
+        self.frames = frames_of(source, paths, stored)
+        cuts = replayed.cuts or ([] if stored is None else stored.cuts)
+        self._states = FrameStates(self.frames, self.field, cuts, has_own_cuts=replayed.cuts is not None)
+        self.lock = self._states.lock
         """Held while frames are changed; reading is safe without."""
-        self._states: dict[int, FrameState] = {}
-        self._values = Spilled()
-        self._rows = [Row()] * len(self.frames)
-        self._numbers = {id: number for number, id in enumerate(self.frames.ids)}
-        self._journal = None if folder is None else Journal(folder, replayed.size)
-        self._new = NewRun({"field": self.field_name}, paths or (), self.frames.rate or DEFAULT_RATE)
-        self.cuts = replayed.cuts or ([] if self.stored is None else self.stored.cuts)
-        """First frames of the shots of a clip, as far as they are known."""
-        self.has_own_cuts = replayed.cuts is not None
-        """Whether a person has set the cuts."""
         self._first_pass: FirstPass | None = None
-        self._before_keep: BeforeKeep | None = None
-        self._unfinished: Unfinished | None = None
-        self.last_save = LastSave()
-        """What the last save has replaced, and which frames it has left out."""
         given = GivenLabels() if labels is None else given_labels(file_path(labels, "labels"), self.frames, self.field)
-        if self.stored is not None:
-            if self.stored.know(replayed.written):
-                replayed.forget_saved()
-            self.stored.check_in_the_way(self.ids, given.files)
         self.label_format = given.format or replayed.format
         """The format of the labels that were given, now or when the folder was opened before; None without any."""
-        self._has_noted_format = self.label_format == replayed.format
+        new = NewRun({"field": self.field_name}, paths or (), self.frames.rate or DEFAULT_RATE)
+        self._folder = None if stored is None else Folder(stored, replayed, self._states, given, new)
         self._restore(replayed, given)
 
     def _restore(self, replayed: Replayed, given: GivenLabels) -> None:
         """Take what results, journal and given labels say."""
-        self._unfinished = replayed.unfinished  # what was announced and could not be finished yet
         for said in replayed.remarks(self.field):
             warn(said, LabelWarning, stacklevel=4)
-        for id, edits in replayed.frames.items():
-            if id in self._numbers:
-                number = self._numbers[id]
-                self._states[number] = FrameState(edits, self._values, has_begun=True, base=self._base(id, edits))
-                edits.base = None
-                self._show_saved(number)
-                self._rows[number] = self._rows[number]._replace(by_hand=not edits.history.present.automatic)
+        if self._folder is not None:
+            self._folder.restore(replayed.frames)
         for number, marks in given.marks.items():
             if number not in self._states:
                 edits = FrameHistory(History(Edit(marks)))
-                self._states[number] = FrameState(edits, self._values, base=self._base(self.ids[number], edits))
-                self._rows[number] = self._rows[number]._replace(by_hand=True)
-        if self.stored is None or len(self.stored.ids) <= AT_ONCE:
-            self._fill_rows()
-        else:  # an hour of video opens at once, its table grows
-            Thread(target=self._fill_rows, name="rows", daemon=True).start()
+                base = None if self._folder is None else self._folder.base(number, edits)
+                self._states[number] = FrameState(edits, self._states.spilled, base=base)
+                self._states.rows[number] = self._states.rows[number]._replace(by_hand=True)
+        if self._folder is None:
+            self._states.version += 1
+        else:
+            self._folder.show_rows()
 
-    def _show_saved(self, number: int) -> None:
-        """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
-        state, id = self._states[number], self.ids[number]
-        if self.is_clip and self.stored is not None and state.is_saved and is_by_hand(self.stored.basis(id)):
-            saved = self._stored_calibration(id)
-            if saved is not None:
-                state.keep(saved)
-
-    def _fill_rows(self) -> None:
-        """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
-        for count, (id, row) in enumerate(() if self.stored is None else self.stored.rows(), 1):
-            number = self._numbers.get(id)
-            if number is not None and not self._rows[number].verdict:
-                self._rows[number] = row._replace(by_hand=self._rows[number].by_hand)
-            self.version += count % AT_ONCE == 0
-        self.version += 1
-
-    def _base(self, id: str, edits: FrameHistory) -> Calibration | None:
-        """The camera of a frame without a person: that of the results, unless it is one of a person."""
-        if self.stored is not None and id in self.stored and not is_by_hand(self.stored.basis(id)):
-            return self._stored_calibration(id)
-        try:
-            return None if edits.base is None else self._of_field(Calibration.from_dict(edits.base))
-        except ValueError:  # of another version, say: it is found again
-            return None
-
-    def _stored_calibration(self, id: str) -> Calibration | None:
+    def _stored_calibration(self, number: int) -> Calibration | None:
         """The calibration of a frame in the results; None if there is none of this field."""
-        return None if self.stored is None else self._of_field(self.stored.calibration(id))
-
-    def _of_field(self, calibration: Calibration | None) -> Calibration | None:
-        """The calibration; None if it is of another field than the one that is opened, not only of another size."""
-        if calibration is None or calibration.field is None or calibration.field.keys() == self.field.keys():
-            return calibration
-        return None
+        return None if self._folder is None else self._folder.calibration(number)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -210,7 +124,32 @@ class Editor:
     @property
     def is_clip(self) -> bool:
         """Whether the frames are those of a video."""
-        return self.frames.rate is not None
+        return self._states.is_clip
+
+    @property
+    def stored(self) -> Stored | None:
+        """The results in the folder; None if there is no folder."""
+        return None if self._folder is None else self._folder.stored
+
+    @property
+    def last_save(self) -> LastSave:
+        """What the last save has replaced, and which frames it has left out."""
+        return LastSave() if self._folder is None else self._folder.last_save
+
+    @property
+    def version(self) -> int:
+        """How often the table or the cuts have changed."""
+        return self._states.version
+
+    @property
+    def cuts(self) -> list[int]:
+        """First frames of the shots of a clip, as far as they are known."""
+        return self._states.cuts
+
+    @property
+    def has_own_cuts(self) -> bool:
+        """Whether a person has set the cuts."""
+        return self._states.has_own_cuts
 
     @property
     def network(self) -> Network | None:
@@ -224,15 +163,20 @@ class Editor:
     @cached_property
     def _side(self) -> CameraSide:
         """The side of the field that the run of the folder was told."""
-        record = None if self.stored is None else self.stored.record
-        options = {} if record is None else record.options
+        options = self._run_options
         prior = options.get("prior") if options.get("prior") in self.field.named_stands else ALL
         return CameraSide.of(Task(self.field, prior=prior), options.get("side"))
 
     @property
+    def _run_options(self) -> Mapping[str, Any]:
+        """Options of the run that wrote the results of the folder."""
+        record = None if self.stored is None else self.stored.record
+        return {} if record is None else record.options
+
+    @property
     def table(self) -> Table:
         """A row for each frame."""
-        return Table(self.ids, self._rows)
+        return Table(self.ids, self._states.rows)
 
     @property
     def unsaved(self) -> int:
@@ -245,12 +189,11 @@ class Editor:
         A folder to which another page or run writes is shown, and its frames can be changed when that has ended.
         """
         with self.lock:
-            return "" if self._journal is None else self._journal.claim()
+            return "" if self._folder is None else self._folder.journal.claim()
 
     def revision(self, number: int) -> int:
         """How often a frame was changed."""
-        state = self._states.get(self.frames.number(number))
-        return 0 if state is None else state.revision
+        return self._states.revision(self.frames.number(number))
 
     def __getitem__(self, number: int) -> FrameEditor:
         """A frame as it is now; its camera is found by itself where nobody has labelled anything yet.
@@ -272,15 +215,15 @@ class Editor:
         """The state of a frame, which begins with the camera that is stored, or found by itself."""
         state = self._states.get(number)
         if state is None:
-            stored = self._stored_calibration(self.ids[number])
+            stored = self._stored_calibration(number)
             edit = Edit(automatic=True)
             if stored is None:
                 stored, marks = automatic(self.field, image, self.network)
                 edit = Edit(marks, automatic=True)
             with self.lock:
-                new = FrameState(edit, self._values, base=stored)
+                new = FrameState(edit, self._states.spilled, base=stored)
                 state = self._states.setdefault(number, new)
-                self._set_row(number, Row.of(stored, self._rows[number].basis))
+                self._states.show(number, Row.of(stored, self._states.rows[number].basis))
         elif state.base is None:
             state.base, _ = automatic(self.field, image, self.network)
         return state
@@ -303,7 +246,7 @@ class Editor:
         row = Row.of(one.calibration, self._basis(number, one), by_hand=not one.is_automatic)
         with self.lock:
             if self.revision(number) == revision:
-                self._set_row(number, row)
+                self._states.show(number, row)
         return one
 
     def _basis(self, number: int, one: FrameEditor) -> str:
@@ -312,15 +255,10 @@ class Editor:
         basis = "" if self.stored is None else self.stored.basis(self.ids[number])
         return "" if is_by_hand(basis) else basis  # a person has taken back all that was said
 
-    def _set_row(self, number: int, row: Row) -> None:
-        if self._rows[number] != row:
-            self._rows[number] = row
-            self.version += 1
-
     def is_to_search(self, number: int) -> bool:
         """Whether the court is still to be searched for in a frame that was looked at, see `search`."""
         state = self._states.get(self.frames.number(number))
-        return state is not None and state.base is not None and is_to_search(state.base)
+        return state is not None and state.is_to_search
 
     def search(self, number: int) -> bool:
         """Search a frame for the court, where no network knows the field; returns whether it was to be searched.
@@ -339,10 +277,10 @@ class Editor:
             state = self._states[number]
             state.base = found
             if not state.is_anchor:
-                self._set_row(number, Row.of(found))
+                self._states.show(number, Row.of(found))
                 if self.stored is not None and self.ids[number] in self.stored:  # without a camera
                     state.touched().saved = None
-            self.version += 1
+            self._states.version += 1
         return True
 
     def gets_marks(self, number: int) -> bool:
@@ -421,14 +359,8 @@ class Editor:
             if after == before:
                 return
             check_edit(after.present, self.field)
-            if self._journal is not None:
-                if not state.has_begun:
-                    self._journal.begin(self.ids[number], before.present, state.base)
-                    state.has_begun = True
-                if state.touched().left_out:
-                    self._journal.left_out(self.ids[number])
-                    state.touched().left_out = 0
-                self._journal.change(self.ids[number], before, after)
+            if self._folder is not None:
+                self._folder.note_change(number, after)
             state.change(before.changed_to(after), changed.found)
 
     def __setitem__(self, number: int, changed: FrameEditor) -> None:
@@ -448,10 +380,10 @@ class Editor:
         if not all(0 <= cut < len(self) for cut in cuts):
             raise ValueError(f"expected numbers of frames from 0 to {len(self) - 1} as cuts")
         with self.lock:
-            self.cuts = sorted({0, *cuts})
-            self.has_own_cuts = True
-            if self._journal is not None:
-                self._journal.cuts(self.cuts)
+            self._states.cuts = sorted({0, *cuts})
+            self._states.has_own_cuts = True
+            if self._folder is not None:
+                self._folder.journal.cuts(self.cuts)
 
     def solve(self, progress: Progress = ignored) -> Proposal:
         """Solve a clip again around the frames that a person has mended; nothing is changed until `keep`.
@@ -478,9 +410,7 @@ class Editor:
         anchors = {n: self._by_marks(n) for n in revisions}
         window = window_around(len(self), [*anchors])
         if self._first_pass is None or self._first_pass.window != window:
-            record = None if self.stored is None else self.stored.record
-            options = {} if record is None else record.options
-            self._first_pass = first_pass(self.frames, window, self.field, network, options, progress)
+            self._first_pass = first_pass(self.frames, window, self.field, network, self._run_options, progress)
         cuts = self.cuts if self.has_own_cuts else None
         found = solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
         return replace(found, revisions={n: revisions[n] for n in found.anchors})
@@ -495,7 +425,7 @@ class Editor:
         """
         if not self.is_clip:
             raise ValueError("expected a clip: pictures are mended one by one")
-        return next_frame(self.frames, self._rows, self.field, self.network)
+        return next_frame(self.frames, self._states.rows, self.field, self.network)
 
     def _by_marks(self, number: int) -> Calibration:
         """The camera of a frame that follows from its marks alone, also where that of the clip was kept."""
@@ -506,7 +436,7 @@ class Editor:
         """The calibration that a frame has now."""
         state = self._states.get(number)
         if state is None:
-            return self._stored_calibration(self.ids[number])
+            return self._stored_calibration(number)
         return state.found if state.is_anchor else state.base
 
     def keep(self, proposal: Proposal) -> int:
@@ -519,41 +449,12 @@ class Editor:
         ValueError, ChangedFileError, OSError
             As `save`.
         """
-        stored, _ = self._opened_folder()
-        with self.lock:
-            self._go_on()
-            frames = []
-            for n, calibration in proposal.calibrations.items():
-                is_anchor = n in proposal.anchors
-                files = self._label_file(n) if is_anchor else {}
-                basis = basis_of(self._states[n].edits.history.present.marks) if is_anchor else proposal.basis(n)
-                frames.append(Saved(self.ids[n], calibration, basis, files))
-            more = self._label_files(sorted(proposal.anchors))
-            states = {n: one.copy() for n, one in self._states.items()}
-            rows, cuts = list(self._rows), list(self.cuts)
-            saved = [n for n, revision in proposal.revisions.items() if self.revision(n) == revision]
-            self._begin(saved)
-
-            def done() -> None:
-                self._before_keep = BeforeKeep(proposal, states, rows, cuts, stored.saves, saved)
-                for n, calibration in proposal.calibrations.items():
-                    self._take(n, calibration, proposal)
-                if not self.has_own_cuts:
-                    begin, end = proposal.window
-                    inside = (begin + shot.start for shot in proposal.video.shots)
-                    self.cuts = sorted({*inside, *(cut for cut in self.cuts if not begin <= cut < end)})
-                self.version += 1
-
-            announce = self._announcing("saved", saved, done)
-            stored.save(frames, self.ids, self._new, announce, clip=self._whole(proposal), more=more)
-            self._finish()
-        return len(frames)
+        return self._folder_to_save_to().keep(proposal)
 
     @property
     def can_undo_keep(self) -> bool:
         """Whether the last save was that of a solution of the clip, which can be taken back."""
-        before = self._before_keep
-        return before is not None and self.stored is not None and self.stored.saves == before.saves
+        return self._folder is not None and self._folder.can_undo_keep
 
     def undo_keep(self) -> Proposal:
         """Take the solution back that was kept last: files and cameras are as they were; returns the solution.
@@ -567,56 +468,9 @@ class Editor:
         ChangedFileError, OSError
             As `save`.
         """
-        before = self._before_keep
-        if before is None or not self.can_undo_keep:
-            raise ValueError("expected a solution that was kept last: since then something else was saved, or nothing")
-        stored, _ = self._opened_folder()
-        with self.lock:
-            self._go_on()
-            if self._before_keep is not None:  # it was not taken back before, up to the note of it
-                stored.take_back(self._announcing("taken_back", before.saved, partial(self._forget_keep, before)))
-                self._finish()
-        return before.proposal
-
-    def _forget_keep(self, before: BeforeKeep) -> None:
-        """Go back to what was known before a solution was kept, but for what a person has changed since."""
-        self._before_keep = None
-        for n, state in list(self._states.items()):
-            if n in before.states:
-                state.before(before.states[n])
-            else:
-                state.base = self._base(self.ids[n], state.edits)
-                state.found = None
-        changed = {n for n, state in self._states.items() if self._is_changed_since(n, before.states)}
-        self._rows = [self._rows[n] if n in changed else row for n, row in enumerate(before.rows)]
-        if not self.has_own_cuts:
-            self.cuts = list(before.cuts)
-        self.version += 1
-
-    def _is_changed_since(self, number: int, states: Mapping[int, FrameState]) -> bool:
-        before = states.get(number)
-        return self.revision(number) != (0 if before is None else before.revision)
-
-    def _whole(self, proposal: Proposal) -> VideoCalibration | None:
-        """The calibration of all frames of the clip with a solution; None if there is none."""
-        stored, (begin, end) = self.stored, proposal.window
-        assert stored is not None
-        if end - begin == len(self):
-            return proposal.whole(None, len(self))
-        outside = [id for n, id in enumerate(self.ids) if not begin <= n < end]
-        mended = any(is_by_hand(stored.basis(id)) for id in outside)
-        return proposal.whole(stored.clip(), len(self), mended_outside=mended)
-
-    def _take(self, number: int, calibration: Calibration, proposal: Proposal) -> None:
-        """Take the camera of a frame in a solution; not where the frame was changed since."""
-        state = self._states.get(number)
-        if state is None or not state.is_anchor:
-            if state is not None:
-                state.base = calibration
-            self._set_row(number, Row.of(calibration, proposal.basis(number)))
-        elif proposal.revisions.get(number) == state.revision:
-            state.keep(calibration)
-            self._set_row(number, Row.of(calibration, self._rows[number].basis, by_hand=True))
+        if self._folder is None:
+            raise ValueError(NOTHING_KEPT)
+        return self._folder.undo_keep()
 
     def save(self) -> int:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
@@ -638,86 +492,17 @@ class Editor:
         OSError
             If a file cannot be written; then nothing is changed.
         """
-        stored, _ = self._opened_folder()
-        with self.lock:
-            self._go_on()
-            numbers = [n for n, state in sorted(self._states.items()) if self._is_to_save(n, state)]
-            saved: list[int] = []
-            failed: dict[str, str] = {}
-            more = self._label_files(numbers)
-            cuts = self.cuts if self.has_own_cuts else None
-            announce = self._announcing("saved", saved)
-            stored.save(self._each_saved(numbers, saved, failed), self.ids, self._new, announce, more=more, cuts=cuts)
-            self._finish()
-            self.last_save = LastSave(stored.replaced, failed)
-        return len(saved)
+        return self._folder_to_save_to().save(self.fitted)
 
-    def _each_saved(self, numbers: Sequence[int], saved: list[int], failed: dict[str, str]) -> Iterator[Saved]:
-        """Frames to be saved; `saved` gets the numbers of those that can be, `failed` the others, with the reasons."""
-        for n in numbers:
-            try:
-                one = self._saved(n)
-            except (ValueError, ArithmeticError) as error:
-                failed[self.ids[n]] = str(error)
-                continue
-            self._begin([n])
-            saved.append(n)
-            yield one
-
-    def _opened_folder(self) -> tuple[Stored, Journal]:
-        """The folder of results and its journal, which no other program may write to from here on."""
-        if self.stored is None or self._journal is None:
+    def _folder_to_save_to(self) -> Folder:
+        if self._folder is None:
             raise ValueError("expected a folder to save to: give Editor(..., out=...)")
-        self._journal.open()
-        return self.stored, self._journal
-
-    def _announcing(self, kind: str, numbers: Sequence[int] = (), done: Callable[[], None] = nothing) -> Announce:
-        """Announce a save of some frames in the journal; `done` is called when its files are there, see `_finish`."""
-
-        def announce(announced: Announced) -> None:
-            assert self._journal is not None
-            states = {self.ids[n]: self._states[n] for n in numbers}
-            note = self._journal.announce(announced, kind, [id for id, state in states.items() if state.has_begun])
-            edits = {id: state.edits.history.present for id, state in states.items() if not state.is_untouched}
-            self._unfinished = Unfinished(announced, note, edits, done)
-
-        return announce
-
-    def _finish(self) -> None:
-        """Note that the files are there that were announced."""
-        stored, journal, unfinished = self.stored, self._journal, self._unfinished
-        assert stored is not None
-        assert journal is not None
-        assert unfinished is not None
-        journal.done(unfinished.note)
-        self._unfinished = None
-        is_taken_back = "taken_back" in unfinished.note
-        stored.note_saved(None if is_taken_back else stored.versions.kept)
-        for id, edit in unfinished.edits.items():
-            edits = self._states[self._numbers[id]].edits
-            if is_taken_back:
-                edits.note_taken_back()
-            else:
-                edits.note_saved(edit)
-        unfinished.done()
-
-    def _go_on(self) -> None:
-        """Finish a save that could not be finished before."""
-        stored, unfinished = self.stored, self._unfinished
-        if unfinished is None or stored is None or self._journal is None:
-            return
-        if stored.versions.finish(unfinished.announced):
-            self._finish()
-        else:
-            self._journal.done(NOTHING_WRITTEN)
-            self._unfinished = None
+        return self._folder
 
     @property
     def to_draw(self) -> list[str]:
         """Files of a clip that show older cameras, were moved to the history, and can be drawn again."""
-        if self.stored is None or not self.is_clip:
-            return []
-        return [name for name in self.stored.moved if name in AGAIN]
+        return [] if self._folder is None else self._folder.to_draw
 
     def draw(self, progress: Progress = ignored) -> list[str]:
         """Draw the files of `to_draw` again from what is saved; returns their names.
@@ -734,62 +519,7 @@ class Editor:
         OSError
             If a file cannot be written.
         """
-        names = self.to_draw
-        if not names:
-            return []
-        stored, _ = self._opened_folder()
-        with self.lock:
-            saves, calibrations = stored.saves, [stored.calibration(id) for id in self.ids]
-        clip = stored.clip()
-        with stored.drawing() as folder:
-            draw_again(folder, self.frames, calibrations, clip, self.field, names, progress)
-            with self.lock:
-                if stored.saves != saves:
-                    return []
-                self._go_on()
-                stored.draw(folder, self._new.options, self._announcing("written"))
-                self._finish()
-        return names
-
-    def _label_files(self, numbers: Sequence[int]) -> dict[str, bytes | None]:
-        """Files in the format of the labels that were given, when some frames are saved."""
-        if self.label_format is None or self.label_format == SOCCERNET:  # each frame has a file of SoccerNet's
-            return {}
-        return saved_files(self.label_format, self._annotations(self._states), [self.ids[n] for n in numbers])
-
-    def _begin(self, numbers: Iterable[int]) -> None:
-        """Let given labels that are about to be saved begin in the journal."""
-        assert self._journal is not None
-        if self.label_format is not None and not self._has_noted_format:
-            self._journal.format(self.label_format)
-            self._has_noted_format = True
-        for n in numbers:
-            state = self._states.get(n)
-            if state is not None and not state.has_begun and state.is_anchor:
-                self._journal.begin(self.ids[n], state.edits.history.present, state.base)
-                state.has_begun = True
-
-    def _is_to_save(self, number: int, state: FrameState) -> bool:
-        if not state.is_saved:
-            return True
-        is_new = self.stored is not None and self.ids[number] not in self.stored
-        return is_new and (state.is_anchor or not self.is_to_search(number))
-
-    def _saved(self, number: int) -> Saved:
-        """A frame with the contents of its files."""
-        one, id = self.fitted(number), self.ids[number]
-        calibration = one.calibration
-        files = self._label_file(number)
-        if not self.is_clip:
-            drawn = draw_calibration(one.image, calibration, calibration.field or one.field)
-            files[OVERLAYS.file_name(id)] = OVERLAYS.write(drawn)
-        return Saved(id, calibration, self._rows[number].basis, files)
-
-    def _label_file(self, number: int) -> dict[str, bytes | None]:
-        """SoccerNet's file with the labels of a frame, by its name; None removes it."""
-        name = label_file(self.ids[number])
-        annotations = self._annotations([number])
-        return {name: soccernet_file(annotations[0]) if annotations else None}
+        return [] if self._folder is None else self._folder.draw(progress)
 
     def save_labels(self, format: str) -> str:
         """Write the labels by hand of all frames into the folder; returns the name of the file or the folder.
@@ -805,24 +535,7 @@ class Editor:
         ChangedFileError, OSError
             As `save`.
         """
-        stored, _ = self._opened_folder()
-        with self.lock:
-            self._go_on()
-            name, files = label_files(format, self._annotations(self._states))
-            stored.write(files, self._announcing("written"))
-            self._finish()
-            self.last_save = LastSave(stored.replaced)
-        return name
-
-    def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:
-        """The labels by hand of frames, in their order."""
-        states = {n: self._states[n] for n in sorted(numbers)}
-        edits = {n: state.edits.history.present for n, state in states.items() if state.is_anchor}
-        return [
-            Annotation(self.ids[n], one.marks.ordered(self.field), self.frames.size(n), self.frames.name(n))
-            for n, one in edits.items()
-            if len(one.marks)
-        ]
+        return self._folder_to_save_to().save_labels(format)
 
     def _repr_html_(self) -> str:
         """The first frame, for notebooks."""
@@ -837,5 +550,5 @@ class Editor:
     def close(self) -> None:
         """Close the files; what was changed is in the journal."""
         self.frames.close()
-        if self._journal is not None:
-            self._journal.close()
+        if self._folder is not None:
+            self._folder.journal.close()

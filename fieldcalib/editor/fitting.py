@@ -13,7 +13,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.findings import BESIDE, Finding, Status, What, in_words
 from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.editor.marks import Marks
+from fieldcalib.editor.edit import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens

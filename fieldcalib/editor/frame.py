@@ -11,6 +11,8 @@ The camera that follows from marks in a picture whose pixels may not be square.
 A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a frame that was squashed.
 Where a person has not said at which aspect it is shown, its camera is fitted as it is and as shown at 16:9, and the one
 is taken that marks and lines make more likely (`fieldcalib.solve.squashed_pictures`).
+
+Marks of one frame moved to another one of the same camera, as the static background moves.
 """
 
 from __future__ import annotations
@@ -18,7 +20,6 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from dataclasses import field as attribute
 from functools import cached_property
 from html import escape
 from typing import Any
@@ -34,12 +35,13 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
+from fieldcalib.editor.edit import Edit, History, Known, Marks
 from fieldcalib.editor.fitting import fitted
-from fieldcalib.editor.known_camera import Known
-from fieldcalib.editor.marks import FARTHEST, History, Marks
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import at_most_wide, encode_image
@@ -58,6 +60,8 @@ LARGEST_TURN = np.sin(np.radians(25.0))  # between a line and the direction that
 # px of such an image: standard deviation of clicks, by which near lines are preferred to strong ones. Of clicks 2 px
 # off on 103 markings of right frames 97 % are then within 3 px of their marking; where strength counts more, 10 px.
 CLICK = 2.0
+
+NEAREST = 12  # matches around a mark: they tell what the homography, which has no lens, leaves
 
 NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
 NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
@@ -169,16 +173,6 @@ def _task(field: Field, known: Known, placement: Placement) -> Task:
     arguments = known.arguments(placement)
     flags = arguments.pop("flags")
     return Task(field, GivenCamera(**arguments), flags)
-
-
-@dataclass(frozen=True)
-class Edit:
-    """What is said about an image."""
-
-    marks: Marks = attribute(default_factory=Marks)
-    known: Known = attribute(default_factory=Known)
-    automatic: bool = False
-    """Whether it was found without a person: marks of a network, and a camera that does not follow from them alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,15 +378,42 @@ class FrameEditor:
         return replace(self, history=self.history.then(edit), found=None)
 
 
-def check_edit(edit: Edit, field: Field) -> None:
-    """Raise a ValueError for an edit that cannot be; labels and sizes of another field are kept, without effect."""
-    for one in edit.marks.all:
-        if not (abs(one.x) < FARTHEST and abs(one.y) < FARTHEST):
-            raise ValueError(f"expected pixels below {FARTHEST:g}, got {one.x, one.y} of {one.label!r}")
-    if field.size_model is not None:
-        edit.known.of(field)
-
-
 def _check_label(label: str, field: Field) -> None:
     if label not in field:
         raise ValueError(f"unknown label {label!r}; {nearest_label(label, field)}")
+
+
+def moved_marks(marks: Marks, image: Image, to: FrameEditor) -> Marks:
+    """Marks of an image moved to another frame, and snapped to the paint that it shows; those out of view are left out.
+
+    Raises
+    ------
+    ValueError
+        If the two frames show no background in common, or nothing of the marks is in view.
+    """
+    if size_of(image) != size_of(to.image):
+        raise ValueError("expected frames of one size")
+    matches = match_background(image, to.image) or match_far(image, to.image)
+    if matches is None:
+        raise ValueError("the frames show no background in common: copy from a frame nearer by")
+    labels = [one.label for one in marks.all]
+    there = _moved(matches, np.array([(one.x, one.y) for one in marks.all]))
+    moved = Marks()
+    for label, xy in zip(labels, there, strict=True):
+        if np.all((xy >= 0.0) & (xy < size_of(to.image))):
+            moved = moved.added(label, [to.place(label, xy)])
+    if not len(moved):
+        raise ValueError("none of the marks is in view in this frame")
+    return moved
+
+
+def _moved(matches: Matches, xy: Array) -> Array:
+    """Places (N, 2) of static points in the second frame."""
+    rest = matches.second - _mapped(matches.homography, matches.first)
+    apart = np.linalg.norm(xy[:, None] - matches.first, axis=2)
+    near = np.argsort(apart, axis=1)[:, :NEAREST]
+    return _mapped(matches.homography, xy) + np.median(rest[near], axis=1)
+
+
+def _mapped(H: Array, xy: Array) -> Array:
+    return np.asarray(dehomogenize(homogenize(xy) @ H.T))

@@ -1,18 +1,161 @@
-"""What an editor knows of its frames: their edits, and the cameras without a person, by the marks, and of the clip."""
+"""What an editor knows of its frames: their edits, their cameras, and the table of all: verdicts, angles, concern.
+
+The cameras are those without a person, by the marks, and of the clip.
+"""
 
 from __future__ import annotations
 
+import os
+import pickle
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import count
+from tempfile import TemporaryFile
+from threading import Lock, RLock
+from typing import Any, NamedTuple
+from weakref import finalize
 
+import numpy as np
+
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.clip import Proposal
-from fieldcalib.editor.frame import Edit
-from fieldcalib.editor.frame_table import Row
+from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.editor.edit import Edit, History, Marks
+from fieldcalib.editor.fitting import is_to_search
 from fieldcalib.editor.journal import FrameHistory
-from fieldcalib.editor.marks import History, Marks
-from fieldcalib.editor.saved_files import BY_HAND, BY_HAND_TOO, Spilled
+from fieldcalib.fields.field import Field
+from fieldcalib.run_folder.frame_source import FrameSource
+
+BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
+BY_HAND_TOO = "labelled by hand and by the network"  # of one in which marks of the network are left too
+MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
+
+CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
+REST = 0.3  # of the concern, by the probability that the camera is right
+
+
+class Spilled:
+    """Values by keys of its own: those that were asked for last in memory, all others in a file without a name.
+
+    Parameters
+    ----------
+    most : int
+        Number of values in memory.
+
+    Examples
+    --------
+    >>> spilled = Spilled(most=1)
+    >>> keys = [spilled.add(value) for value in "abc"]
+    >>> [spilled[key] for key in keys]
+    ['a', 'b', 'c']
+    """
+
+    def __init__(self, most: int = MOST_IN_MEMORY) -> None:
+        self._most = most
+        self._near: OrderedDict[int, Any] = OrderedDict()
+        self._far = TemporaryFile()  # noqa: SIM115 - it lasts as long as this
+        finalize(self, self._far.close)
+        self._places: dict[int, tuple[int, int]] = {}
+        self._keys = count()
+        self._lock = Lock()
+
+    def add(self, value: Any) -> int:
+        """Take a value; returns its key."""
+        with self._lock:
+            key = next(self._keys)
+            self._near[key] = value
+            self._spill()
+            return key
+
+    def __getitem__(self, key: int) -> Any:
+        with self._lock:
+            if key in self._near:
+                self._near.move_to_end(key)
+                return self._near[key]
+            offset, size = self._places[key]
+            self._far.seek(offset)
+            value = pickle.loads(self._far.read(size))
+            self._near[key] = value
+            self._spill()
+            return value
+
+    def _spill(self) -> None:
+        """Write values to the file, once each, until few are left in memory."""
+        while len(self._near) > self._most:
+            key, value = self._near.popitem(last=False)
+            if key not in self._places:
+                content = pickle.dumps(value)
+                self._places[key] = self._far.seek(0, os.SEEK_END), len(content)
+                self._far.write(content)
+
+
+class Row(NamedTuple):
+    """What the table says about a frame."""
+
+    verdict: str = ""
+    reason: str = ""
+    concern: float = 0.0
+    """How much it needs a look, 0 to 1."""
+    pan: float | None = None
+    tilt: float | None = None
+    roll: float | None = None
+    """Degrees."""
+    focal_length: float | None = None
+    """Pixels."""
+    basis: str = ""
+    by_hand: bool = False
+
+    @classmethod
+    def of(cls, calibration: Calibration, basis: str = "", *, by_hand: bool = False) -> Row:
+        """The row of a calibration."""
+        probability = calibration.probability() if calibration.has_probability else float("nan")
+        pan, tilt, roll, f = None, None, None, None
+        if calibration.camera is not None:
+            pan, tilt, roll = (round(angle, 4) for angle in np.degrees(calibration.camera.angles).tolist())
+            f = round(calibration.camera.focal_length, 2)
+        verdict = calibration.verdict
+        concern = _concern(verdict, probability)
+        return cls(str(verdict), calibration.reason, concern, pan, tilt, roll, f, basis, by_hand)
+
+    @classmethod
+    def of_line(cls, line: Mapping[str, Any]) -> Row:
+        """The row of a line of ``cameras.jsonl``."""
+        verdict = str(line.get("verdict", ""))
+        known = line.get("probability_right_1m")
+        probability = float("nan") if known is None else float(known)
+        degrees, K = line.get("angles_degrees") or {}, line.get("K")
+        pan, tilt, roll = (degrees.get(name) for name in ANGLE_NAMES)
+        return cls(
+            verdict,
+            str(line.get("reason") or line.get("message", "")),
+            _concern(Verdict(verdict), probability) if verdict else 1.0,
+            pan,
+            tilt,
+            roll,
+            None if K is None else float(K[0][0]),
+            str(line.get("basis", "")),
+        )
+
+
+def _concern(verdict: Verdict, probability: float) -> float:
+    """How much a frame needs a look, 0 to 1."""
+    share = 1.0 - probability if np.isfinite(probability) else 0.5
+    return round(CONCERN[verdict] + REST * share, 4)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of all frames as columns, for JSON."""
+
+    ids: Sequence[str]
+    rows: Sequence[Row]
+
+    def columns(self) -> dict[str, list[Any]]:
+        """Values by the name of the column."""
+        values = zip(*self.rows, strict=True) if self.rows else ((),) * len(Row._fields)
+        return {"id": list(self.ids), **{name: list(one) for name, one in zip(Row._fields, values, strict=True)}}
 
 
 class FrameState:
@@ -67,6 +210,11 @@ class FrameState:
     def is_anchor(self) -> bool:
         """Whether a person has said something of the frame."""
         return not self.is_untouched and not self.edits.history.present.automatic
+
+    @property
+    def is_to_search(self) -> bool:
+        """Whether the court is still to be searched for."""
+        return self.base is not None and is_to_search(self.base)
 
     @property
     def revision(self) -> int:
@@ -132,18 +280,55 @@ class FrameState:
             self._found = self._kept[1] if self._kept is not None and self.is_of_clip else None
 
 
-@dataclass(frozen=True)
-class BeforeKeep:
-    """What was known before a solution of a clip was kept."""
+class FrameStates(dict[int, FrameState]):
+    """States of the frames that were looked at or labelled, by number; and the table and the cuts of all frames.
 
-    proposal: Proposal
-    states: Mapping[int, FrameState]
-    rows: Sequence[Row]
-    cuts: Sequence[int]
-    saves: int
-    """The number of the save by which it was kept."""
-    saved: Sequence[int]
-    """Numbers of the frames whose labels were saved with it."""
+    Parameters
+    ----------
+    frames : FrameSource
+    field : Field
+        The one that the frames show.
+    cuts : sequence of int
+        First frames of the shots of a clip, as far as they are known.
+    has_own_cuts : bool
+        Whether a person has set them.
+    """
+
+    def __init__(self, frames: FrameSource, field: Field, cuts: Sequence[int], *, has_own_cuts: bool) -> None:
+        super().__init__()
+        self.frames, self.field = frames, field
+        self.cuts, self.has_own_cuts = list(cuts), has_own_cuts
+        self.numbers = {id: number for number, id in enumerate(frames.ids)}
+        """Numbers of the frames by id."""
+        self.rows = [Row()] * len(frames)
+        """Those of the table, one for each frame."""
+        self.version = 0
+        """How often the table or the cuts have changed."""
+        self.spilled = Spilled()
+        """Where the states keep what takes much memory."""
+        self.lock = RLock()
+        """Held while frames are changed; reading is safe without."""
+
+    @property
+    def is_clip(self) -> bool:
+        """Whether the frames are those of a video."""
+        return self.frames.rate is not None
+
+    def revision(self, number: int) -> int:
+        """How often a frame was changed."""
+        state = self.get(number)
+        return 0 if state is None else state.revision
+
+    def show(self, number: int, row: Row) -> None:
+        """Show a row in the table."""
+        if self.rows[number] != row:
+            self.rows[number] = row
+            self.version += 1
+
+
+def is_by_hand(basis: str) -> bool:
+    """Whether the basis of a frame says that a person has mended it."""
+    return basis in (BY_HAND, BY_HAND_TOO)
 
 
 def basis_of(marks: Marks) -> str:

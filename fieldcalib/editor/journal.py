@@ -21,11 +21,9 @@ from typing import Any, NamedTuple
 
 from fieldcalib._checks import is_number, one_of
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.frame import Edit
-from fieldcalib.editor.known_camera import Known
+from fieldcalib.editor.edit import FARTHEST, Edit, History, Known, Mark, Marks
 from fieldcalib.editor.label_files import SOCCERNET
 from fieldcalib.editor.label_versions import Announced, State, Versions
-from fieldcalib.editor.marks import FARTHEST, History, Mark, Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
 from fieldcalib.io.formats import OTHER_ANNOTATIONS

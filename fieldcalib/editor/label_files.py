@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
 
-from fieldcalib.editor.marks import Marks
+from fieldcalib.editor.edit import Marks
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import AnnotatedFrame, frames_in, parse_frame, tool_of
 from fieldcalib.io.annotations import Annotation

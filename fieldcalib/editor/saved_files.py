@@ -1,4 +1,4 @@
-"""The folder of results of an editor: read as a run wrote it, and written so that other commands go on from there.
+"""The results in the folder of an editor: read as a run wrote them, and written so that other commands can go on.
 
 Files are replaced together (`fieldcalib.editor.label_versions`), and what is replaced is kept in ``history/0001``,
 ``0002`` and so on. Replaced are files that a run has written, as its record says, or that were written here, and that
@@ -9,28 +9,21 @@ that says where they do not.
 from __future__ import annotations
 
 import json
-import os
-import pickle
 import shutil
-from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
-from itertools import count
 from pathlib import Path
-from tempfile import TemporaryFile
-from threading import Lock
 from types import MappingProxyType
 from typing import Any
-from weakref import finalize
 
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.editor.clip import BESIDE, SAME, largest_move, with_cuts
-from fieldcalib.editor.frame_table import Row
+from fieldcalib.editor.frame_states import Row, Spilled
 from fieldcalib.editor.journal import finish_save
 from fieldcalib.editor.label_files import LABELS, label_file
 from fieldcalib.editor.label_versions import MISSING, Announce, Kept, Staged, State, Versions
@@ -64,72 +57,14 @@ from fieldcalib.run_folder.results import (
     read_summary,
 )
 
-BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
-BY_HAND_TOO = "labelled by hand and by the network"  # of one in which marks of the network are left too
 HISTORY = "history"
 DRAWING = ".fieldcalib-drawing"  # folder of what is being drawn
 COMMAND = "open"
 OF_CLIP = (TRIPODS, CLIP)
 SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
-MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
 DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # they show cameras: when these change they are moved to the history
 MOVED = {name: str(Finding(What.MOVED, name)) for name in DRAWN}
 """Notes by the name of the file."""
-
-
-class Spilled:
-    """Values by keys of its own: those that were asked for last in memory, all others in a file without a name.
-
-    Parameters
-    ----------
-    most : int
-        Number of values in memory.
-
-    Examples
-    --------
-    >>> spilled = Spilled(most=1)
-    >>> keys = [spilled.add(value) for value in "abc"]
-    >>> [spilled[key] for key in keys]
-    ['a', 'b', 'c']
-    """
-
-    def __init__(self, most: int = MOST_IN_MEMORY) -> None:
-        self._most = most
-        self._near: OrderedDict[int, Any] = OrderedDict()
-        self._far = TemporaryFile()  # noqa: SIM115 - it lasts as long as this
-        finalize(self, self._far.close)
-        self._places: dict[int, tuple[int, int]] = {}
-        self._keys = count()
-        self._lock = Lock()
-
-    def add(self, value: Any) -> int:
-        """Take a value; returns its key."""
-        with self._lock:
-            key = next(self._keys)
-            self._near[key] = value
-            self._spill()
-            return key
-
-    def __getitem__(self, key: int) -> Any:
-        with self._lock:
-            if key in self._near:
-                self._near.move_to_end(key)
-                return self._near[key]
-            offset, size = self._places[key]
-            self._far.seek(offset)
-            value = pickle.loads(self._far.read(size))
-            self._near[key] = value
-            self._spill()
-            return value
-
-    def _spill(self) -> None:
-        """Write values to the file, once each, until few are left in memory."""
-        while len(self._near) > self._most:
-            key, value = self._near.popitem(last=False)
-            if key not in self._places:
-                content = pickle.dumps(value)
-                self._places[key] = self._far.seek(0, os.SEEK_END), len(content)
-                self._far.write(content)
 
 
 @dataclass(frozen=True)
@@ -514,11 +449,6 @@ class Stored:
         with self.versions.replacing(announce) as staged:
             for name, content in files.items():
                 staged.put(name, content)
-
-
-def is_by_hand(basis: str) -> bool:
-    """Whether the basis of a frame says that a person has mended it."""
-    return basis in (BY_HAND, BY_HAND_TOO)
 
 
 def _first_frame(shot: object) -> int:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib.editor.edit import FARTHEST
 from fieldcalib.editor.editor import Editor, StaleEdit
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.marks import FARTHEST
 
 MOST_MARKS = 2000  # of a frame
 KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect")

@@ -21,10 +21,10 @@ from fieldcalib.assess.findings import Tool, how
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
+from fieldcalib.editor.edit import Known
 from fieldcalib.editor.editor import Editor
 from fieldcalib.editor.fitting import is_left_out, is_stray, mark_errors
 from fieldcalib.editor.frame import FrameEditor
-from fieldcalib.editor.known_camera import Known
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import homogenize

@@ -28,7 +28,7 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.result_record import ANGLE_NAMES
-from fieldcalib.editor.frame_table import Row
+from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

@@ -12,10 +12,10 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import InFrame
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import _pixels_in_picture
+from fieldcalib.editor.edit import Edit, Known
 from fieldcalib.editor.fitting import mark_errors
-from fieldcalib.editor.frame import Edit, FrameEditor
+from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.journal import edit_from_record, edit_to_record
-from fieldcalib.editor.known_camera import Known
 from fieldcalib.web.records import shown_aspect
 
 FIELD, SHOWN = soccer(), (1280, 720)

@@ -23,8 +23,8 @@ import fieldcalib
 from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.edit import Known
 from fieldcalib.editor.journal import JOURNAL, edit_to_record
-from fieldcalib.editor.known_camera import Known
 from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.label_versions import STAGED, ChangedFileError
 from fieldcalib.fields import tennis

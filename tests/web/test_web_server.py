@@ -23,8 +23,8 @@ from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
+from fieldcalib.editor.edit import Marks
 from fieldcalib.editor.editor import Editor
-from fieldcalib.editor.marks import Marks
 from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError

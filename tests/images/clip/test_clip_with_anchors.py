@@ -11,7 +11,8 @@ from tripods import panned
 
 from fieldcalib import Camera, Editor
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.frame_table import Row, next_frame
+from fieldcalib.editor.clip import next_frame
+from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields import tennis
 from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
 from fieldcalib.images.clip.clip_with_anchors import _without_contradicted
@@ -115,7 +116,7 @@ def test_the_next_frame_is_in_the_worst_stretch(words, number):
 def test_the_next_frame_shows_most_markings(monkeypatch):
     frames = Arrays([np.full((4, 4, 3), k == 3, np.uint8) for k in range(9)])
     monkeypatch.setattr(
-        "fieldcalib.editor.frame_table.network_marks",
+        "fieldcalib.editor.clip.network_marks",
         lambda field, image, network: type("Marks", (), {"pixels": ["line"] * int(image[0, 0, 0])}),
     )
     assert next_frame(frames, rows(9 * "r"), FIELD, object()) == 3
