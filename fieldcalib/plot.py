@@ -25,8 +25,22 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon
 
+__all__ = [
+    "draw_errors",
+    "draw_players",
+    "draw_trails",
+    "draw_visible_area",
+    "on_pitch",
+    "soccer_pitch",
+    "visible_ground",
+]
+
 PITCH_TYPES = ("skillcorner", "secondspectrum")  # metres from the centre mark, y up
 FARTHEST = 300.0  # m from the centre mark: ground further away, up to the horizon, is cut off
+
+
+def __dir__() -> list[str]:
+    return __all__.copy()
 
 
 def soccer_pitch(field: Field, **options: Any) -> Any:

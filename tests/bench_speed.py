@@ -17,21 +17,15 @@ from networks import CLASSES, band_maps, probabilities
 from synthetic import random_frames
 from views import BROADCAST
 
-from fieldcalib import (
-    Processes,
-    SegmentationNetwork,
-    calibrate_batch,
-    calibrate_from_images,
-    calibrate_from_segments,
-    compute_errors,
-    refine_on_image,
-    soccer,
-)
+from fieldcalib import SegmentationNetwork, calibrate_batch, calibrate_from_images, calibrate_from_segments, soccer
 from fieldcalib.draw.scene import render_field
+from fieldcalib.images import refine_on_image
 from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
+from fieldcalib.processes import Processes
+from fieldcalib.solve import compute_errors
 from fieldcalib.solve.solver_options import PINHOLE_FLAGS, CalibrationFlags
 
 FIELD, SIZE = soccer(), (960, 540)

@@ -20,14 +20,10 @@ from synthetic import whole_circle_markings
 
 import fieldcalib
 from fieldcalib import (
-    ALIGNMENTS,
-    DISTRIBUTIONS,
     Camera,
     Editor,
     Point,
     PointCloud,
-    Processes,
-    RobustLoss,
     SegmentationNetwork,
     Status,
     Tracker,
@@ -35,23 +31,27 @@ from fieldcalib import (
     calibrate_from_segments,
     calibrate_sequence,
     calibrate_video,
-    camera_from_homography,
-    estimate_field_size,
-    field_homography,
-    key_points,
     soccer,
 )
+from fieldcalib.assess import Advice, Tool
 from fieldcalib.draw import overhead_camera
 from fieldcalib.draw.scene import render_field
+from fieldcalib.fields import DISTRIBUTIONS, field_homography
+from fieldcalib.geometry import ALIGNMENTS
 from fieldcalib.images.background.matches import Matches
+from fieldcalib.io import key_points
 from fieldcalib.localize import BACKGROUND, Localization
 from fieldcalib.metrics import Confusion, ProjectionError, evaluate_segments
 from fieldcalib.plot import soccer_pitch
+from fieldcalib.problem import RobustLoss
+from fieldcalib.processes import Processes
+from fieldcalib.solve import camera_from_homography, estimate_field_size
 
 API = Path(__file__).parents[1] / "docs" / "reference" / "api.md"
-# Enumerations, a protocol, a film, and what ends the objects that the other calls need.
-NOT_CALLED = {"Status", "CalibrationFlags", "localize.Network", "sample"}
-NOT_CALLED |= {"Editor.close", "Tracker.close", "Processes.shutdown"}
+# Enumerations, a protocol, a film, what only the library makes, and what ends the objects that the other calls need.
+NOT_CALLED = {"Status", "Verdict", "CalibrationFlags", "assess.Advice", "assess.Tool", "assess.What"}
+NOT_CALLED |= {"localize.Network", "sample", "assess.Finding", "editor.FrameEditor"}
+NOT_CALLED |= {"Editor.close", "Tracker.close", "processes.Processes.shutdown"}
 HAS_PITCHES = importlib.util.find_spec("mplsoccer") is not None
 
 SIZE = (480, 270)
@@ -80,6 +80,11 @@ def sequence():
 @cache
 def video():
     return calibrate_video(FIELD, [IMAGE, IMAGE], Blind())
+
+
+@cache
+def results():
+    return calibrate([IMAGE], network=Blind(), progress=False)
 
 
 @cache
@@ -164,9 +169,15 @@ def right_arguments():
         "Results.save folder": "saved",
         "path": "none.json",
         "name": "soccer",
-        "RobustLoss name": "cauchy",
+        "problem.RobustLoss name": "cauchy",
         "jobs": 1,
         "function": len,
+        "executor": None,
+        "items": [[1]],
+        "results": results(),
+        "web.write_report path": "report.html",
+        "advice": (Advice.LOOK,),
+        "tool": Tool.PYTHON,
         "result": np.ones((32, 3)),
         "pan": -0.3,
         "tilt": 1.35,
@@ -206,24 +217,24 @@ def right_arguments():
 def instances():
     """Objects of the public classes, of which methods are called."""
     return {
-        "Alignment": ALIGNMENTS["wc14"],
+        "geometry.Alignment": ALIGNMENTS["wc14"],
         "Arc": FIELD["Circle left"],
         "Calibration": calibration(),
         "Camera": CAMERA,
-        "CameraDistribution": DISTRIBUTIONS["main center"],
-        "Decomposition": camera_from_homography(H, SIZE),
+        "fields.CameraDistribution": DISTRIBUTIONS["main center"],
+        "solve.Decomposition": camera_from_homography(H, SIZE),
         "Editor": Editor([IMAGE]),
         "Field": FIELD,
-        "FieldHomography": field_homography(CAMERA, FIELD),
-        "FieldSize": estimate_field_size(FIELD, [PIXELS], SIZE),
-        "KeyPoints": key_points(np.ones((32, 3))),
+        "fields.FieldHomography": field_homography(CAMERA, FIELD),
+        "solve.FieldSize": estimate_field_size(FIELD, [PIXELS], SIZE),
+        "io.KeyPoints": key_points(np.ones((32, 3))),
         "Line": FIELD["Middle line"],
-        "Matches": Matches(XY, XY, np.eye(3), 1.0, 1.0),
+        "images.Matches": Matches(XY, XY, np.eye(3), 1.0, 1.0),
         "Point": FIELD["CENTER_MARK"] if "CENTER_MARK" in FIELD else Point((0.0, 0.0, 0.0)),
         "PointCloud": PointCloud(X),
-        "Processes": Processes(1),
-        "Results": calibrate([IMAGE], network=Blind(), progress=False),
-        "RobustLoss": RobustLoss("cauchy", 3.0),
+        "processes.Processes": Processes(1),
+        "Results": results(),
+        "problem.RobustLoss": RobustLoss("cauchy", 3.0),
         "SegmentationNetwork": SegmentationNetwork.load(),
         "SequenceCalibration": sequence(),
         "Tracker": Tracker(FIELD, Blind(), wait=True),

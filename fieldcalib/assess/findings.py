@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import expect, number
+from fieldcalib._checks import expect, number, several
 from fieldcalib.fields.catalogue import FIELDS
 
 LOOK = "look at the overlay"
@@ -143,7 +143,8 @@ def how(advice: Iterable[Advice], tool: Tool) -> str:
     >>> how([], Tool.PAGE)
     ''
     """
-    asked = set(advice)
+    expect(tool, Tool, "Tool.PYTHON")
+    asked = [one for one in several(advice, "advice") if isinstance(one, Advice)]
     return "; ".join(ways[tool] for one, ways in HOW.items() if one in asked)
 
 

@@ -244,7 +244,7 @@ class Calibration:
 
     @property
     def advice(self) -> tuple[Advice, ...]:
-        """What the `remedy` asks for: `fieldcalib.assess.findings.how` says how it is followed in a tool."""
+        """What the `remedy` asks for: `fieldcalib.assess.how` says how it is followed in a tool."""
         return self._remedy.advice
 
     @property

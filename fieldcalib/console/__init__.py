@@ -1,1 +1,6 @@
 """Common parts of all command-line programs: argument types, options, exit codes, progress, interrupts."""
+
+import lazy_loader
+
+# For users there is nothing here, and Tab shows nothing: modules are imported by their paths.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

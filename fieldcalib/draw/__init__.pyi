@@ -1,10 +1,3 @@
-from . import clip_plot as clip_plot
-from . import ground as ground
-from . import minimap as minimap
-from . import overlays as overlays
-from . import scene as scene
-from . import sheet as sheet
-from . import topview as topview
 from .clip_plot import plot_sequence as plot_sequence
 from .minimap import add_minimap as add_minimap
 from .minimap import draw_minimap as draw_minimap

@@ -265,7 +265,8 @@ def _numbers(values: Any, count: int, name: str, what: str) -> Any:
     """As many checked numbers as expected, or None."""
     if values is None:
         return None
-    is_list = isinstance(values, tuple | list | np.ndarray) and len(values) == count and all(map(is_number, values))
+    is_list = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim == 1)
+    is_list = is_list and len(values) == count and all(map(is_number, values))
     if not is_list or not all(abs(value) <= FARTHEST_CAMERA for value in values):
         raise ValueError(f"{name} must be {what}, at most {FARTHEST_CAMERA:g} each, or None, got {short(values)}")
     return tuple(float(value) for value in values)

@@ -1,16 +1,12 @@
-from . import catalogue as catalogue
-from . import field as field
-from . import ground_homography as ground_homography
-from . import records as records
-from . import segments as segments
-from . import sides as sides
-from . import sports as sports
-from . import stands as stands
-from . import traits as traits
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
+from .field import Field as Field
 from .ground_homography import FieldHomography as FieldHomography
 from .ground_homography import field_homography as field_homography
+from .segments import Arc as Arc
+from .segments import Line as Line
+from .segments import Point as Point
+from .segments import PointCloud as PointCloud
 from .sports.american_football import american_football as american_football
 from .sports.badminton import badminton as badminton
 from .sports.basketball import basketball as basketball
@@ -24,3 +20,5 @@ from .sports.rugby_union import rugby_union as rugby_union
 from .sports.soccer import soccer as soccer
 from .sports.tennis import tennis as tennis
 from .sports.volleyball import volleyball as volleyball
+from .stands import DISTRIBUTIONS as DISTRIBUTIONS
+from .stands import CameraDistribution as CameraDistribution

@@ -198,7 +198,7 @@ class Field(Mapping[str, Segment]):
         truth(self.size_known, "size_known")
         for name in ("stands", "more_stands"):
             for stand in listed(getattr(self, name), name):
-                expect(stand, CameraDistribution, "fieldcalib.DISTRIBUTIONS['main center']")
+                expect(stand, CameraDistribution, "fieldcalib.fields.DISTRIBUTIONS['main center']")
 
     def __reduce__(self) -> tuple[Callable[..., Field], tuple[Any, ...]]:
         if self.is_built:

@@ -1,5 +1,6 @@
 """Geometry without fields: rotations, projective maps, the lens, the camera, homographies."""
 
-from fieldcalib._modules import lazy_modules
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_modules(__name__, __path__)
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

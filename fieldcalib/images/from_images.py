@@ -158,7 +158,7 @@ def calibrate_from_images(
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network, optional
         Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the field is searched for in each image
-        (`fieldcalib.images.search.court_search.find_courts`); then nothing of the camera may be given, cameras are
+        (`fieldcalib.images.find_courts`); then nothing of the camera may be given, cameras are
         always refined, and the aspect is not estimated. With one it is searched for where the network's camera is
         refused, if nothing of the camera is given and cameras are refined.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior

@@ -67,7 +67,7 @@ def which_field(
         Names of fields in the catalogue.
     network : Network, optional
         Finds the fields that it knows; the others are found by search
-        (`fieldcalib.images.search.court_search.find_courts`).
+        (`fieldcalib.images.find_courts`).
 
     Examples
     --------

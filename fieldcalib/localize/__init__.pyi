@@ -1,8 +1,3 @@
-from . import batches as batches
-from . import network as network
-from . import network_grid as network_grid
-from . import ridges as ridges
-from . import skeletons as skeletons
 from .batches import Network as Network
 from .batches import localize as localize
 from .network import SegmentationNetwork as SegmentationNetwork

@@ -1,9 +1,3 @@
-from . import accuracy as accuracy
-from . import distance as distance
-from . import overlap as overlap
-from . import polylines as polylines
-from . import scores as scores
-from . import views as views
 from .accuracy import THRESHOLDS as THRESHOLDS
 from .accuracy import Confusion as Confusion
 from .accuracy import SegmentEvaluation as SegmentEvaluation

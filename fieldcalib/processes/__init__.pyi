@@ -1,3 +1,2 @@
-from . import jobs as jobs
-from . import other_process as other_process
-from . import threads as threads
+from .jobs import Processes as Processes
+from .jobs import in_order as in_order

@@ -114,7 +114,7 @@ def in_order(
     [1, 2, 3]
     """
     if executor is not None and not hasattr(executor, "submit"):
-        raise ValueError(f"expected an executor, as fieldcalib.Processes(2), got {executor!r}")
+        raise ValueError(f"expected an executor, as fieldcalib.processes.Processes(2), got {executor!r}")
     if executor is None:
         yield from map(function, items)
         return

@@ -1,9 +1,3 @@
-from . import collection as collection
-from . import entry as entry
-from . import frames as frames
-from . import inputs as inputs
-from . import pictures as pictures
-from . import saving as saving
 from .collection import Results as Results
 from .entry import calibrate as calibrate
 from .entry import read as read

@@ -96,7 +96,7 @@ def calibrate(
         Width and height of the pictures that pixels were labelled in, where these do not say it.
     network : Network, optional
         Finds the markings in pictures; by default the one that comes with the package, for soccer. Courts of other
-        fields are found by search (`fieldcalib.images.search.court_search.find_courts`).
+        fields are found by search (`fieldcalib.images.find_courts`).
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         What is known of the camera, as in `calibrate_from_segments`.
     camera : {"tripod", "moving"}

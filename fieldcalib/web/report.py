@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
+from fieldcalib._checks import expect, file_path
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
@@ -132,9 +133,15 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
 
     Raises
     ------
+    ValueError
+        If those are no results, or the path or the title is none.
     OSError
         If it cannot be written.
     """
+    expect(results, Results, "those of fieldcalib.calibrate")
+    path, title = file_path(path, "a report"), expect(title, str, "'Final'")
+    if path.is_dir():
+        raise ValueError(f"expected the path of a report, got a folder, {path}")
     field = next((one.field for one in results.values() if one.field is not None), soccer())
     commands = Commands.of(results)
     whole = ReportTable.of(results.frames.mains(), field, commands, with_views=len(results.frames.ids) <= MOST_VIEWS)
@@ -154,7 +161,7 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
     }
     jpegs = {id: base64.b64encode(pictures[id]).decode() for id in states}
     data = {"report": report, "pictures": jpegs}
-    write_text(Path(path), one_file(title, styles(*STYLES), bundled("report"), data))
+    write_text(path, one_file(title, styles(*STYLES), bundled("report"), data))
 
 
 def _clip(results: Results, kept: IntArray) -> dict[str, Any]:

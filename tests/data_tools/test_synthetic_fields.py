@@ -15,8 +15,9 @@ from data_tools.synthetic.games import game_named
 from data_tools.synthetic.looks import LOOKS, look_of
 from data_tools.synthetic.masks import classes_of, markings_mask
 from data_tools.synthetic.paint import coverage, with_marks
-from fieldcalib import Arc, Camera, CameraDistribution, Field, Line, Point, soccer
+from fieldcalib import Arc, Camera, Field, Line, Point, soccer
 from fieldcalib.draw.ground import Ground, rays
+from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.traits import SURFACES, WHITE, LineLook
 from fieldcalib.io.field_files import write_field

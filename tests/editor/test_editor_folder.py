@@ -306,7 +306,7 @@ def test_labels_in_a_format(blank, tmp_path, format):
         import defusedxml  # noqa: F401 - reading it back needs it
     editor = marked(opened(blank, tmp_path / "out"), 3)
     name = editor.save_labels(format)
-    found = fieldcalib.read_annotations(tmp_path / "out" / name, (96, 54))
+    found = fieldcalib.io.read_annotations(tmp_path / "out" / name, (96, 54))
     xy = found["blank"].pixels["Net top"]
     assert sorted(np.round(xy, 3).tolist()) == [[0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]
 
@@ -334,7 +334,7 @@ def test_given_labels(pictures, tmp_path, format):
     editor[0] = editor[0].move({0: editor[0].marks.all[0][1:3]}, snap=False).mark("Circle left", ends("Circle left"))
     assert editor.save() == 1
     assert editor.unsaved == 0
-    read = fieldcalib.read_annotations(out / given.name, SIZE)
+    read = fieldcalib.io.read_annotations(out / given.name, SIZE)
     assert read["a"].pixels.keys() == {*LINES, "Circle left"}
     assert fieldcalib.read(out)["a"].camera is not None
     assert {path: path.read_bytes() for path in files} == files

@@ -6,13 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import observe
 
-from fieldcalib import Camera, calibrate_from_segments, refine_on_image
+from fieldcalib import Camera, calibrate_from_segments
 from fieldcalib.draw import draw_field, draw_minimap, overhead_camera, render_field
 from fieldcalib.draw.ground import Ground, bgr, painted, rays
 from fieldcalib.fields import FIELDS, american_football, field_named, ice_hockey, rugby_union
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point
 from fieldcalib.fields.traits import WHITE, Paint
+from fieldcalib.images import refine_on_image
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import find_lines, pixels_of_lines, profiles_along
 

@@ -387,7 +387,7 @@ def test_folders_and_zips(tool, real_frames, tmp_path):
         for path in folder.iterdir():
             archive.write(path, f"annotations/{path.name}")
     for path in (folder, tmp_path / "a.zip"):
-        found = fieldcalib.read_annotations(path)
+        found = fieldcalib.io.read_annotations(path)
         assert_same(list(found.values()), real_frames[:5])
 
 

@@ -9,7 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import bounded, examples, moved, numbers
 
-from fieldcalib import Camera, CameraDistribution, calibrate_from_homography, calibrate_from_points, soccer
+from fieldcalib import Camera, calibrate_from_homography, calibrate_from_points, soccer
+from fieldcalib.fields import CameraDistribution
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.solve.origin_and_unit import LEAST_POINTS, UNITS, looks_like_a_quadrant, other_reading
 

@@ -12,7 +12,8 @@ from hypothesis import given
 from strategies import cameras
 from synthetic import visible_field_points
 
-from fieldcalib import Camera, field_homography, soccer
+from fieldcalib import Camera, soccer
+from fieldcalib.fields import field_homography
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.exports.homography import homography_files
 

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldcalib import Camera, calibrate_from_points, calibrate_from_segments, key_points, soccer
-from fieldcalib.io.key_points import MODELS, ROBOFLOW, point_field
+from fieldcalib import Camera, calibrate_from_points, calibrate_from_segments, soccer
+from fieldcalib.io import key_points
+from fieldcalib.io.keypoint_models import MODELS, ROBOFLOW, point_field
 
 SIZE = (1280, 720)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1900.0, (0.0, 68.0, -17.0), SIZE)

@@ -149,7 +149,7 @@ def test_dask():
 
 
 def test_what_is_no_executor():
-    with pytest.raises(ValueError, match=r"expected an executor, as fieldcalib.Processes\(2\), got 4"):
+    with pytest.raises(ValueError, match=r"expected an executor, as fieldcalib.processes.Processes\(2\), got 4"):
         list(in_order(4, square, [1]))
 
 

@@ -1,8 +1,7 @@
 """What `import fieldcalib` and `fieldcalib --help` cost. Imports go down: import-linter, `pyproject.toml`."""
 
 import ast
-import importlib.util
-import pkgutil
+import importlib
 import re
 import subprocess
 import sys
@@ -36,18 +35,16 @@ def test_the_package_and_its_help_load_only_python(statement):
     assert loaded_by(statement) == []
 
 
-def test_importing_every_public_name_loads_nothing_heavy():
-    loaded = loaded_by("import fieldcalib\nfor name in fieldcalib.__all__: getattr(fieldcalib, name)")
-    assert set(loaded).isdisjoint(HEAVY)
-
-
 def test_what_is_loaded_would_be_seen():
     assert set(loaded_by("import cv2, scipy.optimize")) == {"numpy", "scipy", "cv2", "scipy.optimize"}
 
 
 FOLDER = Path(fieldcalib.__file__).parent
-STUBS = [".".join(("fieldcalib", *stub.relative_to(FOLDER).parts[:-1])) for stub in FOLDER.rglob("__init__.pyi")]
-PACKAGES = [*STUBS, *(f"fieldcalib.{name}" for name in ("assess", "geometry", "images", "problem", "solve"))]
+API = FOLDER.parent / "docs" / "reference" / "api.md"
+FOLDERS = sorted(init.parent.relative_to(FOLDER).parts for init in FOLDER.rglob("__init__.py"))
+PACKAGES = [".".join(("fieldcalib", *parts)) for parts in FOLDERS]
+DEFINE_THEIR_NAMES = {"fieldcalib.fields.segments", "fieldcalib.geometry.lens"}  # without a stub, so with `__all__`
+MOST_NAMES = 34  # at the top, beside packages
 # Takes each name in a process of its own, in which only `fieldcalib` itself was imported, and prints those that are
 # missing. The slow imports of NumPy, SciPy and OpenCV are made once, before the processes part.
 TAKE_EACH = """
@@ -73,37 +70,74 @@ def missing(names):
     return run.stdout.split()
 
 
+def test_importing_every_public_name_loads_nothing_heavy():
+    packages = [name for name in PACKAGES if name != "fieldcalib.io.exports"]  # of modules, one of which is of OpenCV
+    code = f"import importlib\nfor package in map(importlib.import_module, {packages!r}):\n"
+    loaded = loaded_by(f"{code}    for name in package.__all__: getattr(package, name)")
+    assert "numpy" in loaded
+    assert set(loaded).isdisjoint(HEAVY)
+
+
 def test_every_public_name_is_there_on_a_fresh_import():
     assert missing(f"fieldcalib.{name}" for name in fieldcalib.__all__) == []
 
 
+def in_stub(package):
+    """The names of the stub of a package, as editors and type checkers read them."""
+    stub = ast.parse(FOLDER.joinpath(*package.split(".")[1:], "__init__.pyi").read_text())
+    return [alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+
+
 @pytest.mark.parametrize("package", PACKAGES)
-def test_every_name_of_a_package_is_there(package):
+def test_tab_shows_what_a_package_exports_and_nothing_else(package):
     module = importlib.import_module(package)
-    assert module.__all__
+    assert sorted(dir(module)) == sorted(set(module.__all__))
+    if package not in DEFINE_THEIR_NAMES:
+        assert sorted(module.__all__) == sorted(in_stub(package))
     assert [name for name in module.__all__ if not hasattr(module, name)] == []
-    assert set(module.__all__) <= set(dir(module))
 
 
-def test_every_name_in_the_docs_is_there_on_a_fresh_import():
+def test_tab_shows_no_modules_that_were_imported():
+    shown = "import fieldcalib, fieldcalib.cli.main, fieldcalib.solve.search, fieldcalib.images.clip.from_video\n"
+    shown += "names = dir(fieldcalib), dir(fieldcalib.cli), dir(fieldcalib.solve), dir(fieldcalib.images)\n"
+    check = "assert not {name for each in names for name in each} & {'cli', 'main', 'search', 'clip', 'console'}"
+    assert "numpy" in loaded_by(shown + check)
+
+
+def test_few_names_are_at_the_top():
+    names = [name for name in fieldcalib.__all__ if not isinstance(getattr(fieldcalib, name), ModuleType)]
+    packages = {f"fieldcalib.{name}" for name in set(fieldcalib.__all__) - set(names)}
+    assert len(names) <= MOST_NAMES
+    assert packages - {"fieldcalib.plot"} <= set(PACKAGES)
+    assert packages.isdisjoint({"fieldcalib.cli", "fieldcalib.console", "fieldcalib.run_folder"})
+
+
+def test_the_reference_has_every_name_that_is_shown():
+    listed = set(re.findall(r"^    ([\w.]+)$", API.read_text(), re.MULTILINE))
+    for package in PACKAGES:
+        module, inside = importlib.import_module(package), package.removeprefix("fieldcalib").removeprefix(".")
+        for name in module.__all__:
+            is_at_the_top = name in fieldcalib.__all__ and getattr(fieldcalib, name) is getattr(module, name)
+            dotted = f"{inside}.{name}".removeprefix(".")
+            assert dotted in listed or (is_at_the_top and name in listed), dotted
+
+
+def is_module(name):
+    """Whether a dotted name is that of a module or package, which is imported by its path."""
+    path = FOLDER.joinpath(*name.split(".")[1:])
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def test_every_name_in_the_docs_is_shown_on_a_fresh_import():
     texts = [path.read_text() for path in (FOLDER.parent / "README.md", *(FOLDER.parent / "docs").rglob("*.md"))]
     names = {name for text in texts for name in re.findall(r"\bfieldcalib(?:\.[A-Za-z_]\w*)+", text)}
-    assert {"fieldcalib.plot", "fieldcalib.io.exports.opencv", "fieldcalib.processes.jobs.in_order"} <= names
-    if importlib.util.find_spec("numba") is None:
-        names -= {"fieldcalib.problem.compile_cache", "fieldcalib.problem.compiled"}  # modules that import it
+    assert {"fieldcalib.plot", "fieldcalib.io.exports.opencv", "fieldcalib.processes.in_order"} <= names
+    names = {name for name in names if not is_module(name)}
     assert missing(names - {f"fieldcalib.{name}" for name in fieldcalib.__all__}) == []  # those are tested above
 
 
 def test_what_is_missing_is_found():
     assert missing(["fieldcalib.io.nothing", "fieldcalib.soccer"]) == ["fieldcalib.io.nothing"]
-
-
-@pytest.mark.parametrize("package", [name for name in STUBS if name != "fieldcalib"])
-def test_a_stub_lists_every_module_of_its_package(package):
-    folder = FOLDER.joinpath(*package.split(".")[1:])
-    modules = {module.name for module in pkgutil.iter_modules([str(folder)])}
-    listed = set(re.findall(r"^from \. import (\w+)", (folder / "__init__.pyi").read_text(), re.MULTILINE))
-    assert listed == modules  # otherwise: add or remove `from . import x as x` in __init__.pyi
 
 
 def test_the_name_calibrate_is_free_for_a_function():

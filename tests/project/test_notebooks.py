@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import fieldcalib
-from fieldcalib import Calibration, Camera, FieldSize, SegmentationNetwork, Status, calibrate_sequence, soccer
+from fieldcalib import Calibration, Camera, SegmentationNetwork, Status, calibrate_sequence, soccer
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.solve import FieldSize
 from fieldcalib.synthetic.simulated import IMAGE_SIZE, observe, pan_over_field
 
 FIELD = soccer()
@@ -93,7 +94,7 @@ def test_results_show_ten_frames_and_broken_files(tmp_path):
 def test_other_results():
     camera = Camera.from_angles(0.1, np.radians(70), 0.0, 1500.0, (0, 60, -16), IMAGE_SIZE, k=(0.2, 0.0))
     assert "1500.0 px" in camera._repr_html_()
-    found = fieldcalib.field_homography(camera, FIELD)
+    found = fieldcalib.fields.field_homography(camera, FIELD)
     assert f"{found.largest_px:.2f} px" in found._repr_html_()
     size = FieldSize(FIELD, np.diag([0.25, 0.01]), np.array([0.9, 0.2]), ())._repr_html_()
     assert "105.00 ± 0.50 m, 90% from the labels" in size

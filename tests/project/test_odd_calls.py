@@ -25,7 +25,7 @@ TOLD = {
     "Editor.undo_keep": "expected a solution that was kept last",
     "Editor.with_marks_of": "has no marks to copy|no background in common",
     "read": "none does not exist",
-    "read_annotations": "none.json does not exist",
+    "io.read_annotations": "none.json does not exist",
 }
 VALUES = st.one_of(
     st.sampled_from(range(len(ODD))).map(ODD.__getitem__), st.floats(), st.integers(), st.text(max_size=4)

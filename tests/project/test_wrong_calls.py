@@ -8,14 +8,11 @@ import pytest
 from commands import run
 
 from fieldcalib import (
-    DISTRIBUTIONS,
     Camera,
     Editor,
     Field,
     Point,
     PointCloud,
-    Processes,
-    RobustLoss,
     SegmentationNetwork,
     calibrate,
     calibrate_from_homography,
@@ -23,16 +20,9 @@ from fieldcalib import (
     calibrate_from_segments,
     calibrate_sequence,
     calibrate_video,
-    camera_from_homography,
     field,
-    field_homography,
-    key_points,
     locate_on_ground,
-    match_background,
-    match_far,
     read,
-    read_annotations,
-    refine_on_image,
     soccer,
 )
 from fieldcalib.draw import (
@@ -48,7 +38,9 @@ from fieldcalib.draw import (
     render_field,
     worst_frames,
 )
-from fieldcalib.fields import basketball, ice_hockey
+from fieldcalib.fields import DISTRIBUTIONS, basketball, field_homography, ice_hockey
+from fieldcalib.images import match_background, match_far, refine_on_image
+from fieldcalib.io import key_points, read_annotations
 from fieldcalib.io.boxes import open_boxes
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.label_studio import parse_label_studio
@@ -56,6 +48,9 @@ from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
+from fieldcalib.problem import RobustLoss
+from fieldcalib.processes import Processes
+from fieldcalib.solve import camera_from_homography
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)

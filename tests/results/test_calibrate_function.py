@@ -231,7 +231,7 @@ def test_annotations_say_the_size_of_their_pictures(tmp_path):
     ]
     record = {"imagePath": "7.jpg", "imageWidth": 480, "imageHeight": 270, "shapes": shapes}
     (tmp_path / "7.json").write_text(json.dumps(record))
-    results = calibrate(fieldcalib.read_annotations(tmp_path / "7.json"), progress=False)
+    results = calibrate(fieldcalib.io.read_annotations(tmp_path / "7.json"), progress=False)
     assert results["7"].camera.image_size == SIZE
 
 

@@ -19,13 +19,11 @@ from fieldcalib import (
     Line,
     Point,
     PointCloud,
-    RobustLoss,
     Status,
     calibrate_batch,
     calibrate_from_points,
     calibrate_from_segments,
     calibrate_sequence,
-    estimate_field_size,
     read,
     soccer,
 )
@@ -47,6 +45,8 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.image import checked_image
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
+from fieldcalib.problem import RobustLoss
+from fieldcalib.solve import estimate_field_size
 
 SIZE = (960, 540)
 LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")

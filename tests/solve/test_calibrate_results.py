@@ -18,10 +18,10 @@ from fieldcalib import (
     calibrate_batch,
     calibrate_from_homography,
     calibrate_from_segments,
-    compute_errors,
     locate_on_ground,
 )
 from fieldcalib.assess.findings import NoCameraError
+from fieldcalib.solve import compute_errors
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 # --- what comes back ---

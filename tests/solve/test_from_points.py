@@ -11,15 +11,8 @@ from objects import SIZE, any_object, objects, relative_error
 from strategies import any_angles, cameras, examples, numbers, vectors
 from synthetic import displaced, in_image, random_camera
 
-from fieldcalib import (
-    DISTRIBUTIONS,
-    PINHOLE_FLAGS,
-    Camera,
-    CameraDistribution,
-    Status,
-    calibrate_from_points,
-    soccer,
-)
+from fieldcalib import PINHOLE_FLAGS, Camera, Status, calibrate_from_points, soccer
+from fieldcalib.fields import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.solve.solver_options import CalibrationFlags
 

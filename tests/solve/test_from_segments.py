@@ -9,16 +9,8 @@ from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from strategies import examples, labelled_frames, numbers
 from synthetic import observe, random_frames
 
-from fieldcalib import (
-    Arc,
-    Camera,
-    CameraDistribution,
-    Line,
-    Point,
-    PointCloud,
-    calibrate_batch,
-    calibrate_from_segments,
-)
+from fieldcalib import Arc, Camera, Line, Point, PointCloud, calibrate_batch, calibrate_from_segments
+from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate

@@ -2,8 +2,8 @@
 What a homography leaves of the lens
 ====================================
 
-A homography is exact only without distortion. `fieldcalib.field_homography` gives the nearest one, and says by how
-much it misses.
+A homography is exact only without distortion. `fieldcalib.fields.field_homography` gives the nearest one, and says by
+how much it misses.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +13,7 @@ import fieldcalib
 
 field = fieldcalib.soccer()
 camera = fieldcalib.Camera.from_angles(0.25, 1.35, 0.0, 1100.0, (0.0, 66.0, -16.0), (960, 540), k=(0.25, 0.0))
-homography = fieldcalib.field_homography(camera, field)
+homography = fieldcalib.fields.field_homography(camera, field)
 print(f"nearest homography: {homography.largest_px:.1f} px, {homography.largest_m:.2f} m off at most")
 
 # %%

@@ -19,7 +19,7 @@ for pan in (-0.45, 0.0, 0.45):
     inside = {label: xy[((xy > 0) & (xy < (959, 539))).all(axis=1)] for label, xy in seen.items()}
     frames.append({label: xy.round() for label, xy in inside.items() if len(xy) > 1})
 
-size = fieldcalib.estimate_field_size(fieldcalib.soccer(), frames, (960, 540))
+size = fieldcalib.solve.estimate_field_size(fieldcalib.soccer(), frames, (960, 540))
 print(f"{size.length:.1f} x {size.width:.1f} m")
 
 # %%

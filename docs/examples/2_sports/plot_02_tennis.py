@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 from fieldcalib import Camera
 from fieldcalib.draw import draw_field, render_field
 from fieldcalib.fields import tennis
-from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images import find_courts
 
 truth = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), (960, 540))
 image = render_field(truth, tennis())

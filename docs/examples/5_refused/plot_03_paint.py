@@ -19,7 +19,7 @@ labels = ("Side line right", "Big rect. right main", "Big rect. right top", "Big
 pixels = {label: truth.project(true_field[label].sample(9.0)).round() for label in labels}
 nominal = fieldcalib.soccer()
 fixed = fieldcalib.calibrate_from_segments(nominal, pixels, (960, 540))
-fixed = fieldcalib.refine_on_image(nominal, image, fixed)
+fixed = fieldcalib.images.refine_on_image(nominal, image, fixed)
 (free,) = fieldcalib.calibrate(image, progress=False).values()
 
 # %%

@@ -25,11 +25,17 @@ from fieldcalib.fields.segments.point_cloud import PointCloud as PointCloud
 from fieldcalib.fields.segments.rows import Rows as Rows
 from fieldcalib.fields.segments.segment import Segment as Segment
 
+__all__ = ["Arc", "Line", "Point", "PointCloud"]  # what Tab shows
+
 ObjectSegments: TypeAlias = Mapping[str, Segment]
 
 KINDS: tuple[type[Segment], ...] = (Point, Line, Arc, PointCloud)
 ROWS: tuple[type[Rows], ...] = (LineRows, ArcRows, CurveRows, PointRows, CloudRows, EndRows)
 """The order of the residuals."""
+
+
+def __dir__() -> list[str]:
+    return __all__.copy()
 
 
 def outwards(segment: Segment, X: Array, along: Array) -> Array:

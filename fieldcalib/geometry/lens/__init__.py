@@ -37,7 +37,13 @@ from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.geometry.lens.pinhole import Pinhole as Pinhole
 from fieldcalib.geometry.lens.radial import RadialLens as RadialLens
 
+__all__: list[str] = []  # what Tab shows: nothing here is for users
+
 LENSES: dict[str, type[Lens]] = {lens.name: lens for lens in (Pinhole, RadialLens, BrownConradyLens)}
+
+
+def __dir__() -> list[str]:
+    return __all__.copy()
 
 
 def lens_with(coefficients: Collection[str], rho: float) -> Lens:

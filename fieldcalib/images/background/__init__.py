@@ -4,6 +4,7 @@
 `matches` are those of two frames; `keyframe_tracking` ties all frames of a video to keyframes.
 """
 
-from fieldcalib._modules import lazy_modules
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_modules(__name__, __path__)
+# For users there is nothing here, and Tab shows nothing: modules are imported by their paths.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

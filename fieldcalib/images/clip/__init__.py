@@ -3,6 +3,7 @@
 frames -> `keyframes` -> `solved_shots` by the `clip_models` -> lines in all frames -> `finished_clip`
 """
 
-from fieldcalib._modules import lazy_modules
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_modules(__name__, __path__)
+# For users there is nothing here, and Tab shows nothing: modules are imported by their paths.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -103,7 +103,7 @@ def calibrate_video(
         blue, green, red. All are of one size. It is read twice.
     network : Network, optional
         Finds the markings; by default the one that comes with the package. For a `Field` that this one was not trained
-        for, courts are searched for in keyframes (`fieldcalib.images.search.court_search.find_courts`).
+        for, courts are searched for in keyframes (`fieldcalib.images.find_courts`).
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_images`. A position holds for all frames, and so does a focal length (no zoom). A rotation
         holds for one frame, and cannot be given.

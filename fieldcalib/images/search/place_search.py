@@ -27,6 +27,7 @@ from itertools import islice, permutations
 
 import numpy as np
 
+from fieldcalib._checks import listed
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
@@ -334,7 +335,7 @@ def pooled_place(
     task = Task(field, flags=flags, prior=prior)
     on = CameraSide.of(task, side)
     task = replace(task, side=on.side and MAIN)
-    images = [images[k] for k in _spread(len(images), MOST)]
+    images = [images[k] for k in _spread(len(listed(images, "pictures")), MOST)]
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
     found = [one[0].calibration for one in searched if one]
     place = place_of(found, FIRST)

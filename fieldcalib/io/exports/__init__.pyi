@@ -1,6 +1,5 @@
 from . import blender as blender
 from . import colmap as colmap
-from . import frames as frames
 from . import freed as freed
 from . import homography as homography
 from . import nerfstudio as nerfstudio

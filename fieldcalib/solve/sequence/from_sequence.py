@@ -61,8 +61,8 @@ def calibrate_sequence(
         a quarter of the width of the field's lines, 3 cm on a soccer pitch.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.match_background`; None for a pair without matches. They tie frames without labels to those that
-        have some. Frames that come first in a pair are solved together; the others are solved from them.
+        `fieldcalib.images.match_background`; None for a pair without matches. They tie frames without labels to those
+        that have some. Frames that come first in a pair are solved together; the others are solved from them.
     start : SequenceCalibration, optional
         Calibration of the same frames from fewer pixels: no cameras are searched. The labels must be trusted.
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from data_tools.smaller_pitches import SIZE, frames
-from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, refine_on_image, soccer
+from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, soccer
 from fieldcalib.assess.findings import SMALLER, Verdict
 from fieldcalib.assess.paint_in_view import MarkingInView, paint_findings, paint_is_too_wide, paint_width
 from fieldcalib.draw.scene import render_field
+from fieldcalib.images import refine_on_image
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import profiles_along
 from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_widths

@@ -1,0 +1,10 @@
+from .background.matches import Matches as Matches
+from .background.matches import match_background as match_background
+from .background.matches import match_far as match_far
+from .clip.from_video import calibrate_video as calibrate_video
+from .clip.tracker import Tracker as Tracker
+from .from_images import calibrate_from_images as calibrate_from_images
+from .refinement import refine_homography_on_image as refine_homography_on_image
+from .refinement import refine_on_image as refine_on_image
+from .search.court_search import find_courts as find_courts
+from .search.place_search import pooled_place as pooled_place

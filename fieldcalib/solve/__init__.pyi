@@ -1,0 +1,14 @@
+from .batch import calibrate_batch as calibrate_batch
+from .batch import compute_errors as compute_errors
+from .field_size import FieldSize as FieldSize
+from .field_size import estimate_field_size as estimate_field_size
+from .from_homography import Decomposition as Decomposition
+from .from_homography import calibrate_from_homography as calibrate_from_homography
+from .from_homography import camera_from_homography as camera_from_homography
+from .from_points import calibrate_from_points as calibrate_from_points
+from .from_segments import calibrate_from_segments as calibrate_from_segments
+from .sequence.from_sequence import calibrate_sequence as calibrate_sequence
+from .solver_options import DEFAULT_FLAGS as DEFAULT_FLAGS
+from .solver_options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
+from .solver_options import PINHOLE_FLAGS as PINHOLE_FLAGS
+from .solver_options import CalibrationFlags as CalibrationFlags
