@@ -8,9 +8,9 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Ground
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, PointCloud, Segment
-from fieldcalib.fields.traits import share_of_crown
 from fieldcalib.geometry.camera import Camera
 
 SPACING = 0.1  # m between the points of a curve

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.fields.traits import share_of_crown
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT, Layout
 from fieldcalib.problem.projection import Projection
 

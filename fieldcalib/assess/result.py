@@ -1,9 +1,12 @@
-"""The result of a calibration: the camera, its fit, and a verdict on it."""
+"""The result of a calibration: the camera, its fit, and a verdict on it.
+
+Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl`` (``docs/reference/files.md``).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
 from typing import Any
@@ -11,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, truth
+from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, truth, whole_number
 from fieldcalib._html import table
+from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.camera_errors import CameraErrors, NoErrors
+from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
 from fieldcalib.assess.cropping_evidence import Declared, Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
@@ -33,6 +37,7 @@ from fieldcalib.assess.findings import (
     SuspectLabel,
     Verdict,
     What,
+    findings_from_json,
     in_words,
 )
 from fieldcalib.assess.observability import Direction
@@ -43,10 +48,13 @@ from fieldcalib.assess.paint_in_view import (
     paint_share,
 )
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.result_record import calibration_from_record, calibration_to_record
 from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
+
+ANGLE_NAMES = ("pan", "tilt", "roll")
+VERSION = 1
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 NOT_WHOLE_FRAMES = frozenset([What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW])
@@ -501,3 +509,85 @@ def found_of(calibration: Calibration) -> tuple[Finding, ...]:
 def with_findings(calibration: Calibration, *findings: Finding) -> Calibration:
     """The calibration with further findings."""
     return replace(calibration, _found=(*calibration._found, *findings))
+
+
+def calibration_to_record(calibration: Calibration, found: Sequence[Finding]) -> dict[str, Any]:
+    """`Calibration.to_dict`."""
+    camera, field = calibration.camera, calibration.field
+    errors, suspects = calibration.per_segment_errors, calibration.suspect_labels
+    return {
+        "status": str(calibration.status),
+        "message": calibration.message,
+        **({} if camera is None else _camera_to_record(camera)),
+        **({} if np.isnan(calibration.rms) else {"rms_px": to_json(calibration.rms)}),
+        "segment_errors_px": {label: to_json(error) for label, error in errors.items()},
+        "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in suspects],
+        **({} if np.isnan(calibration.loss_ndc) else {"loss_ndc": to_json(calibration.loss_ndc)}),
+        "alternatives": [_camera_to_record(other) for other in calibration.alternatives],
+        "found": [one.to_dict() for one in found],
+        "pixel_counts": dict(calibration.pixel_counts),
+        "image_size": None if camera is None else list(camera.image_size),
+        "field": None if field is None else field_to_record(field),
+        **calibration.errors.to_record(),
+        **({} if not calibration.markings else {"markings": [asdict(one) for one in calibration.markings]}),
+        **({} if not calibration.are_annotated else {"are_annotated": True}),
+        **({} if calibration.declared == Declared.NOTHING else {"declared": str(calibration.declared)}),
+        "version": VERSION,
+    }
+
+
+def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of the `Calibration` of a record; a ValueError as that of `Calibration.from_dict`."""
+    with reading(record, "calibration", VERSION):
+        size = record["image_size"]
+        return {
+            "camera": None if size is None else _camera_from_record(record, size),
+            "status": Status(record["status"]),
+            "message": expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
+            "rms": float(from_json(record.get("rms_px"))),
+            "loss_ndc": float(from_json(record.get("loss_ndc"))),
+            "per_segment_errors": {
+                label: float(from_json(error)) for label, error in record["segment_errors_px"].items()
+            },
+            "suspect_labels": tuple(
+                SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
+                for one in record["suspect_labels"]
+            ),
+            "alternatives": tuple(_camera_from_record(other, size) for other in record["alternatives"]),
+            "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
+            "pixel_counts": _pixel_counts_from_record(record),
+            "field": None if record["field"] is None else field_from_record(record["field"]),
+            "errors": _errors_from_record(record),
+            "markings": tuple(MarkingInView(**one) for one in record.get("markings", ())),
+            "are_annotated": bool(record.get("are_annotated", False)),
+            "declared": Declared(record.get("declared", Declared.NOTHING)),
+        }
+
+
+def _camera_to_record(camera: Camera) -> dict[str, Any]:
+    return {
+        "K": to_json(camera.K),
+        "dist": to_json(camera.dist[0]),
+        "R": to_json(camera.R),
+        "C": to_json(camera.C),
+        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
+    }
+
+
+def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
+    return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])
+
+
+def _pixel_counts_from_record(record: Mapping[str, Any]) -> dict[str, int]:
+    counts = {
+        label: whole_number(count, f"the count of {label!r}", 1) for label, count in record["pixel_counts"].items()
+    }
+    if not counts.keys() <= record["segment_errors_px"].keys():
+        raise ValueError("expected 'segment_errors_px' of all labels of 'pixel_counts'")
+    return counts
+
+
+def _errors_from_record(record: Mapping[str, Any]) -> CameraErrors:
+    if "errors" in record:
+        return KnownErrors.from_dict(record["errors"])
+    return NoErrors() if record["solved"] is None else Solved.from_dict(record["solved"])

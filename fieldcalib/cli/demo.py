@@ -28,8 +28,8 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
 from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT
 from fieldcalib.synthetic.film import TrueFrame, read_cameras
-from fieldcalib.synthetic.sample_files import read_positions
-from fieldcalib.synthetic.samples import PLAYERS, TRUTH, sample
+from fieldcalib.synthetic.sample_files import PLAYERS, TRUTH, read_positions
+from fieldcalib.synthetic.samples import sample
 from fieldcalib.synthetic.simulated import camera_difference
 
 CAMERAS, PLACES, MAP = "cameras", "players_in_metres.csv", "map.mp4"

@@ -20,8 +20,7 @@ from weakref import finalize
 import numpy as np
 
 from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration
 from fieldcalib.editor.edit import Edit, History, Marks
 from fieldcalib.editor.fitting import is_to_search
 from fieldcalib.editor.journal import FrameHistory

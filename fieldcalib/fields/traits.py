@@ -1,24 +1,15 @@
-"""Attributes of a field beyond its segments: look of its lines, paint, sizes, probability that a camera is right.
-
-Crowned fields: built higher in the middle than at the touchlines, so that rain runs off.
-
-The ground is at height ``h (1 - (2 y / W)^2)`` above the touchlines, which are W apart; outside them it is level.
-"""
+"""Attributes of a field beyond its segments: look of its lines, paint, sizes, probability that a camera is right."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array
-
-if TYPE_CHECKING:
-    from fieldcalib.fields.field import Field
-from fieldcalib._types import Float32
 
 WHITE = "#f4f8f2"  # of paint in daylight
 SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay")
@@ -170,7 +161,7 @@ class SizePrior:
     """Ranges (low, high) that the rules allow, metres."""
     usual: tuple[tuple[float, float], tuple[float, float]]
     """Ranges that hold length and width with a probability of 95 %, metres."""
-    build: Callable[[float, float], Field]
+    build: Callable[[float, float], Any]
     """The field of a length and a width."""
     exact: float = 0.7
     """Probability that a field whose size was not measured has the assumed size. Of the others a sixth has the assumed
@@ -219,14 +210,3 @@ class ProbabilityModel:
     def __post_init__(self) -> None:
         if np.shape(self.coefficients) != (5,) or not np.all(np.isfinite(self.coefficients)):
             raise ValueError(f"a ProbabilityModel needs five finite coefficients, got {self.coefficients!r}")
-
-
-def share_of_crown(y: Array | Float32, width: float) -> Array:
-    """Height of the ground at y metres from the middle, as a share of the crown.
-
-    Examples
-    --------
-    >>> share_of_crown(np.array([0.0, 17.0, -34.0, 40.0]), 68.0)
-    array([1.  , 0.75, 0.  , 0.  ])
-    """
-    return np.asarray(np.maximum(1.0 - np.square(2.0 * y / width), 0.0))

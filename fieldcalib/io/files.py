@@ -1,4 +1,7 @@
-"""The files of frames: found in folders and zips, read up to a size, and written whole or not at all."""
+"""The files of frames: found in folders and zips, read up to a size, and written whole or not at all.
+
+YAML, as far as JSON could hold it too: without aliases, and without keys that are given twice.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
+
+import yaml
 
 from fieldcalib.io.stale_temporaries import TEMPORARY, locked, remove_abandoned
 from fieldcalib.io.zips import Readable, open_member
@@ -388,6 +393,40 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     return value
 
 
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """Refuses aliases, a few of which stand for more values than there is memory for, and repeated keys."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise BrokenFileError(f"has the alias *{self.peek_event().anchor}: write its values out")
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        without_repeats([(self.construct_object(key, deep=True), None) for key, _ in node.value])
+        return super().construct_mapping(node, deep)
+
+
+def parse_yaml(content: bytes | str) -> Any:
+    """Parse YAML.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is no YAML, has aliases, or a mapping in it has a key twice.
+
+    Examples
+    --------
+    >>> parse_yaml("length: 20")
+    {'length': 20}
+    """
+    try:
+        return yaml.load(content, _Loader)
+    except BrokenFileError:
+        raise
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:  # TypeError: of a key that is a list
+        raise BrokenFileError(f"is no YAML: {error}") from None
+
+
 def read_json_or_yaml(path: Path) -> Any:
     """Read a file of JSON, or of YAML if it has such an ending.
 
@@ -399,7 +438,7 @@ def read_json_or_yaml(path: Path) -> Any:
     content = read_regular_file(path)
     if path.suffix.lower() not in YAML:
         return parse_json(content)
-    from fieldcalib.io.yaml_text import parse_yaml  # imports PyYAML
+    from fieldcalib.io.files import parse_yaml  # imports PyYAML
 
     return parse_yaml(content)
 

@@ -22,10 +22,10 @@ from functools import cached_property, reduce
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.fields.segments import EndRows, ObjectSegments
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.stands import SOCCER_SCALE
-from fieldcalib.fields.traits import share_of_crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm

@@ -1,11 +1,18 @@
-"""Results of many frames: a mapping of their ids to calibrations, and what is asked of all of them."""
+"""Results of many frames: a mapping of their ids to calibrations, and what is asked of all of them.
+
+Results written to a folder, by the writer of the command line.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
+import time
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
@@ -18,6 +25,7 @@ import numpy as np
 from fieldcalib._checks import file_path, truth
 from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
@@ -28,28 +36,52 @@ from fieldcalib.fields.ground_homography import FieldHomography, field_homograph
 from fieldcalib.fields.sides import MAIN, side_of
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
+from fieldcalib.images.clip.from_video import PART
+from fieldcalib.io.files import can_name_files, whole_file
+from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.image_files import encode_image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, encode_image
+from fieldcalib.io.output_folder import check_targets, output_folder
+from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
 from fieldcalib.results.pictures import Pictures
+from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
+from fieldcalib.run_folder.frame_record import Outcome, camera_file, is_squashed
+from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
+from fieldcalib.run_folder.labelled_frames import CAMERA_FILES, WITHHELD
+from fieldcalib.run_folder.record import ID, RECORD, RunOptions, RunRecord
+from fieldcalib.run_folder.results import (
+    OVERLAY,
+    SHARED_FILES,
+    SUMMARY,
+    ResultsWriter,
+    UsedFolderError,
+    finish,
+    open_run_folder,
+)
 
 if TYPE_CHECKING:
     import pandas
-
-
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from fieldcalib._extras import imported
 
-if TYPE_CHECKING:
-    import pandas
+LABELLED = "calibrate"  # the command of results of labelled pixels
 
 WORST = 12  # pictures of `Results.plot`
 GROUND = (52, 92, 58)  # colour of a picture that is not there
 SHOWN = 960  # px: width of a picture in a notebook
 
 FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})  # keys without a column
+
+WORDS = ("status", "verdict", "reason", "remedy", "basis")
+COLUMNS = (
+    *WORDS,
+    *("focal_length_px", "focal_length_sd_px", "pan_degrees", "tilt_degrees", "roll_degrees", "x_m", "y_m", "z_m"),
+    *("k1", "principal_point_x_px", "principal_point_y_px", "image_width_px", "image_height_px"),
+    *("rms_px", "probability_right_1m", "field_length_m", "field_width_m"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,8 +361,6 @@ class Results(Mapping[str, Calibration]):
         OSError
             If it cannot be written to.
         """
-        from fieldcalib.results.saving import save
-
         out = file_path(folder, "a folder")
         save(self, out, overwrite=truth(overwrite, "overwrite"), overlays=truth(overlays, "overlays"))
 
@@ -415,10 +445,130 @@ def _number(value: Any) -> float | None:
     return None if value is None else float(value)
 
 
-WORDS = ("status", "verdict", "reason", "remedy", "basis")
-COLUMNS = (
-    *WORDS,
-    *("focal_length_px", "focal_length_sd_px", "pan_degrees", "tilt_degrees", "roll_degrees", "x_m", "y_m", "z_m"),
-    *("k1", "principal_point_x_px", "principal_point_y_px", "image_width_px", "image_height_px"),
-    *("rms_px", "probability_right_1m", "field_length_m", "field_width_m"),
-)
+def save(results: Results, out: Path, *, overwrite: bool, overlays: bool) -> None:
+    """Write results to a folder, see `Results.save`."""
+    if results.folder is not None:
+        _copy(results, results.folder, out, overwrite=overwrite, overlays=overlays)
+        return
+    began = time.perf_counter()
+    run, record = _record(results, out, overwrite=overwrite)
+    overlays = overlays and results.command != LABELLED
+    with _python_words(), open_run_folder(run, record, files=results.pictures.files) as writer:
+        if results.video is not None:
+            _write_clip(results, results.video, writer, overlays=overlays)
+        else:
+            _write_frames(results, writer, overlays=overlays)
+        finish(out, writer.summary(run.recorded, time.perf_counter() - began))
+
+
+@contextmanager
+def _python_words() -> Iterator[None]:
+    """Say of a folder that is used already what to give in Python."""
+    try:
+        yield
+    except UsedFolderError as error:
+        raise _used(error.found) from None
+
+
+def _used(found: str) -> FileExistsError:
+    return FileExistsError(f"{found}: give overwrite=True to replace them, or another folder")
+
+
+def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions, RunRecord]:
+    """The options and the record of the run that the results count as."""
+    pictures = results.pictures
+    options = json.loads(json.dumps({**results.options, "input": list(pictures.paths)}, default=str))
+    run = RunOptions(out, options, results.command, overwrite=overwrite)
+    is_alone = results.video is None and not pictures.is_video and results.command != LABELLED
+    writes = (*CAMERA_FILES, OVERLAYS.file_name(ID)) if is_alone else CAMERA_FILES
+    unit = IMAGES_AT_ONCE if results.video is None else PART
+    return run, RunRecord.of(run, pictures.files, unit=unit, writes=writes)
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """How results of whole frames are written and drawn."""
+
+    results: Results
+    draws = True
+
+    def placement(self, image: Image) -> Placement:
+        return whole_frame(image)
+
+    def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
+        line = self.results.line(id)
+        is_labelled = self.results.command == LABELLED
+        keeps = line["status"] not in WITHHELD if is_labelled else line["verdict"] != Verdict.REJECT
+        files = dict(more.get("files", {}))
+        if keeps and calibration.camera is not None:
+            files |= camera_file(id, calibration.camera)
+        return Outcome(line, is_squashed(line), files)
+
+    def drawn(self, image: Image, calibration: Calibration) -> Image:
+        return draw_calibration(image, calibration, calibration.field or soccer())
+
+
+def _write_clip(results: Results, video: VideoCalibration, writer: ResultsWriter, *, overlays: bool) -> None:
+    """Write a clip, with its pictures where they can be read again."""
+    options = _Whole(results)
+    if overlays and results and results.pictures.has(next(iter(results))):
+        write_clip_results(writer, ClipInput(results.pictures.frames(), progress=False), video, options)
+        return
+    for id in results.frames.ids:
+        broken = id in results.broken
+        writer.add(_broken(results, id) if broken else options.outcome(id, results[id]))
+    writer.notes = video.remarks
+    write_clip(writer.out, video, results.frames_per_second or 0.0)
+
+
+def _write_frames(results: Results, writer: ResultsWriter, *, overlays: bool) -> None:
+    """Write frames that were calibrated one by one, with their pictures where they can be read again."""
+    options, writer.notes = _Whole(results), results.notes
+    if overlays and results.pictures.is_video:
+        path, source = writer.out / OVERLAY, results.pictures.frames()
+        with VIDEOS.write(path, source.frames_per_second) as video:
+            for frame in source:
+                if frame.image is not None and frame.id in results:
+                    video.write(options.drawn(frame.image, results[frame.id]))
+        overlays = False
+    for id in results.frames.ids:
+        if id in results.broken:
+            writer.add(_broken(results, id))
+            continue
+        files = {}
+        if overlays and results.pictures.has(id):
+            picture = options.drawn(results.image(id), results[id])
+            files[OVERLAYS.file_name(id)] = OVERLAYS.write(picture)
+        writer.add(options.outcome(id, results[id], files=files))
+
+
+def _broken(results: Results, id: str) -> Outcome:
+    """The outcome of a frame that could not be read, which is no news."""
+    return Outcome({"id": id, "status": "broken file", "message": results.broken[id]})
+
+
+def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlays: bool) -> None:
+    """Copy the files of a run, its record first and its summary last."""
+    names = [RECORD, SOLVER, LINES, TABLE]
+    patterns = list(CAMERA_FILES) + ([OVERLAYS.file_name(ID)] if overlays else [])
+    ids = [id for id in results.frames.ids if can_name_files(id)]
+    names += [pattern.replace(ID, id) for pattern in patterns for id in ids]
+    names += [name for name in SHARED_FILES if name != SUMMARY and (overlays or name != OVERLAY)]
+    with output_folder(out):
+        if out.samefile(folder):
+            return
+        there = next((name for name in (RECORD, LINES, TABLE, SUMMARY) if (out / name).exists()), None)
+        if there is not None and not overwrite:
+            raise _used(f"{out} holds results already, as {there}")
+        check_targets(
+            [out / name for name in (*names, SUMMARY)],
+            [folder / name for name in names],
+            replaces=overwrite,
+            remedy="give overwrite=True to replace it, or another folder",
+        )
+        for name in (*names, SUMMARY):
+            if (folder / name).is_file():
+                with whole_file(out / name) as copy, (folder / name).open("rb") as file:
+                    shutil.copyfileobj(file, copy)
+            else:
+                (out / name).unlink(missing_ok=True)

@@ -17,8 +17,7 @@ import numpy as np
 from fieldcalib._messages import counted
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, What, how
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image

@@ -25,23 +25,23 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.work_units import executor_of
 from fieldcalib.synthetic.film import LEAST_PATH, PAINTED, Scene, TrueFrame, cameras_as_text, clip_frames, filmed
 from fieldcalib.synthetic.paths import with_displaced_lines
-from fieldcalib.synthetic.samples import FILES, PLAYERS, TRUTH, Sample
 
+PLAYERS, TRUTH = "players.csv", ".jsonl"
 SEED = 26
 STRETCHES = ((0, 30), (60, 90))  # of the frames of the camera's path, that the clip has before and after its cut
 PICTURE = 10  # the frame of the path that the picture is
 MOST_JOBS = 4
 
 
-def make(folder: Path, name: Sample, progress: Progress) -> None:
-    """Make the folder of a sample, under another name until all is in it."""
+def make(folder: Path, name: str, progress: Progress) -> None:
+    """Make the folder of a sample, a picture or a clip by its name, under another name until all is in it."""
     frames = clip_frames(SEED, LEAST_PATH)
     field = with_displaced_lines(soccer(), np.random.default_rng((SEED, PAINTED)))
     scene = Scene.random(field, SEED, [frame.camera for frame in frames])
     unfinished = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        path = unfinished / FILES[name]
-        if name == "picture":
+        path = unfinished / name
+        if path.suffix == ".png":
             write_image(path, filmed(scene, frames, PICTURE))
             write_text(path.with_suffix(".json"), format_camera(frames[PICTURE].camera))
         else:

@@ -20,7 +20,6 @@ from fieldcalib._progress import Progress
 
 Sample = Literal["clip", "picture"]
 FILES: dict[Sample, str] = {"clip": "clip.mp4", "picture": "picture.png"}
-PLAYERS, TRUTH = "players.csv", ".jsonl"
 
 
 def sample(name: Sample, *, progress: Progress = True) -> Path:
@@ -61,7 +60,7 @@ def sample(name: Sample, *, progress: Progress = True) -> Path:
     if not folder.is_dir():
         from fieldcalib.synthetic.sample_files import make  # OpenCV is slow to import
 
-        make(folder, name, progress)
+        make(folder, FILES[name], progress)
     return folder / FILES[name]
 
 

@@ -27,8 +27,7 @@ from fieldcalib._checks import expect, file_path
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.result_record import ANGLE_NAMES
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
