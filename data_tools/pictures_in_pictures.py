@@ -75,7 +75,6 @@ class Window:
 
 
 WHOLE = (0.0, 0.0, 1.0, 1.0)
-BACKGROUNDS = ("even", "graded", "blurred")
 Arrangement = tuple[tuple[Window, ...], str, float]
 """Windows, the last one on top; the background; the width of a line around them, as a share of the picture's."""
 

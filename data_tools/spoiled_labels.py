@@ -126,10 +126,6 @@ def _turned(degrees: float) -> Way:
     return _picture(lambda frame: lambda xy: (xy - frame.size / 2.0) @ R.T + frame.size / 2.0)
 
 
-def _upright(frame: Frame) -> Map:
-    return lambda xy: [frame.size[1] - 1.0, 0.0] + xy[:, ::-1] * [-1.0, 1.0]
-
-
 def _bent(k: float) -> Way:
     def shown(frame: Frame) -> Map:
         def bent(xy: Array) -> Array:

@@ -13,14 +13,14 @@ import numpy as np
 from synthetic import visible_field_points
 
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens.brown_conrady import brown_conrady
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS
-from fieldcalib.geometry.rational import RationalCamera, distort_rational
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.soccernet import soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
-from fieldcalib.io.soccernet import parse_camera, rational_camera_from_record
+from fieldcalib.io.soccernet import camera_from_record, parse_camera
 from fieldcalib.io.tvcalib import parse_per_sample_output
 
 MOST = 1e-6  # px
@@ -30,7 +30,7 @@ Z_UP = np.diag([1.0, -1.0, -1.0])
 def pinhole(K, R, t, dist=(0.0,) * 12):
     def project(X):
         Xc = X @ np.asarray(R).T + t
-        x = distort_rational(Xc[:, :2] / Xc[:, 2:], np.asarray(dist, dtype=float))
+        x = brown_conrady((Xc[:, :2] / Xc[:, 2:]).T, np.asarray(dist, dtype=float)).T
         return x * np.diag(K)[:2] + np.asarray(K)[:2, 2]
 
     return project
@@ -153,7 +153,7 @@ def by_gamestate(files):
     found = {}
     for one in json.loads(content)["predictions"]:
         assert (one["supercategory"], one["category_id"], one["id"]) == ("camera", 6, one["image_id"] + "01")
-        camera = rational_camera_from_record(one["parameters"], (1920, 1080))
+        camera = camera_from_record(one["parameters"], (1920, 1080), checked=False)
         found[one["image_id"]] = camera.project
     return found
 
@@ -167,7 +167,7 @@ def by_table(files):
         R = Camera.from_angles(*angles, 1.0, (0, 0, 0), (1, 1)).R
         size = int(v["width"]), int(v["height"])
         C, dist = [v[axis] for axis in "xyz"], [v[name] for name in COEFFICIENTS]
-        found[row["id"]] = RationalCamera(K, R, C, dist, size).project
+        found[row["id"]] = Camera(K, R, C, size, dist, checked=False).project
     return found
 
 

@@ -13,7 +13,6 @@ from synthetic import displaced, distorted
 from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.layout import theta_from_camera
 
@@ -136,11 +135,11 @@ lenses = vectors([-0.1] * len(COEFFICIENTS), [0.1] * len(COEFFICIENTS))
 
 
 @st.composite
-def rational_cameras(draw):
+def unchecked_cameras(draw):
     """Cameras with every coefficient, at any angle; focal lengths differ and may be negative."""
     image_size = draw(st.sampled_from(IMAGE_SIZES))
     fx, fy = (image_size[0] * draw(st.sampled_from((1.0, -1.0))) * draw(numbers(0.5, 5.0)) for _ in "xy")
     cx, cy = image_size * draw(vectors((0.4, 0.4), (0.6, 0.6)))
     K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
     C = draw(vectors([-50.0] * 3, [50.0] * 3))
-    return RationalCamera(K, rotation_from_angles(draw(any_angles())), C, draw(lenses), image_size)
+    return Camera(K, rotation_from_angles(draw(any_angles())), C, image_size, draw(lenses), checked=False)

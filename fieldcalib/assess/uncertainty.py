@@ -81,10 +81,6 @@ class Uncertainty(Estimate):
     """Covariance (n, n) along the determined directions, 0 along open ones, without errors of considered parameters."""
     open: Array
     """Open directions (n, k): neither labels nor prior determine them."""
-    determined_by_labels: Array
-    """`determined` by the labels alone, without the prior."""
-    open_to_labels: Array
-    """Directions that the labels alone leave open."""
     information: Information
     """Information from the labels."""
     by_considered: Array
@@ -162,15 +158,6 @@ class Uncertainty(Estimate):
         """Mask (...) of the quantities, with derivatives J (..., n), that nothing determines."""
         return _touched(J, self.open, self.unit)
 
-    @property
-    def covariance_by_labels(self) -> Array:
-        """Covariance (n, n) of an estimate from the labels without a prior: infinite where they leave it open.
-
-        It may be smaller than `covariance`, as the solver gives accurate labels too little weight against the prior.
-        """
-        determined = self.determined_by_labels + self._covariance_by_considered
-        return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
-
     def distance(self, camera: Camera) -> float:
         """Distance of another camera from the estimate, in standard deviations: Rao's score.
 
@@ -237,7 +224,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     noisy = variance[:, None, None] * noise.covariance(rows)
     noisy += noise.of_paint(rows, evaluation.irls_weight)
     P, sizes = directions.JT.shape[1], by_kept.shape[1] - len(tested)
-    gain, data = directions.gain(kappa, has_prior), noisy[:, :P, :P].copy()
+    gain = directions.gain(kappa, has_prior)
     noisy[:, :P, :P] += has_prior * np.eye(P)
     kept = _Kept.of(evaluation, rows, gain, kappa, noisy)
 
@@ -255,8 +242,6 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
         "dof": dof.tolist(),
         "unit": units,
         "determined": _whole(directions.theta * gain[:, None], noisy[:, :P, :P], free),
-        "determined_by_labels": _whole(directions.theta * directions.gain(kappa, False)[:, None], data, free),
-        "open_to_labels": [one[:, is_open] for one, is_open in zip(along, directions.is_open, strict=True)],
         "open": [one[:, is_open & (not has_prior)] for one, is_open in zip(along, directions.is_open, strict=True)],
         "by_considered": by_true_value,
         "size": level,

@@ -17,7 +17,6 @@ from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
 
 DARK: Colour = (24, 24, 24)
@@ -33,7 +32,7 @@ MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its d
 
 
 def draw_minimap(
-    camera: Camera | RationalCamera | None,
+    camera: Camera | None,
     field: Field,
     *,
     size: tuple[int, int] = (336, 228),
@@ -47,7 +46,7 @@ def draw_minimap(
 
     Parameters
     ----------
-    camera : Camera or RationalCamera, optional
+    camera : Camera, optional
         None draws no view and no camera.
     field : Field
     size : (int, int)
@@ -85,7 +84,7 @@ def draw_minimap(
     """
     expect(field, Field, FIELD)
     if camera is not None:
-        expect(camera, (Camera, RationalCamera), CAMERA)
+        expect(camera, Camera, CAMERA)
     size = checked_image_size(size)
     if not 2 <= min(size) <= max(size) <= LARGEST_MAP:
         raise ValueError(f"expected a map of 2 to {LARGEST_MAP} pixels each way, got {size[0]} x {size[1]}")
@@ -103,7 +102,7 @@ def draw_minimap(
 
 def draw_players(
     image: Image,
-    camera: Camera | RationalCamera,
+    camera: Camera,
     points: ArrayLike,
     *,
     colours: Colour | Sequence[Colour] = POINT,
@@ -115,7 +114,7 @@ def draw_players(
     ----------
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. A top view, or a frame.
-    camera : Camera or RationalCamera
+    camera : Camera
         The camera of that image, such as `fieldcalib.draw.overhead_camera`.
     points : (N, 2) or (N, 3) array_like
         Points on the ground, metres. NaN and points outside the image are left out.
@@ -141,7 +140,7 @@ def draw_players(
     >>> draw_players(grass, overhead, [(0.0, 0.0)], colours=(0, 0, 255))[height // 2, width // 2].tolist()
     [0, 0, 255]
     """
-    expect(camera, (Camera, RationalCamera), CAMERA)
+    expect(camera, Camera, CAMERA)
     picture = np.array(checked_image(image, camera.image_size), order="C")
     places = _on_image(camera, points)
     past = [_on_image(camera, trail) for trail in listed(trails, "trails of points")]
@@ -158,7 +157,7 @@ def draw_players(
     return picture
 
 
-def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> Image:
+def add_minimap(image: Image, camera: Camera, field: Field) -> Image:
     """A copy of an image with `draw_minimap` in its upper right corner, or without it if the image is too small.
 
     Examples
@@ -174,7 +173,7 @@ def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> 
     return picture
 
 
-def inset_map(picture: Image, camera: Camera | RationalCamera, field: Field) -> None:
+def inset_map(picture: Image, camera: Camera, field: Field) -> None:
     """As `add_minimap`, in place."""
     unit = picture.shape[1] / 960.0
     width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones are slow to render
@@ -194,9 +193,7 @@ def _lit(part: Float32, seen: Float32, rim: Float32) -> Float32:
     return picture
 
 
-def _in_view(
-    camera: Camera | RationalCamera, overhead: Camera, X: Array
-) -> tuple[tuple[slice, slice], Float32, Float32]:
+def _in_view(camera: Camera, overhead: Camera, X: Array) -> tuple[tuple[slice, slice], Float32, Float32]:
     """Rows and columns of a map that hold all that a camera sees, and how far each pixel there is seen, or its border.
 
     `X` (height, width, 3) are the ground points of the map's pixels. The view of most cameras is a polygon on the
@@ -224,14 +221,14 @@ def _in_view(
     return part, seen, rim
 
 
-def _border_on_ground(camera: Camera | RationalCamera) -> Array:
+def _border_on_ground(camera: Camera) -> Array:
     """Ground points (N, 3) that a camera sees at the border of its image, in order; NaN above the horizon."""
     share, zero, one = np.linspace(0.0, 1.0, BORDER), np.zeros(BORDER), np.ones(BORDER)
     x, y = np.concatenate([share, one, share[::-1], zero]), np.concatenate([zero, share, one, share[::-1]])
     return camera.image_to_field(np.stack([x, y], axis=-1) * camera.image_size - 0.5)
 
 
-def _inside(camera: Camera | RationalCamera, X: Array) -> Array:
+def _inside(camera: Camera, X: Array) -> Array:
     """Distance from the border of the view, of ground points (height, width, 3) of a map: its pixels, < 0 outside."""
     centre = (np.array(camera.image_size) - 1.0) / 2.0
     inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px of the image
@@ -240,7 +237,7 @@ def _inside(camera: Camera | RationalCamera, X: Array) -> Array:
         return np.asarray(inside / np.hypot(*np.gradient(inside)))
 
 
-def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
+def _on_image(camera: Camera, points: ArrayLike) -> Array:
     """Pixels (N, 2) of points of the ground; NaN of those behind the camera."""
     X = real_array(points)
     if X.ndim != 2 or X.shape[1] not in (2, 3):

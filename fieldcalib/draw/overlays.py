@@ -21,7 +21,6 @@ from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_poin
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, check_object
 
@@ -51,7 +50,7 @@ PALETTE_SALT = 1952  # chosen so that neighbouring labels of a soccer field have
 
 def draw_field(
     image: Image,
-    camera: Camera | RationalCamera,
+    camera: Camera,
     object_segments: ObjectSegments,
     *,
     colour: Colour = MAGENTA,
@@ -69,9 +68,9 @@ def draw_field(
     ----------
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. It is not changed.
-    camera : Camera or RationalCamera
-        A camera of that image size, e.g. from `fieldcalib.io.soccernet.parse_camera`. For a `RationalCamera`, parts
-        where the lens folds back are drawn too: where it does is unknown.
+    camera : Camera
+        A camera of that image size, e.g. from `fieldcalib.io.soccernet.parse_camera`. Of one that is not
+        `checked`, parts where the lens folds back are drawn too: where it does is unknown.
     object_segments : mapping of str to segment
         The calibration object, e.g. a `Field`.
     colour : (int, int, int)
@@ -102,7 +101,7 @@ def draw_field(
     """
     import cv2
 
-    picture = np.array(checked_image(image, expect(camera, (Camera, RationalCamera), CAMERA).image_size), order="C")
+    picture = np.array(checked_image(image, expect(camera, Camera, CAMERA).image_size), order="C")
     check_object(object_segments)
     expect(colours, Mapping, '{"Middle line": (0, 0, 255)}')
     truth(dashed, "dashed")

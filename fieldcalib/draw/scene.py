@@ -20,7 +20,6 @@ from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image
 
 WHITE: Colour = (242, 248, 244)
@@ -65,7 +64,7 @@ def render_field(
     >>> picture.shape, bool(picture[269, 480].min() > picture[260, 440].max())  # the centre mark, and grass
     ((540, 960, 3), True)
     """
-    width, height = expect(camera, (Camera, RationalCamera), CAMERA).image_size
+    width, height = expect(camera, Camera, CAMERA).image_size
     expect(field, Field, FIELD)
     line_width = field.lines.width if line_width is None else number(line_width, "line_width")
     if line_width > WIDEST:
@@ -204,12 +203,12 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
 # Curves in the image
 
 
-def image_curves(camera: Camera | RationalCamera, segment: Segment) -> list[Array]:
+def image_curves(camera: Camera, segment: Segment) -> list[Array]:
     """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
     return image_curves_of(camera, [segment])[0]
 
 
-def image_curves_of(camera: Camera | RationalCamera, segments: Iterable[Segment]) -> list[list[Array]]:
+def image_curves_of(camera: Camera, segments: Iterable[Segment]) -> list[list[Array]]:
     """`image_curves` of each of some segments, which are projected together.
 
     Examples

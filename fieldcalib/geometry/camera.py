@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number, number, real_array
+from fieldcalib._checks import is_number, number, real_array, truth
 from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
+from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
 from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -47,12 +48,16 @@ class Camera:
     k : (2,) array_like
         OpenCV's radial coefficients k1, k2, or its dist_coeffs (k1, k2, p1, p2, k3, ...) of any of its lengths. The
         attribute `k` is (k1, k2) in any case, `dist` has them all.
+    checked : bool
+        False for a camera of another system, which is projected and evaluated as it is: its focal lengths may be
+        negative and R need be no rotation, and points at which the lens is not monotone have a pixel, as in OpenCV and
+        in SoccerNet's evaluation.
 
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, R is not a rotation, K has skew or no positive focal length, or the
-        lens has a tilted sensor (the last two of 14 coefficients).
+        If a shape is wrong, a number is not finite, K has skew, or the lens has a tilted sensor (the last two of 14
+        coefficients); if `checked`, also if R is not a rotation, or K has no positive focal length.
 
     Examples
     --------
@@ -73,6 +78,7 @@ class Camera:
     """(k1, k2)."""
     dist: Array = field(repr=False)
     """OpenCV's dist_coeffs (1, 5); (1, 8) or (1, 12) if the coefficients that follow are not all 0."""
+    checked: bool = True
 
     def __init__(
         self,
@@ -81,6 +87,7 @@ class Camera:
         C: ArrayLike,
         image_size: tuple[int, int],
         k: ArrayLike = (0.0, 0.0),
+        checked: bool = True,
     ) -> None:
         for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,))):
             object.__setattr__(self, name, finite_array(name, value, shape))
@@ -88,7 +95,8 @@ class Camera:
         object.__setattr__(self, "k", self.dist[0, :2])
         self.k.flags.writeable = self.dist.flags.writeable = False
         object.__setattr__(self, "image_size", checked_image_size(image_size))
-        if not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
+        object.__setattr__(self, "checked", truth(checked, "checked"))
+        if checked and not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
             raise ValueError(f"K must have positive focal lengths, got {self.K[0, 0]} and {self.K[1, 1]}")
         (_, skew, _), (below, _, _), last = self.K.tolist()
         if skew != 0.0 or below != 0.0 or last != [0.0, 0.0, 1.0]:
@@ -96,7 +104,7 @@ class Camera:
         x, y, z = self.R
         with np.errstate(over="ignore", invalid="ignore"):
             is_rotation = np.all(np.abs(self.R @ self.R.T - np.eye(3)) <= NOT_ORTHONORMAL) and x @ np.cross(y, z) > 0.0
-        if not is_rotation:
+        if checked and not is_rotation:
             raise ValueError(f"R must be a rotation matrix (R R^T = I, det R = 1), got {self.R.tolist()}")
 
     @classmethod
@@ -206,8 +214,12 @@ class Camera:
 
     @property
     def pinhole_homography(self) -> Array:
-        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``."""
-        return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``.
+
+        Not finite where floats overflow.
+        """
+        with np.errstate(all="ignore"):  # absurd cameras overflow
+            return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
 
     @property
     def homography(self) -> Array:
@@ -269,18 +281,23 @@ class Camera:
         Returns
         -------
         (..., 2) array
-            NaN for points without an image: behind the camera or in its plane (depth <= 0), or so far out that the
-            lens is not monotone (`fieldcalib.geometry.lens.Lens.is_monotone`). Points may be outside the image.
+            NaN for points without an image: behind the camera or in its plane (depth <= 0), where floats overflow, or,
+            unless the camera is not `checked`, so far out that the lens is not monotone
+            (`fieldcalib.geometry.lens.Lens.is_monotone`). Points may be outside the image.
         """
-        Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
-        visible = Xc[..., 2] > 0.0
-        x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
-        if np.any(self.dist):
-            lens, b = self.lens, self.lens_coefficients
-            s = _components(self.focal_length * x)
-            visible &= lens.is_monotone(s, b)
-            x = _vectors_last(lens.distort(s, b)) / self.focal_length
-        xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+        with np.errstate(all="ignore"):  # absurd cameras overflow
+            Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
+            visible = Xc[..., 2] > 0.0
+            x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
+            if np.any(self.dist) and self.checked:
+                lens, b = self.lens, self.lens_coefficients
+                s = _components(self.focal_length * x)
+                visible &= lens.is_monotone(s, b)
+                x = _vectors_last(lens.distort(s, b)) / self.focal_length
+            elif np.any(self.dist):
+                x = _vectors_last(brown_conrady(_components(x), opencv_vector(self.dist)))
+            xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+        visible &= np.all(np.isfinite(xy), axis=-1)
         return np.where(visible[..., None], xy, np.nan)
 
     def normalized(self, xy: ArrayLike) -> Array:
@@ -289,11 +306,13 @@ class Camera:
         Returns
         -------
         (..., 2) array
-            NaN where no ray through the lens meets the pixel.
+            NaN where no ray through the lens meets the pixel; one of several rays if the lens is not monotone.
         """
         x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
         if not np.any(self.dist):
             return np.asarray(x)
+        if not self.checked:
+            return _vectors_last(undistorted(_components(x), opencv_vector(self.dist)))
         s = self.lens.undistort(_components(self.focal_length * x), self.lens_coefficients)
         return _vectors_last(s) / self.focal_length
 
@@ -313,18 +332,18 @@ class Camera:
             NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
             ray through the lens meets the pixel.
         """
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # pixels may be infinite
+        with np.errstate(all="ignore"):  # pixels may be infinite, and absurd cameras overflow
             ray = homogenize(self.normalized(xy)) @ self.R
             scale = (number(z, "z") - self.C[2]) / ray[..., 2]
             X = self.C + scale[..., None] * ray
         X[..., 2] = z
-        return np.where((np.isfinite(scale) & (scale > 0.0))[..., None], X, np.nan)
+        return np.where((np.all(np.isfinite(X), axis=-1) & (scale > 0.0))[..., None], X, np.nan)
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""
         new_size = checked_image_size(image_size)
         scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
-        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist)
+        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist, self.checked)
 
     def cropped(self, offset: ArrayLike, image_size: tuple[int, int]) -> Camera:
         """The camera of a part of the image, whose principal point is ``c - offset``.
@@ -358,18 +377,19 @@ class Camera:
             raise ValueError(f"offset must be a pixel (x, y), got {offset!r}")
         K = self.K.copy()
         K[:2, 2] -= shift
-        return Camera(K, self.R, self.C, image_size, self.dist)
+        return Camera(K, self.R, self.C, image_size, self.dist, self.checked)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
         arrays = ((self.K, other.K), (self.R, other.R), (self.C, other.C), (self.dist, other.dist))
-        return self.image_size == other.image_size and all(np.array_equal(a, b) for a, b in arrays)
+        is_alike = self.image_size == other.image_size and self.checked == other.checked
+        return is_alike and all(np.array_equal(a, b) for a, b in arrays)
 
     __hash__ = None  # type: ignore[assignment]  # arrays do not hash
 
     def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
-        return Camera, (self.K, self.R, self.C, self.image_size, self.dist)  # copies are read-only too
+        return Camera, (self.K, self.R, self.C, self.image_size, self.dist, self.checked)  # copies are read-only too
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""

@@ -18,7 +18,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.geometry.lens.opencv import opencv_vector
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
 from fieldcalib.io.files import FrameFile, find_files, named_in_errors, parse_json_object
@@ -117,7 +117,7 @@ def format_annotation(pixels: Mapping[str, Array], image_size: tuple[int, int]) 
     return json.dumps(record, allow_nan=False)
 
 
-def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
+def camera_to_record(camera: Camera) -> dict[str, Any]:
     """A camera as SoccerNet writes it: angles in degrees, position in metres, focal lengths in pixels.
 
     It belongs to images of the camera's size: SoccerNet's evaluation does not rescale.
@@ -129,10 +129,9 @@ def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
     >>> round(record["tilt_degrees"], 9), record["position_meters"]
     (80.0, [0.0, 60.0, -15.0])
     """
-    camera = RationalCamera.from_camera(camera)
     pan, tilt, roll = np.degrees(angles_from_rotation(camera.R)).tolist()
     coefficients = np.empty(len(OPENCV_ORDER))
-    coefficients[OPENCV_ORDER] = camera.dist
+    coefficients[OPENCV_ORDER] = opencv_vector(camera.dist)
     ends = np.cumsum([count for _, count in LENS])
     return {
         "pan_degrees": pan,
@@ -146,13 +145,15 @@ def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
     }
 
 
-def format_camera(camera: Camera | RationalCamera) -> str:
+def format_camera(camera: Camera) -> str:
     """The JSON of a camera file, see `camera_to_record`."""
     return json.dumps(camera_to_record(camera), indent=2)
 
 
-def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> RationalCamera:
-    """A camera from SoccerNet's record, not checked for plausibility: to be evaluated as it is.
+def camera_from_record(
+    record: Mapping[str, Any], image_size: tuple[int, int] | None = None, *, checked: bool = True
+) -> Camera:
+    """A camera from SoccerNet's record.
 
     Parameters
     ----------
@@ -160,18 +161,20 @@ def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int
         As `camera_to_record` makes it.
     image_size : (int, int), optional
         Width and height; by default twice the principal point, as SoccerNet has it.
+    checked : bool
+        As in `Camera`: False for a camera that is to be evaluated as it is.
 
     Raises
     ------
     BrokenFileError
-        If a key is missing or the values are no finite numbers.
+        If a key is missing or the values are no camera's.
 
     Examples
     --------
     >>> camera = Camera.from_angles(0.0, np.radians(80.0), 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
     >>> record = camera_to_record(camera) | {"x_focal_length": -3.0, "tangential_distortion": [0.1, 0.2]}
-    >>> rational_camera_from_record(record).dist[2:4]
-    array([0.1, 0.2])
+    >>> camera_from_record(record, checked=False).dist
+    array([[0. , 0. , 0.1, 0.2, 0. ]])
     """
     try:
         angles = np.radians([float(record[f"{name}_degrees"]) for name in ("pan", "tilt", "roll")])
@@ -182,7 +185,7 @@ def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         with np.errstate(invalid="ignore"):  # infinite angles
             R = rotation_from_angles(angles)
-        return RationalCamera(K, R, record["position_meters"], np.take(coefficients, OPENCV_ORDER), size)
+        return Camera(K, R, record["position_meters"], size, np.take(coefficients, OPENCV_ORDER), checked)
     except KeyError as error:
         raise BrokenFileError(f"a camera needs the key {error}") from None
     except (TypeError, ValueError, OverflowError) as error:
@@ -196,30 +199,15 @@ def _numbers(record: Mapping[str, Any], key: str, count: int) -> Any:
     return values
 
 
-def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> Camera:
-    """A camera of this package from SoccerNet's record, see `rational_camera_from_record`.
-
-    Raises
-    ------
-    BrokenFileError
-        If a key is missing or the values are no camera's.
-    """
-    camera = rational_camera_from_record(record, image_size)
-    try:
-        return Camera(camera.K, camera.R, camera.C, camera.image_size, camera.dist)
-    except ValueError as error:
-        raise BrokenFileError(f"is no camera: {error}") from None
-
-
-def parse_camera(content: bytes | str, image_size: tuple[int, int] | None = None) -> RationalCamera:
-    """The camera of a camera file, see `rational_camera_from_record`.
+def parse_camera(content: bytes | str, image_size: tuple[int, int] | None = None) -> Camera:
+    """The camera of a camera file, see `camera_from_record`; to be evaluated as it is, it is not `checked`.
 
     Raises
     ------
     BrokenFileError
         If it is no JSON object or no camera.
     """
-    return rational_camera_from_record(parse_json_object(content, "camera parameters"), image_size)
+    return camera_from_record(parse_json_object(content, "camera parameters"), image_size, checked=False)
 
 
 def camera_types(content: bytes | str) -> dict[str, str]:

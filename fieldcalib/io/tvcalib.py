@@ -18,9 +18,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import BrokenFileError, parse_json_object
-from fieldcalib.io.soccernet import LENS, camera_to_record, rational_camera_from_record
+from fieldcalib.io.soccernet import LENS, camera_from_record, camera_to_record
 from fieldcalib.io.wc14 import checked_homography
 
 SCALARS = ("pan_degrees", "tilt_degrees", "roll_degrees", "x_focal_length", "y_focal_length")
@@ -37,7 +36,7 @@ class TVCalibRecord:
     ----------
     id : str
         Id of the frame, whose image is called ``<id>.jpg``.
-    camera : Camera or RationalCamera, optional
+    camera : Camera, optional
     homography : (3, 3) array, optional
         Maps field points (x, y, 1) in metres to pixels; the file holds its inverse.
     loss_ndc_total, loss_ndc_lines, loss_ndc_circles : float, optional
@@ -49,7 +48,7 @@ class TVCalibRecord:
     """
 
     id: str
-    camera: Camera | RationalCamera | None = None
+    camera: Camera | None = None
     homography: Array | None = None
     loss_ndc_total: float | None = None
     loss_ndc_lines: float | None = None
@@ -62,7 +61,7 @@ def parse_per_sample_output(content: bytes | str, *, broken: list[str] | None = 
     """The records of a ``per_sample_output.json``, in its order.
 
     The size of an image is ``image_width`` x ``image_height`` or, without these, twice the principal point. Cameras are
-    `RationalCamera`. Numbers and homographies that are null or not finite are None.
+    not `checked`. Numbers and homographies that are null or not finite are None.
 
     Parameters
     ----------
@@ -125,12 +124,13 @@ def _record_of(line: Mapping[str, Any]) -> TVCalibRecord:
     )
 
 
-def _camera(line: Mapping[str, Any], image_size: tuple[int, int] | None) -> RationalCamera | None:
+def _camera(line: Mapping[str, Any], image_size: tuple[int, int] | None) -> Camera | None:
     """The camera of a record; None where its angles are null or not there: a failure, or a homography alone."""
     if _number(line, "pan_degrees") is None:
         return None
     values = {key: _array(line, key, ndim) for keys, ndim in ((SCALARS, 0), (VECTORS, 1)) for key in keys}
-    return rational_camera_from_record({k: value for k, value in values.items() if value is not None}, image_size)
+    present = {key: value for key, value in values.items() if value is not None}
+    return camera_from_record(present, image_size, checked=False)
 
 
 def _number(line: Mapping[str, Any], key: str) -> float | None:

@@ -37,7 +37,7 @@ def projection_error(
 
     Parameters
     ----------
-    prediction, truth : Camera, RationalCamera or (3, 3) array
+    prediction, truth : Camera or (3, 3) array
         Cameras, with distortion, or homographies from the field to the image.
     image_size : (int, int)
         Width and height in pixels.

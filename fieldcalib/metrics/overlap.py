@@ -14,9 +14,8 @@ from fieldcalib._checks import FIELD, expect, number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import checked_image_size
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.projective import SINGULAR
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.metrics.views import (
     Prediction,
     checked_prediction,
@@ -46,7 +45,7 @@ def iou_part(
 
     Parameters
     ----------
-    prediction, truth : Camera, RationalCamera or (3, 3) array
+    prediction, truth : Camera or (3, 3) array
         Cameras, with distortion, or homographies from the field to the image.
     image_size : (int, int)
         Width and height in pixels.
@@ -106,7 +105,7 @@ def iou_whole(
 
     Parameters
     ----------
-    prediction, truth : Camera, RationalCamera or (3, 3) array
+    prediction, truth : Camera or (3, 3) array
     image_size : (int, int)
         Width and height in pixels.
     field : Field, optional
@@ -156,7 +155,7 @@ def _sees(view: Prediction, X: Array, image_size: tuple[int, int]) -> BoolArray:
     """Whether each of the points (M, 3) on the ground is in the image, (M,)."""
     xy = project(view, X)
     inside = np.asarray(np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1.0)), axis=-1))  # false for NaN
-    if isinstance(view, RationalCamera) and np.any(view.dist):
+    if isinstance(view, Camera) and not view.checked and np.any(view.dist):
         # where the lens is not monotone, two points have the same pixel: keep the one that the pixel is mapped back to
         back = image_to_field(view, xy[inside])
         inside[inside] = np.all(np.abs(back - X[inside, :2]) < CELL, axis=-1)

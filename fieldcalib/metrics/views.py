@@ -10,10 +10,11 @@ import numpy as np
 from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens.brown_conrady import brown_conrady
+from fieldcalib.geometry.lens.opencv import opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
-from fieldcalib.geometry.rational import RationalCamera, distort_rational
 
-Prediction: TypeAlias = Camera | RationalCamera | Array
+Prediction: TypeAlias = Camera | Array
 """A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""
 
 NEAREST = 1e-3  # m: SoccerNet's evaluation ignores points that are nearer
@@ -22,15 +23,15 @@ NEAREST = 1e-3  # m: SoccerNet's evaluation ignores points that are nearer
 def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Prediction:
     """A camera unchanged, a homography as a float array, or a ValueError.
 
-    A `Camera` must be for images of this size. The size of a `RationalCamera` may be a guess and is not checked.
+    A camera must be for images of this size; that of a camera that is not `checked` may be a guess.
     """
-    if isinstance(prediction, Camera) and prediction.image_size != image_size:
+    if isinstance(prediction, Camera) and prediction.checked and prediction.image_size != image_size:
         (w, h), (width, height) = prediction.image_size, image_size
         raise ValueError(
             f"the camera is for images of {w}x{h}, but the evaluated images have {width}x{height}: "
             f"use Camera.scaled, or read the annotations at the size of the camera"
         )
-    if isinstance(prediction, Camera | RationalCamera):
+    if isinstance(prediction, Camera):
         return prediction
     try:
         H = real_array(prediction)
@@ -39,7 +40,7 @@ def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Predi
     if H.shape != (3, 3) or not np.all(np.isfinite(H)):
         came = f"an array of shape {H.shape}" if isinstance(prediction, np.ndarray) else type(prediction).__name__
         raise ValueError(
-            f"expected a Camera, a RationalCamera or a homography as a finite array of shape (3, 3), got {came}; "
+            f"expected a Camera or a homography as a finite array of shape (3, 3), got {came}; "
             f"for a Calibration give its `camera`"
         )
     return H
@@ -47,7 +48,7 @@ def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Predi
 
 def is_homography(prediction: Prediction) -> bool:
     """Whether a prediction is a homography."""
-    return not isinstance(prediction, Camera | RationalCamera)
+    return not isinstance(prediction, Camera)
 
 
 def project(prediction: Prediction, X: Array) -> Array:
@@ -56,7 +57,7 @@ def project(prediction: Prediction, X: Array) -> Array:
     A homography maps the ground and ignores the height of the points. Its sign follows from a camera above the ground,
     ``det K R [e1 e2 -C] = -fx fy z > 0``, and determines which points are beyond its horizon.
     """
-    if isinstance(prediction, Camera | RationalCamera):
+    if isinstance(prediction, Camera):
         return prediction.project(X)
     with np.errstate(all="ignore"):
         return _in_front(homogenize(X[..., :2]) @ (_sign(prediction) * prediction).T)
@@ -64,7 +65,7 @@ def project(prediction: Prediction, X: Array) -> Array:
 
 def image_to_field(prediction: Prediction, xy: Array) -> Array:
     """Field points (..., 2) in metres of pixels (..., 2); NaN above the horizon."""
-    if isinstance(prediction, Camera | RationalCamera):
+    if isinstance(prediction, Camera):
         return prediction.image_to_field(xy)[..., :2]
     with np.errstate(all="ignore"):
         # for a positive determinant, the adjugate has the sign of the inverse
@@ -83,7 +84,7 @@ def _in_front(x: Array) -> Array:
 
 def homography_of(prediction: Prediction) -> Array:
     """The (3, 3) homography from the field to the image; the distortion of a camera is ignored."""
-    return prediction.pinhole_homography if isinstance(prediction, Camera | RationalCamera) else prediction
+    return prediction.pinhole_homography if isinstance(prediction, Camera) else prediction
 
 
 def inverse_up_to_scale(H: Array) -> Array:
@@ -115,21 +116,25 @@ def project_as_soccernet(predictions: Sequence[Prediction], X: Array) -> tuple[A
         if maps:
             H = np.stack([homography_of(predictions[f]) for f in maps])
             xy[maps] = dehomogenize(homogenize(X[:, :2]) @ np.swapaxes(H, 1, 2))
-        cameras = [RationalCamera.from_camera(p) for p in predictions if isinstance(p, Camera | RationalCamera)]
+        cameras = [p for p in predictions if isinstance(p, Camera)]
         if cameras:
             index = [f for f in range(len(predictions)) if f not in maps]
             xy[index], visible[index] = _project_cameras(cameras, X)
     return xy, visible
 
 
-def _project_cameras(cameras: list[RationalCamera], X: Array) -> tuple[Array, BoolArray]:
+def _project_cameras(cameras: list[Camera], X: Array) -> tuple[Array, BoolArray]:
     K, R = np.stack([camera.K for camera in cameras]), np.stack([camera.R for camera in cameras])
-    C, dist = np.stack([camera.C for camera in cameras]), np.stack([camera.dist for camera in cameras])
+    C, dist = (
+        np.stack([camera.C for camera in cameras]),
+        np.stack([opencv_vector(camera.dist) for camera in cameras], axis=1),
+    )
     Xc = np.moveaxis((X - C[:, None]) @ np.swapaxes(R, 1, 2), -1, 0)
     visible = Xc[2] > NEAREST
     depth = np.where(visible, Xc[2], 1.0)
-    x = np.stack([Xc[0] / depth, Xc[1] / depth], axis=-1)
+    x = np.array([Xc[0] / depth, Xc[1] / depth])
     if np.any(dist):
-        x = distort_rational(x, dist[:, None])
+        x = brown_conrady(x, dist[:, :, None])
     f, c = K[:, [0, 1], [0, 1]].astype(np.float32), K[:, :2, 2].astype(np.float32)
-    return np.asarray(x.astype(np.float32) * f[:, None] + c[:, None], dtype=float), np.asarray(visible)
+    single = np.moveaxis(x, 0, -1).astype(np.float32)
+    return np.asarray(single * f[:, None] + c[:, None], dtype=float), np.asarray(visible)

@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
 from fieldcalib.io.files import (
     MOST_BYTES,
@@ -59,13 +59,13 @@ class Predictions:
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
         """Sizes of images that cameras were made for and that differ from `size`."""
-        cameras = [p for p in self.by_frame.values() if isinstance(p, RationalCamera)]
+        cameras = [p for p in self.by_frame.values() if isinstance(p, Camera)]
         made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
         size = np.array(self.size)
         return sorted(s for s in made_for if s and np.any(np.abs(s - size) > OFF_CENTRE * size))
 
 
-def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
+def natural_size(camera: Camera) -> tuple[int, int] | None:
     """Size of the image whose centre is the principal point, even numbers: a camera file has no other size."""
     centre = camera.K[:2, 2]
     if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
@@ -174,7 +174,7 @@ def _read_tvcalib(
     twice = [id for id, count in Counter(record.id for record in records).items() if count > 1]
     if twice:
         raise BrokenFileError(f"{path}: frame {twice[0]} has several records")
-    cameras = {r.id: RationalCamera.from_camera(r.camera) for r in records if r.camera is not None}
+    cameras = {r.id: r.camera for r in records if r.camera is not None}
     if cameras and not homographies:
         return dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
     maps = [record for record in records if record.homography is not None]

@@ -276,7 +276,7 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
             raise ValueError(
                 f"frame {index}: expected a Camera, got {type(camera).__name__}; calibrate frames without one apart"
             )
-    return found
+    return [one if one.checked else Camera(one.K, one.R, one.C, one.image_size, one.dist) for one in found]
 
 
 def _chunks(object_segments: ObjectSegments, pixels: PixelTable) -> Iterator[IntArray]:

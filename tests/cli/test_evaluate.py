@@ -11,7 +11,6 @@ from fieldcalib import soccer
 from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
 from fieldcalib.cli.main import main
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
@@ -555,7 +554,7 @@ def test_the_report_is_the_same_with_any_number_of_jobs(truth, cameras, capsys, 
 
 def test_a_principal_point_that_is_far_off_is_no_other_size_where_a_run_says_the_size():
     K = np.array([[1000.0, 0.0, 410.0], [0.0, 1000.0, 270.0], [0.0, 0.0, 1.0]])
-    by_frame = {"1": RationalCamera.from_camera(Camera(K, np.eye(3), np.zeros(3), (960, 540)))}
+    by_frame = {"1": Camera(K, np.eye(3), np.zeros(3), (960, 540), checked=False)}
     assert Predictions(by_frame, (960, 540)).of_other_sizes == [(820, 540)]
     assert Predictions(by_frame, (960, 540), made_for=(960, 540)).of_other_sizes == []
     assert Predictions(by_frame, (1280, 720), made_for=(960, 540)).of_other_sizes == [(960, 540)]

@@ -159,6 +159,9 @@ def test_initial_cameras_that_do_not_fit_the_frames():
         calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, None])
     with pytest.raises(ValueError, match="expected cameras, one for each frame"):
         calibrate_batch(FIELD, [FRAME], SIZE, cameras=CAMERA)
+    mirrored = Camera(CAMERA.K * (-1, 1, 1), CAMERA.R, CAMERA.C, SIZE, checked=False)
+    with pytest.raises(ValueError, match="K must have positive focal lengths"):
+        calibrate_batch(FIELD, [FRAME], SIZE, cameras=[mirrored])
     assert calibrate_batch(FIELD, [], SIZE, cameras=[]) == []
 
 

@@ -153,6 +153,34 @@ def newton_step(u: Array, a: Array, target: Array) -> tuple[Array, Array]:
     return np.array([yy * x - xy * y, xx * y - yx * x]) / determinant, determinant
 
 
+def undistorted(target: Array, a: Array) -> Array:
+    """Image points (2, ...) that `brown_conrady` distorts to `target`: Newton's method, starting at the target.
+
+    Unlike `BrownConradyLens.undistort`, it does not look for where the lens is monotone.
+
+    Returns
+    -------
+    (2, ...) array
+        NaN where none is found, or only one on the opposite side of the image's centre; one of several if the lens is
+        not monotone.
+
+    Examples
+    --------
+    >>> undistorted(np.array([0.303, 0.404]), np.array([0.04, *np.zeros(11)])).round(12)  # q = 0.25: 1 % outwards
+    array([0.3, 0.4])
+    """
+    u = target.copy()
+    with np.errstate(all="ignore"):  # iterations that do not converge may overflow
+        for _ in range(40):
+            step, _ = newton_step(u, a, target)
+            u -= step
+            if not np.any(np.abs(step) > 1e-15):
+                break
+        error = np.max(np.abs(brown_conrady(u, a) - target), axis=0)
+        found = (error <= 1e-9 * (1.0 + np.max(np.abs(target), axis=0))) & (dot(u, target) >= 0.0)
+    return np.where(found, u, np.nan)
+
+
 def _numerator(q: Array, a: Array) -> Array:
     return np.asarray(1.0 + q * (a[0] + q * (a[1] + q * a[4])))
 
