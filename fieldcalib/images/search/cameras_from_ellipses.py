@@ -35,14 +35,14 @@ def circle_hypotheses(
     turned by 180 degrees, each camera stands for its twin too.
     """
     circles = circles_of(field)
-    parts = [Cameras.none(size)]
+    parts = []
     is_symmetric = looks_the_same_turned(field)
     if len(ellipses) and len(circles) and len(lines):
         views = SeenCircles.of(ellipses, focal_lengths(field, widened), size).with_directions(lines)
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):
             for are_across in (True, False):
                 parts += [views.cameras(circle, turn=turn, are_across=are_across) for circle in circles]
-    joined = Cameras.joined(parts)
+    joined = Cameras.joined(parts, size)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
@@ -121,8 +121,7 @@ class SeenCircles:
         x, y, radius = circle
         height = radius / self.radius
         C = np.array([x, y, 0.0]) - height[:, None] * np.einsum("nij,ni->nj", R, self.centre)
-        width, middle = self.size[0], 0.5 * np.array(self.size)
-        return Cameras(self.f * width, np.tile(middle, (len(C), 1)), R, C, self.size)
+        return Cameras.centred(self.f * self.size[0], R, C, self.size)
 
     def take(self, index: BoolArray | IntArray) -> SeenCircles:
         """Some of them, by mask or by index."""

@@ -40,14 +40,14 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
     The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
     turned by 180 degrees, each camera stands for its twin too.
     """
-    c, lengths = 0.5 * np.array(size), focal_lengths(field, widened)
+    lengths = focal_lengths(field, widened)
     on_field, is_symmetric = FieldLines.of(field), looks_the_same_turned(field)
-    parts = [Cameras.none(size)]
+    parts = []
     for are_across in (True, False):
         for turn in (1.0,) if is_symmetric else (1.0, -1.0):
-            triples = _Triples.of(lines, size, c, lengths, are_across=are_across, turn=turn)
+            triples = _Triples.of(lines, size, lengths, are_across=are_across, turn=turn)
             parts.append(triples.cameras(on_field, heights(field)))
-    joined = Cameras.joined(parts)
+    joined = Cameras.joined(parts, size)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
@@ -83,19 +83,17 @@ class _Triples:
     """v of the ends of the two lines, in ascending order, (T, 2, 2)."""
     third_ends: Array
     """u of the ends of the third line, in ascending order, (T, 2)."""
-    c: Array
-    """The principal point, (2,) pixels."""
     size: tuple[int, int]
     are_across: bool
     """Whether the two lines run across the field, so that x is constant on them."""
 
     @classmethod
     def of(
-        cls, lines: LongLines, size: tuple[int, int], c: Array, focal_lengths: Array, *, are_across: bool, turn: float
+        cls, lines: LongLines, size: tuple[int, int], focal_lengths: Array, *, are_across: bool, turn: float
     ) -> _Triples:
         """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
         width = float(size[0])
-        line, ends = lines.seen_from(c, width)
+        line, ends = lines.seen_from(0.5 * np.array(size), width)
         pair, third, index = _combined(parallel_pairs(line, ends), len(line), len(focal_lengths))
         f = focal_lengths[index]
         first, second, other = (planes_of(line[one], f) for one in (pair[:, 0], pair[:, 1], third))
@@ -118,7 +116,7 @@ class _Triples:
         R = np.stack([across, along, down] if are_across else [along, across, down], axis=2)
         u, end_v = np.take_along_axis(u, order, axis=1), np.take_along_axis(end_v[:, :2], order[:, :, None], axis=1)
         end_u, end_v = np.sort(end_u[:, 2], axis=1), np.sort(end_v, axis=2)
-        return cls(f[good] * width, R, u, v, end_v, end_u, c, size, are_across)
+        return cls(f[good] * width, R, u, v, end_v, end_u, size, are_across)
 
     def cameras(self, field: FieldLines, heights: tuple[float, float]) -> Cameras:
         """The cameras that see lines of a field in them, of heights within a range."""
@@ -143,7 +141,7 @@ class _Triples:
             place = (at_u, at_v, -h) if self.are_across else (at_v, at_u, -h)
             found.append((t[good], np.column_stack(place)[good]))
         index, C = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return Cameras(self.f[index], np.tile(self.c, (len(index), 1)), self.R[index], C, self.size)
+        return Cameras.centred(self.f[index], self.R[index], C, self.size)
 
 
 def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray, IntArray, IntArray]:

@@ -10,7 +10,7 @@ homography explains any four lines; few are left that are a camera's, and that s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -59,10 +59,16 @@ class Cameras:
         return cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
 
     @classmethod
-    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
-        """The cameras of several parts, one after the other."""
-        f, c, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "c", "R", "C"))
-        return cls(f, c, R, C, parts[0].size)
+    def centred(cls, f: Array, R: Array, C: Array, size: tuple[int, int]) -> Cameras:
+        """Cameras with the principal point in the middle, each at its place C (B, 3), or all at one (3,)."""
+        return cls(f, np.tile(0.5 * np.array(size), (len(f), 1)), R, np.broadcast_to(C, (len(f), 3)), size)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Cameras], size: tuple[int, int]) -> Cameras:
+        """The cameras of several parts, one after the other; there may be none."""
+        every = [cls.none(size), *parts]
+        f, c, R, C = (np.concatenate([getattr(one, name) for one in every]) for name in ("f", "c", "R", "C"))
+        return cls(f, c, R, C, size)
 
     def take(self, index: BoolArray | IntArray) -> Cameras:
         """Some of them, by mask or by index."""
@@ -161,7 +167,7 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
     is_symmetric = looks_the_same_turned(field)
-    parts = [Cameras.none(size)]
+    parts = []
     for step in (1,) if is_symmetric else (1, -1):
         for i in combinations(range(len(on_field.across)), 2):
             for j in combinations(range(len(on_field.along)), 2):
@@ -169,7 +175,7 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
                 x, y = on_field.across[at[0]], on_field.along[at[1]]
                 own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
                 parts.append(own.cameras(x, y) if row is None else own.cut_out(x, y))
-    joined = Cameras.joined(parts)
+    joined = Cameras.joined(parts, size)
     joined = joined.take(stands(joined, field))
     return on_canonical_side(joined, field) if is_symmetric else joined
 
