@@ -17,16 +17,16 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import looks_the_same_turned
 from fieldcalib.fields.stands import focal_length_from_fov
 from fieldcalib.images.search.court_hypotheses import (
     Cameras,
     FieldLines,
     are_within,
     heights,
-    on_canonical_side,
     parallel_pairs,
-    stands,
+    plausible,
+    unit,
+    ways,
 )
 from fieldcalib.images.search.long_lines import LongLines
 
@@ -41,15 +41,13 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
     turned by 180 degrees, each camera stands for its twin too.
     """
     lengths = focal_lengths(field, widened)
-    on_field, is_symmetric = FieldLines.of(field), looks_the_same_turned(field)
+    on_field = FieldLines.of(field)
     parts = []
     for are_across in (True, False):
-        for turn in (1.0,) if is_symmetric else (1.0, -1.0):
+        for turn in ways(field):
             triples = _Triples.of(lines, size, lengths, are_across=are_across, turn=turn)
             parts.append(triples.cameras(on_field, heights(field)))
-    joined = Cameras.joined(parts, size)
-    joined = joined.take(stands(joined, field))
-    return on_canonical_side(joined, field) if is_symmetric else joined
+    return plausible(parts, field, size)
 
 
 def focal_lengths(field: Field, widened: float = 1.0) -> Array:
@@ -89,7 +87,7 @@ class _Triples:
 
     @classmethod
     def of(
-        cls, lines: LongLines, size: tuple[int, int], focal_lengths: Array, *, are_across: bool, turn: float
+        cls, lines: LongLines, size: tuple[int, int], focal_lengths: Array, *, are_across: bool, turn: int
     ) -> _Triples:
         """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
         width = float(size[0])
@@ -159,12 +157,6 @@ def planes_of(line: Array, f: Array) -> Array:
 def rays_of(ends: Array, f: Array) -> Array:
     """Rays (N, 2, 3) of pixels (N, 2, 2)."""
     return np.concatenate([ends / f[:, None, None], np.ones((*ends.shape[:2], 1))], axis=2)
-
-
-def unit(v: Array) -> Array:
-    """Vectors (N, 3) scaled to length 1; NaN for those without a length."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -37,8 +37,8 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.search.cameras_at_place import Place, apart
 from fieldcalib.images.search.cameras_from_ellipses import SeenCircles, circles_of
-from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of, unit
-from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within
+from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of
+from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within, unit
 from fieldcalib.images.search.court_ranking import (
     Curves,
     Ranked,
