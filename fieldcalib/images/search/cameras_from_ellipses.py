@@ -83,6 +83,7 @@ class SeenCircles:
         f = np.tile(focal_lengths, len(ellipses))
         value, vector = np.linalg.eigh(Q)  # one negative value, two positive ones, in ascending order
         least, middle, largest = value.T
+        # a plane that cuts the cone in a circle runs along the axis of its middle value, and leans to one of two sides
         one = np.sqrt((largest - middle) / (largest - least))[:, None] * vector[:, :, 2]
         other = np.sqrt((middle - least) / (largest - least))[:, None] * vector[:, :, 0]
         down = np.concatenate([one + other, one - other])

@@ -98,6 +98,7 @@ class _Triples:
         along = unit(np.cross(first, second)) * turn
         across = unit(np.cross(other, along))
         down = np.cross(across, along) if are_across else np.cross(along, across)
+        # planes give axes of the ground without their signs: the vertical points down, and `turn` tries both ways along
         sign = np.sign(down[:, 1:2])
         across, down = across * sign, down * sign
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0)
@@ -123,6 +124,7 @@ class _Triples:
             (field.across_reach, field.along_reach) if self.are_across else (field.along_reach, field.across_reach)
         )
         two = np.array(list(combinations(range(len(pair_values)), 2)), dtype=np.intp).reshape(-1, 2)
+        # two lines of the field tell the height, which leaves few of all pairs before the third line is tried
         with np.errstate(divide="ignore", invalid="ignore"):
             height = np.diff(pair_values[two], axis=1)[:, 0] / np.diff(self.u, axis=1)
         t, q = np.nonzero((height > heights[0]) & (height < heights[1]))

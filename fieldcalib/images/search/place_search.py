@@ -232,6 +232,8 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
         own = f[p, q]
         planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
         normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
+        # F came from the square of the cosine, and normals have no sign: the angle is made that on the field, not its
+        # supplement, and both ways round are tried
         alike = np.sign(np.sum(planes[0] * planes[1], axis=1) * np.sum(normals[0] * normals[1], axis=1))
         planes[1] *= alike[:, None]
         for way in (1.0, -1.0):
