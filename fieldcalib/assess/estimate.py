@@ -38,7 +38,7 @@ from fieldcalib.assess.ground import ground_derivatives, pixels_of_points
 from fieldcalib.assess.observability import Direction
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rotation import rotation_axes
+from fieldcalib.geometry.rotation import rotation_axes, rotation_vector_jacobian
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
 from fieldcalib.problem.projection import Projection
 
@@ -269,7 +269,7 @@ class Estimate(ABC):
         axes = rotation_axes(self.theta[ANGLES], self.camera.R)
         J = np.zeros((EXTRINSICS, len(self.theta)))
         # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) gives the change of rvec
-        J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
+        J[:3, ANGLES] = -rotation_vector_jacobian(rvec[:, 0]) @ axes.T
         J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
         J[3:, CENTER] = -self.camera.R
         return self._standard_deviations(J @ self.layout.zoom_jacobian(self.theta))
@@ -349,16 +349,3 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
     if not (is_number(level) and 0.0 < level < 1.0):
         raise ValueError(f"level must be a probability between 0 and 1, got {level}")
     return float(np.sqrt(dimensions * fdtri(dimensions, min(dof, NORMAL), level)))
-
-
-def _inverse_left_jacobian(rvec: Array) -> Array:
-    """Derivative (3, 3) of a rotation vector by a small rotation that follows it.
-
-    ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
-    2018, equation (146).
-    """
-    angle = float(np.linalg.norm(rvec))
-    bend = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
-    x, y, z = rvec
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) - 0.5 * cross + bend * cross @ cross)

@@ -22,7 +22,7 @@ from fieldcalib.geometry.lens import Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
 from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
-from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles, rotation_from_vector
 
 LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning
 FULL_TURN = 2.0 * np.pi
@@ -154,10 +154,8 @@ class Camera:
         ValueError
             As in the constructor.
         """
-        from scipy.spatial.transform import Rotation
-
         rvec, tvec = (_three(name, vector) for name, vector in (("rvec", rvec), ("tvec", tvec)))
-        R = Rotation.from_rotvec(rvec).as_matrix()
+        R = rotation_from_vector(rvec)
         C = -R.T @ tvec
         return cls(camera_matrix, R, C, image_size, opencv_vector(dist_coeffs))
 

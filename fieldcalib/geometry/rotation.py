@@ -1,4 +1,4 @@
-"""Pan, tilt and roll of a camera, and their rotation matrix.
+"""Pan, tilt and roll of a camera, and their rotation matrix; rotations by vectors.
 
 World: x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward.
 With ordinary active rotation matrices
@@ -108,3 +108,35 @@ def rotation_axes(angles: Array, R: Array) -> Array:
     axes[..., 1, 1] = -np.sin(angles[..., 2])
     axes[..., 2, 2] = 1.0
     return axes
+
+
+def rotation_from_vector(v: Array) -> Array:
+    """Rotations (..., 3, 3) about vectors (..., 3), by angles of their lengths: Rodrigues' formula.
+
+    Examples
+    --------
+    >>> rotation_from_vector(np.array([0.0, 0.0, np.pi / 2])).round(12) + 0.0
+    array([[ 0., -1.,  0.],
+           [ 1.,  0.,  0.],
+           [ 0.,  0.,  1.]])
+    """
+    angle, K = np.linalg.norm(v, axis=-1)[..., None, None], _cross_matrix(v)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.square(np.sinc(0.5 * angle / np.pi)) * (K @ K))
+
+
+def rotation_vector_jacobian(v: Array) -> Array:
+    """Derivative (3, 3) of a rotation vector by a small rotation that follows it.
+
+    ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
+    2018, equation (146).
+    """
+    angle, K = float(np.linalg.norm(v)), _cross_matrix(v)
+    bend = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
+    return np.asarray(np.eye(3) - 0.5 * K + bend * K @ K)
+
+
+def _cross_matrix(v: Array) -> Array:
+    """Matrices [v] (..., 3, 3) with ``[v] u = v x u``."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*v.shape, 3)

@@ -148,16 +148,11 @@ class Projection:
     def _derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:
         """`derivatives` of cameras without a zoom law."""
         layout = self.layout
-        n_dd_ds = self.pull(s, n)
-        ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # n_dd_ds times minus the third column of ds/dXc
-        g = np.array([self.f * n_dd_ds[0], self.f * n_dd_ds[1], -ds_dXc])
-        J = np.zeros((g.shape[1], len(free), g.shape[2]))  # each row contiguous
-        if np.any(free[ANGLES]):
-            xc, yc = s / self.f
-            moment = np.array([yc * g[2] - g[1], g[0] - xc * g[2], xc * g[1] - yc * g[0]])  # Xc x g
-            J[:, ANGLES] = -(self._axes @ np.swapaxes(moment, 0, 1))
-        J[:, LOG_F] = ds_dXc
-        J[:, CENTER] = -(np.swapaxes(self.R, 1, 2) @ np.swapaxes(inverse_depth * g, 0, 1))
+        turned, moved, zoomed = pinhole_derivatives(s, inverse_depth, self.pull(s, n), self.f, self.R)
+        J = np.zeros((len(turned), len(free), turned.shape[2]))  # each row contiguous
+        J[:, ANGLES] = -(self._axes @ turned)
+        J[:, CENTER] = moved
+        J[:, LOG_F] = zoomed
         J[:, PRINCIPAL_POINT] = np.swapaxes(n, 0, 1)
         if free[LOG_ASPECT]:
             J[:, LOG_ASPECT] = n[1] * self.real_offset(s)[1]
@@ -165,3 +160,36 @@ class Projection:
             through = np.array([n[0], self.aspect * n[1]])
             J[:, layout.lens_block] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through), 0, 1)
         return J[:, free]
+
+
+def pinhole_derivatives(s: Array, inverse_depth: Array, n: Array, f: Array, R: Array) -> tuple[Array, Array, Array]:
+    """Derivatives of the ideal offsets of points along directions, by turns, centres and focal lengths.
+
+    The terms of `Projection.derivatives`: with ``Xc = (s / f, 1)`` and ``g = n ds_dXc = (f n, -n . s)``, a small turn
+    of the scene about an axis, ``dXc = axis x Xc``, moves the offset by ``axis . (Xc x g)``.
+
+    Parameters
+    ----------
+    s : (2, B, N) array
+        Ideal offsets.
+    inverse_depth : (B, N) array
+    n : (2, B, N) array
+        Directions.
+    f : (B, 1) array
+    R : (B, 3, 3) array
+
+    Returns
+    -------
+    turned : (B, 3, N) array
+        By turns of the scene about the axes of the camera.
+    moved : (B, 3, N) array
+        By the centre of the camera.
+    zoomed : (B, N) array
+        By log f.
+    """
+    zoomed = n[0] * s[0] + n[1] * s[1]  # n times minus the third column of ds/dXc
+    g = np.array([f * n[0], f * n[1], -zoomed])
+    xc, yc = s / f
+    moment = np.array([yc * g[2] - g[1], g[0] - xc * g[2], xc * g[1] - yc * g[0]])  # Xc x g
+    moved = -(np.swapaxes(R, 1, 2) @ np.swapaxes(inverse_depth * g, 0, 1))
+    return np.swapaxes(moment, 0, 1), moved, zoomed

@@ -5,9 +5,15 @@ import pytest
 from hypothesis import given
 from numdiff import central_differences
 from scipy.spatial.transform import Rotation
-from strategies import angle, any_angles, numbers, operated_angles
+from strategies import angle, any_angles, numbers, operated_angles, vectors
 
-from fieldcalib.geometry.rotation import angles_from_rotation, rotation_axes, rotation_from_angles
+from fieldcalib.geometry.rotation import (
+    angles_from_rotation,
+    rotation_axes,
+    rotation_from_angles,
+    rotation_from_vector,
+    rotation_vector_jacobian,
+)
 
 
 def soccernet_rotation(pan, tilt, roll):
@@ -155,3 +161,22 @@ def test_angles_do_not_depend_on_where_an_array_lies():
         parts = memory[: 200 * 16].reshape(200, 4, 4)[:, :3, :3]
         parts[:] = R
         np.testing.assert_array_equal(angles_from_rotation(parts), expected)
+
+
+@given(vectors([-3.0] * 3, [3.0] * 3, 5), numbers(-12.0, 0.0))
+def test_rotations_by_vectors_are_those_of_scipy(v, log_length):
+    for some in (v, v[0], 10.0**log_length * v):
+        expected = Rotation.from_rotvec(some).as_matrix()
+        np.testing.assert_allclose(rotation_from_vector(some), expected, rtol=0.0, atol=1e-14)
+
+
+@given(vectors([-1.7] * 3, [1.7] * 3), numbers(-6.0, 0.0))
+def test_vectors_of_rotations_against_central_differences(v, log_length):
+    """Below half a turn, where the vector jumps."""
+    v = 10.0**log_length * v
+
+    def followed(turn):
+        return Rotation.from_matrix(rotation_from_vector(turn) @ rotation_from_vector(v)).as_rotvec()
+
+    numeric = central_differences(followed, np.zeros(3), 1e-3)
+    np.testing.assert_allclose(rotation_vector_jacobian(v), numeric, atol=1e-9)

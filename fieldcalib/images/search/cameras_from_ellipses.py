@@ -16,9 +16,8 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import looks_the_same_turned
-from fieldcalib.images.search.cameras_from_lines import LEVEL, focal_lengths, planes_of, rays_of, unit
-from fieldcalib.images.search.court_hypotheses import Cameras, on_canonical_side, stands
+from fieldcalib.images.search.cameras_from_lines import LEVEL, focal_lengths, planes_of, rays_of
+from fieldcalib.images.search.court_hypotheses import Cameras, plausible, unit, ways
 from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import LongLines
 
@@ -35,16 +34,13 @@ def circle_hypotheses(
     turned by 180 degrees, each camera stands for its twin too.
     """
     circles = circles_of(field)
-    parts = [Cameras.none(size)]
-    is_symmetric = looks_the_same_turned(field)
+    parts = []
     if len(ellipses) and len(circles) and len(lines):
         views = SeenCircles.of(ellipses, focal_lengths(field, widened), size).with_directions(lines)
-        for turn in (1.0,) if is_symmetric else (1.0, -1.0):
+        for turn in ways(field):
             for are_across in (True, False):
                 parts += [views.cameras(circle, turn=turn, are_across=are_across) for circle in circles]
-    joined = Cameras.joined(parts)
-    joined = joined.take(stands(joined, field))
-    return on_canonical_side(joined, field) if is_symmetric else joined
+    return plausible(parts, field, size)
 
 
 def circles_of(field: Field) -> Array:
@@ -87,6 +83,7 @@ class SeenCircles:
         f = np.tile(focal_lengths, len(ellipses))
         value, vector = np.linalg.eigh(Q)  # one negative value, two positive ones, in ascending order
         least, middle, largest = value.T
+        # a plane that cuts the cone in a circle runs along the axis of its middle value, and leans to one of two sides
         one = np.sqrt((largest - middle) / (largest - least))[:, None] * vector[:, :, 2]
         other = np.sqrt((middle - least) / (largest - least))[:, None] * vector[:, :, 0]
         down = np.concatenate([one + other, one - other])
@@ -110,7 +107,7 @@ class SeenCircles:
         along = unit(np.cross(planes_of(line[chosen], every.f), every.down))
         return replace(every, along=along).take(below)
 
-    def cameras(self, circle: Array, *, turn: float, are_across: bool) -> Cameras:
+    def cameras(self, circle: Array, *, turn: int, are_across: bool) -> Cameras:
         """The cameras for which the circle is one of the field; lines run across it (x is constant) or along it.
 
         The direction of the lines is that of the field's axis, or with -1 as `turn` the opposite one.
@@ -121,8 +118,7 @@ class SeenCircles:
         x, y, radius = circle
         height = radius / self.radius
         C = np.array([x, y, 0.0]) - height[:, None] * np.einsum("nij,ni->nj", R, self.centre)
-        width, middle = self.size[0], 0.5 * np.array(self.size)
-        return Cameras(self.f * width, np.tile(middle, (len(C), 1)), R, C, self.size)
+        return Cameras.centred(self.f * self.size[0], R, C, self.size)
 
     def take(self, index: BoolArray | IntArray) -> SeenCircles:
         """Some of them, by mask or by index."""

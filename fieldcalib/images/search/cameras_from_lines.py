@@ -17,16 +17,16 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import looks_the_same_turned
 from fieldcalib.fields.stands import focal_length_from_fov
 from fieldcalib.images.search.court_hypotheses import (
     Cameras,
     FieldLines,
     are_within,
     heights,
-    on_canonical_side,
     parallel_pairs,
-    stands,
+    plausible,
+    unit,
+    ways,
 )
 from fieldcalib.images.search.long_lines import LongLines
 
@@ -40,16 +40,14 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
     The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
     turned by 180 degrees, each camera stands for its twin too.
     """
-    c, lengths = 0.5 * np.array(size), focal_lengths(field, widened)
-    on_field, is_symmetric = FieldLines.of(field), looks_the_same_turned(field)
-    parts = [Cameras.none(size)]
+    lengths = focal_lengths(field, widened)
+    on_field = FieldLines.of(field)
+    parts = []
     for are_across in (True, False):
-        for turn in (1.0,) if is_symmetric else (1.0, -1.0):
-            triples = _Triples.of(lines, size, c, lengths, are_across=are_across, turn=turn)
+        for turn in ways(field):
+            triples = _Triples.of(lines, size, lengths, are_across=are_across, turn=turn)
             parts.append(triples.cameras(on_field, heights(field)))
-    joined = Cameras.joined(parts)
-    joined = joined.take(stands(joined, field))
-    return on_canonical_side(joined, field) if is_symmetric else joined
+    return plausible(parts, field, size)
 
 
 def focal_lengths(field: Field, widened: float = 1.0) -> Array:
@@ -83,25 +81,24 @@ class _Triples:
     """v of the ends of the two lines, in ascending order, (T, 2, 2)."""
     third_ends: Array
     """u of the ends of the third line, in ascending order, (T, 2)."""
-    c: Array
-    """The principal point, (2,) pixels."""
     size: tuple[int, int]
     are_across: bool
     """Whether the two lines run across the field, so that x is constant on them."""
 
     @classmethod
     def of(
-        cls, lines: LongLines, size: tuple[int, int], c: Array, focal_lengths: Array, *, are_across: bool, turn: float
+        cls, lines: LongLines, size: tuple[int, int], focal_lengths: Array, *, are_across: bool, turn: int
     ) -> _Triples:
         """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
         width = float(size[0])
-        line, ends = lines.seen_from(c, width)
+        line, ends = lines.seen_from(0.5 * np.array(size), width)
         pair, third, index = _combined(parallel_pairs(line, ends), len(line), len(focal_lengths))
         f = focal_lengths[index]
         first, second, other = (planes_of(line[one], f) for one in (pair[:, 0], pair[:, 1], third))
         along = unit(np.cross(first, second)) * turn
         across = unit(np.cross(other, along))
         down = np.cross(across, along) if are_across else np.cross(along, across)
+        # planes give axes of the ground without their signs: the vertical points down, and `turn` tries both ways along
         sign = np.sign(down[:, 1:2])
         across, down = across * sign, down * sign
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0)
@@ -118,7 +115,7 @@ class _Triples:
         R = np.stack([across, along, down] if are_across else [along, across, down], axis=2)
         u, end_v = np.take_along_axis(u, order, axis=1), np.take_along_axis(end_v[:, :2], order[:, :, None], axis=1)
         end_u, end_v = np.sort(end_u[:, 2], axis=1), np.sort(end_v, axis=2)
-        return cls(f[good] * width, R, u, v, end_v, end_u, c, size, are_across)
+        return cls(f[good] * width, R, u, v, end_v, end_u, size, are_across)
 
     def cameras(self, field: FieldLines, heights: tuple[float, float]) -> Cameras:
         """The cameras that see lines of a field in them, of heights within a range."""
@@ -127,6 +124,7 @@ class _Triples:
             (field.across_reach, field.along_reach) if self.are_across else (field.along_reach, field.across_reach)
         )
         two = np.array(list(combinations(range(len(pair_values)), 2)), dtype=np.intp).reshape(-1, 2)
+        # two lines of the field tell the height, which leaves few of all pairs before the third line is tried
         with np.errstate(divide="ignore", invalid="ignore"):
             height = np.diff(pair_values[two], axis=1)[:, 0] / np.diff(self.u, axis=1)
         t, q = np.nonzero((height > heights[0]) & (height < heights[1]))
@@ -143,7 +141,7 @@ class _Triples:
             place = (at_u, at_v, -h) if self.are_across else (at_v, at_u, -h)
             found.append((t[good], np.column_stack(place)[good]))
         index, C = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        return Cameras(self.f[index], np.tile(self.c, (len(index), 1)), self.R[index], C, self.size)
+        return Cameras.centred(self.f[index], self.R[index], C, self.size)
 
 
 def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -161,12 +159,6 @@ def planes_of(line: Array, f: Array) -> Array:
 def rays_of(ends: Array, f: Array) -> Array:
     """Rays (N, 2, 3) of pixels (N, 2, 2)."""
     return np.concatenate([ends / f[:, None, None], np.ones((*ends.shape[:2], 1))], axis=2)
-
-
-def unit(v: Array) -> Array:
-    """Vectors (N, 3) scaled to length 1; NaN for those without a length."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -10,7 +10,7 @@ homography explains any four lines; few are left that are a camera's, and that s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -59,10 +59,16 @@ class Cameras:
         return cls(np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 3)), size)
 
     @classmethod
-    def joined(cls, parts: Sequence[Cameras]) -> Cameras:
-        """The cameras of several parts, one after the other."""
-        f, c, R, C = (np.concatenate([getattr(one, name) for one in parts]) for name in ("f", "c", "R", "C"))
-        return cls(f, c, R, C, parts[0].size)
+    def centred(cls, f: Array, R: Array, C: Array, size: tuple[int, int]) -> Cameras:
+        """Cameras with the principal point in the middle, each at its place C (B, 3), or all at one (3,)."""
+        return cls(f, np.tile(0.5 * np.array(size), (len(f), 1)), R, np.broadcast_to(C, (len(f), 3)), size)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Cameras], size: tuple[int, int]) -> Cameras:
+        """The cameras of several parts, one after the other; there may be none."""
+        every = [cls.none(size), *parts]
+        f, c, R, C = (np.concatenate([getattr(one, name) for one in every]) for name in ("f", "c", "R", "C"))
+        return cls(f, c, R, C, size)
 
     def take(self, index: BoolArray | IntArray) -> Cameras:
         """Some of them, by mask or by index."""
@@ -160,18 +166,30 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     """
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
-    is_symmetric = looks_the_same_turned(field)
-    parts = [Cameras.none(size)]
-    for step in (1,) if is_symmetric else (1, -1):
+    parts = []
+    for step in ways(field):
         for i in combinations(range(len(on_field.across)), 2):
             for j in combinations(range(len(on_field.along)), 2):
                 at = list(i[::step]), list(j[::step])
                 x, y = on_field.across[at[0]], on_field.along[at[1]]
                 own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
                 parts.append(own.cameras(x, y) if row is None else own.cut_out(x, y))
-    joined = Cameras.joined(parts)
+    return plausible(parts, field, size)
+
+
+def ways(field: Field) -> tuple[int, ...]:
+    """Which way round its lines are tried, 1 and -1; on a field that looks the same when it is turned, 1 alone."""
+    return (1,) if looks_the_same_turned(field) else (1, -1)
+
+
+def plausible(parts: Iterable[Cameras], field: Field, size: tuple[int, int]) -> Cameras:
+    """Those of several parts that stand where cameras of the field do.
+
+    On a field that looks the same when it is turned by 180 degrees, each is on the canonical side, for its twin too.
+    """
+    joined = Cameras.joined(parts, size)
     joined = joined.take(stands(joined, field))
-    return on_canonical_side(joined, field) if is_symmetric else joined
+    return on_canonical_side(joined, field) if looks_the_same_turned(field) else joined
 
 
 def stands(cameras: Cameras, field: Field) -> BoolArray:
@@ -289,10 +307,7 @@ class _Quads:
             c, s = (d1 * b2 - d2 * b1) / (a1 * b2 - a2 * b1), (a1 * d2 - a2 * d1) / (a1 * b2 - a2 * b1)
             good = np.flatnonzero((s > np.square(c)) & (np.abs(c) < FARTHEST_CUT))
         c, f = c[good], np.sqrt(s[good] - np.square(c[good]))
-        h1, h2, h3 = (np.column_stack([h[good, 0] - c * h[good, 2], h[good, 1:]]) for h in (h1, h2, h3))
-        f, R, C, kept = _poses(h1, h2, h3, f)
-        at = np.column_stack([self.c[0] + self.size[0] * c[kept], np.full(len(kept), self.c[1])])
-        return Cameras(f * self.size[0], at, R, C, self.size)
+        return self._with_focal_lengths(f, c, h1[good], h2[good], h3[good])
 
     def cameras(self, x: Array, y: Array) -> Cameras:
         """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
@@ -306,8 +321,25 @@ class _Quads:
             size += squared * (np.square(h1[:, 2]) + np.square(h2[:, 2]))
             misfit = np.hypot(A + squared * B, D + squared * E) / size
             good = np.flatnonzero((squared > 0.0) & (misfit < LARGEST_MISFIT))
-        f, R, C, _ = _poses(h1[good], h2[good], h3[good], np.sqrt(squared[good]))
-        return Cameras(f * self.size[0], np.tile(self.c, (len(f), 1)), R, C, self.size)
+        f = np.sqrt(squared[good])
+        return self._with_focal_lengths(f, np.zeros_like(f), h1[good], h2[good], h3[good])
+
+    def _with_focal_lengths(self, f: Array, column: Array, h1: Array, h2: Array, h3: Array) -> Cameras:
+        """Cameras above the ground by columns (N, 3) of homographies, with principal points in columns from the own."""
+        # noise makes the columns of a homography neither of one length nor at right angles: the nearest ones that are
+        # share the error between both directions of the field
+        h1, h2, h3 = (np.column_stack([(h[:, 0] - column * h[:, 2]) / f, h[:, 1] / f, h[:, 2]]) for h in (h1, h2, h3))
+        scale = 0.5 * (np.linalg.norm(h1, axis=1) + np.linalg.norm(h2, axis=1))[:, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = h3 / scale
+        r1, r2 = unit(h1), unit(h2)
+        half, rest = np.sqrt(0.5) * unit(r1 + r2), np.sqrt(0.5) * unit(r1 - r2)
+        r1, r2 = half + rest, half - rest
+        R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
+        C = -np.einsum("nij,ni->nj", R, t)
+        c = self.c + np.column_stack([self.size[0] * column, np.zeros_like(column)])
+        above = np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0)
+        return Cameras(f * self.size[0], c, R, C, self.size).take(above)
 
 
 def _places(start: Array, along: Array, ends: Array) -> Array:
@@ -346,25 +378,7 @@ def _det(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(np.sum(a * np.cross(b, c), axis=1))
 
 
-def _poses(h1: Array, h2: Array, h3: Array, f: Array) -> tuple[Array, Array, Array, IntArray]:
-    """Focal lengths, rotations and centres of cameras above the ground, from the columns of homographies; which."""
-    K = np.column_stack([f, f, np.ones_like(f)])
-    r1, r2, t = h1 / K, h2 / K, h3 / K
-    scale = 0.5 * (np.linalg.norm(r1, axis=1) + np.linalg.norm(r2, axis=1))[:, None]
+def unit(v: Array) -> Array:
+    """Vectors (N, 3) scaled to length 1; NaN for those without a length."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        r1, r2, t = (
-            r1 / np.linalg.norm(r1, axis=1, keepdims=True),
-            r2 / np.linalg.norm(r2, axis=1, keepdims=True),
-            t / scale,
-        )
-        half, rest = np.sqrt(0.5) * _unit(r1 + r2), np.sqrt(0.5) * _unit(r1 - r2)
-    r1, r2 = half + rest, half - rest
-    R = np.stack([r1, r2, np.cross(r1, r2)], axis=2)
-    C = -np.einsum("nij,ni->nj", R, t)
-    good = np.flatnonzero(np.all(np.isfinite(C), axis=1) & (C[:, 2] < 0.0))
-    return f[good], R[good], C[good], good
-
-
-def _unit(v: Array) -> Array:
-    """Vectors (N, 3) scaled to length 1."""
-    return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))
+        return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

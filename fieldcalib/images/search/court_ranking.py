@@ -81,10 +81,10 @@ def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, 
     widened = 1.0 + bend.a
     found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size, widened)]
     found.append(circle_hypotheses(ellipses, lines, field, maps.size, widened))
-    cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found), field), field)
+    cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found, maps.size), field), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
         others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field) for row in ROWS]
-        cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined([cameras, *others]), field), field)
+        cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined([cameras, *others], maps.size), field), field)
     return Ranked(cameras, score, bend)
 
 
@@ -111,7 +111,7 @@ def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, 
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
     near = near.take(stands(near, field))
     points, kept = ROUNDS[-1]
-    return in_order(maps, Cameras.joined([cameras, near]), MarkingPoints.of(field, points), kept)
+    return in_order(maps, Cameras.joined([cameras, near], maps.size), MarkingPoints.of(field, points), kept)
 
 
 def in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:

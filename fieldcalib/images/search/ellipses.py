@@ -131,6 +131,7 @@ def _chains(stripes: Stripes) -> list[IntArray]:
     dx, dy = (stripes.xy[second] - stripes.xy[first]).T
     way, touching = np.arctan2(dy, dx), np.hypot(dx, dy) < TOUCHING
     smooth = _turn(stripes.angle[first] - stripes.angle[second]) < SMOOTH
+    # a link must run along both of its stripes, so that parallel lines stay apart; over a pixel or so its way is noise
     for one in (first, second):
         smooth &= touching | (_turn(stripes.angle[one] - way) < SMOOTH)
     count = len(stripes.xy)

@@ -68,6 +68,7 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
     while len(found) < most:
         normal, offset = votes.best()
         on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
+        # cells of the transform are too coarse for a homography: the line is fitted to the stripes that it then holds
         for _ in range(FITS):
             if np.count_nonzero(on) * 1.0 < SHORTEST / PIECE:
                 break

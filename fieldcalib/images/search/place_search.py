@@ -34,12 +34,12 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rotation import angles_from_rotation
+from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.search.cameras_at_place import Place, Views
+from fieldcalib.images.search.cameras_at_place import Place, apart
 from fieldcalib.images.search.cameras_from_ellipses import SeenCircles, circles_of
-from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of, unit
-from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within
+from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of
+from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within, unit
 from fieldcalib.images.search.court_ranking import (
     Curves,
     Ranked,
@@ -65,6 +65,7 @@ from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 COARSE = 8.0  # px: deviation of stripes from views
 POINTS, PULLING = 300, 60  # of the field, by which views are compared and pulled
 KEPT, PULLED = 2000, 40  # the likeliest views, of which different ones are pulled
+BEYOND = 1.05  # half extents of the field within which the middle of a picture looks
 APART = 40.0  # px: views that are further from each other than this are different
 OTHER = 100.0  # px: cameras that are further from the best one than this in the median are others
 LEAST_SCORE = 60.0  # of an accepted camera: views of pictures without the field had 50 at most
@@ -90,20 +91,20 @@ def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
     """The cameras about at a place that explain the stripes of a picture best."""
     views = views_through(stripes.curves(field), place, field, stripes.bend.size)
     points, maps = MarkingPoints.of(field, POINTS), stripes.straight_maps
-    score = StripeMaps.of(stripes.straight, COARSE).scores(views.cameras, points)
-    few = _different(views.take(np.argsort(-score, kind="stable")[:KEPT])).cameras
+    score = StripeMaps.of(stripes.straight, COARSE).scores(views, points)
+    few = _different(views.take(np.argsort(-score, kind="stable")[:KEPT]))
     freedom = Freedom(principal_point(field), float(np.max(place.sigma) / -place.C[2]))
     near = pulled(few, maps, MarkingPoints.of(field, PULLING), freedom)
-    return Ranked(*in_order(maps, Cameras.joined([few, near]), points, KEPT), stripes.bend)
+    return Ranked(*in_order(maps, Cameras.joined([few, near], maps.size), points, KEPT), stripes.bend)
 
 
-def _different(views: Views) -> Views:
+def _different(views: Cameras) -> Cameras:
     """The first views that are different from those before them."""
     left = np.ones(len(views), dtype=bool)
     chosen: list[int] = []
     while len(chosen) < PULLED and left.any():
         chosen.append(int(np.argmax(left)))
-        left &= views.apart(chosen[-1]) > APART
+        left &= apart(views, views.camera(chosen[-1])) > APART
     return views.take(np.array(chosen, dtype=np.intp))
 
 
@@ -152,8 +153,8 @@ def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calib
     return with_hidden_markings(best) if score[first] >= SURE_SCORE else best
 
 
-def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Views:
-    """Views from a place that see lines of a field in some lines, or a circle of it in an ellipse.
+def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Cameras:
+    """Cameras at a place that see lines of a field in some lines, or a circle of it in an ellipse.
 
     Curves are those of the picture without distortion.
     """
@@ -162,8 +163,17 @@ def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, i
     f = place.focal_lengths(size[0], STEP)
     parts = [_through_pairs(seen, on_field, place, size), _through_lines(seen, on_field, place, size, f)]
     parts.append(_through_ellipses(ellipses, place, field, size, f))
-    views = Views.joined(parts)
-    return views.take(views.looks_at(field) & (np.abs(views.angles[:, 2]) < LEVEL))
+    views = Cameras.joined(parts, size)
+    return views.take(_look_at(views, field))
+
+
+def _look_at(views: Cameras, field: Field) -> BoolArray:
+    """Which cameras are level, and show the field, or a place just beside it, in the middle of the picture, (B,)."""
+    ahead, roll = views.R[:, 2], np.arctan2(views.R[:, 0, 2], views.R[:, 1, 2])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = views.C[:, :2] - views.C[:, 2:] / ahead[:, 2:] * ahead[:, :2]
+    inside = np.all(np.abs(at) < BEYOND * field.half_extent, axis=1)
+    return np.asarray((ahead[:, 2] > 0.0) & (np.abs(roll) < LEVEL) & inside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +213,7 @@ class SeenLines:
         return cls(*lines.seen_from(0.5 * np.array(size), float(size[0])))
 
 
-def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Views:
+def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Cameras:
     """Those that see two lines of the field in two lines.
 
     With normals ``(f n, c)`` of the planes through two lines, F = f^2 and k the cosine between the planes on the field,
@@ -215,7 +225,7 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
     n = np.sum(seen.line[one, :2] * seen.line[other, :2], axis=1)[:, None]
     c1, c2 = seen.line[one, 2][:, None], seen.line[other, 2][:, None]
     a, b, c = n * n - k, 2.0 * n * c1 * c2 - k * (c1 * c1 + c2 * c2), (1.0 - k) * np.square(c1 * c2)
-    found = [Views.none(place.C, size)]
+    found = []
     for sign in (-1.0, 1.0):
         with np.errstate(divide="ignore", invalid="ignore"):
             f = np.sqrt((sign * np.sqrt(b * b - 4.0 * a * c) - b) / (2.0 * a))
@@ -223,15 +233,17 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
         own = f[p, q]
         planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
         normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
+        # F came from the square of the cosine, and normals have no sign: the angle is made that on the field, not its
+        # supplement, and both ways round are tried
         alike = np.sign(np.sum(planes[0] * planes[1], axis=1) * np.sum(normals[0] * normals[1], axis=1))
         planes[1] *= alike[:, None]
         for way in (1.0, -1.0):
             R = _frames(way * planes[0], way * planes[1]) @ np.swapaxes(_frames(*normals), 1, 2)
-            views = Views(angles_from_rotation(R), own * size[0], place.C, size)
+            views = Cameras.centred(own * size[0], R, place.C, size)
             good = _ends_on(views, seen.ends[one[p]], on_field, pair[q, 0])
             good &= _ends_on(views, seen.ends[other[p]], on_field, pair[q, 1])
             found.append(views.take(good))
-    return Views.joined(found)
+    return Cameras.joined(found, size)
 
 
 def _frames(a: Array, b: Array) -> Array:
@@ -240,23 +252,23 @@ def _frames(a: Array, b: Array) -> Array:
     return np.stack([a, np.cross(third, a), third], axis=2)
 
 
-def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Views:
+def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Cameras:
     """Level ones that see a line of the field in a line, for all focal lengths (F,) in pixels."""
     line, focal = (one.ravel() for one in np.indices((len(seen.line), len(f))))
     plane = unit(planes_of(seen.line[line], f[focal] / size[0]))
-    found = [Views.none(place.C, size)]
+    found = []
     for k, normal in enumerate(on_field.normal):
         for way in (normal, -normal):
             views, own = _seen_in(plane, way, f[focal], place, size)
             found.append(views.take(_ends_on(views, seen.ends[line[own]], on_field, np.full(len(own), k))))
-    return Views.joined(found)
+    return Cameras.joined(found, size)
 
 
 def _through_ellipses(
     ellipses: Sequence[Ellipse], place: Place, field: Field, size: tuple[int, int], f: Array
-) -> Views:
+) -> Cameras:
     """Level ones that see a circle of the field in an ellipse, for all focal lengths (F,) in pixels."""
-    found = [Views.none(place.C, size)]
+    found = []
     if len(ellipses):
         seen = SeenCircles.of(ellipses, f / size[0], size)
         for x, y, radius in circles_of(field).tolist():
@@ -265,11 +277,11 @@ def _through_ellipses(
             towards = np.array([x, y, 0.0]) - place.C
             towards /= np.linalg.norm(towards)
             found.append(_seen_in(unit(seen.centre[near]), towards, seen.f[near] * size[0], place, size)[0])
-    return Views.joined(found)
+    return Cameras.joined(found, size)
 
 
-def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int, int]) -> tuple[Views, IntArray]:
-    """Level views that see a direction of the world (3,) in rays (N, 3) for focal lengths (N,), and the ray of each.
+def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int, int]) -> tuple[Cameras, IntArray]:
+    """Level cameras that see a direction of the world (3,) in rays (N, 3) for focal lengths (N,), and the ray of each.
 
     With down = (0, sin t, cos t) in the camera, ``ray . down`` is the direction's third coordinate: there are two tilts
     t, or none.
@@ -281,15 +293,16 @@ def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int
     ahead = z * np.sin(tilt) - y * np.cos(tilt)
     pan = np.arctan2(towards[1], towards[0]) + np.arctan2(ahead, ray[:, 0])
     _, own = real = np.nonzero(np.isfinite(tilt))
-    return Views.level(pan[real], tilt[real], f[own], place.C, size), own
+    R = rotation_from_angles(np.column_stack([pan[real], tilt[real], np.zeros(len(own))]))
+    return Cameras.centred(f[own], R, place.C, size), own
 
 
-def _ends_on(views: Views, ends: Array, on_field: LinesFromPlace, index: IntArray) -> BoolArray:
+def _ends_on(views: Cameras, ends: Array, on_field: LinesFromPlace, index: IntArray) -> BoolArray:
     """In which views the ends (B, 2, 2) of a line lie within the markings of a line of the field, (B,)."""
-    seen = rays_of(ends, views.f / views.size[0]) @ views.cameras.R
+    seen = rays_of(ends, views.f / views.size[0]) @ views.R
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(seen[..., 2] > 0.0, -views.C[2] / seen[..., 2], np.nan)
-    at = views.C[:2] + depth[..., None] * seen[..., :2]
+        depth = np.where(seen[..., 2] > 0.0, -views.C[:, 2:] / seen[..., 2], np.nan)
+    at = views.C[:, None, :2] + depth[..., None] * seen[..., :2]
     along = np.take_along_axis(at, on_field.axis[index][:, None, None], axis=2)[..., 0]
     return are_within(np.sort(along, axis=1), on_field.reach[index])
 
@@ -360,10 +373,10 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
         return None
     C = np.array([camera.C for camera in cameras])
     distance = np.linalg.norm(C, axis=1)
-    apart = np.linalg.norm(C[:, None] - C, axis=2) / distance[:, None]
+    between = np.linalg.norm(C[:, None] - C, axis=2) / distance[:, None]
     chosen: list[int] = []
-    for index in np.argsort(-np.sum(apart < NEAR, axis=1), kind="stable").tolist():
-        if not chosen or np.min(apart[index, chosen]) > 0.5 * NEAR:
+    for index in np.argsort(-np.sum(between < NEAR, axis=1), kind="stable").tolist():
+        if not chosen or np.min(between[index, chosen]) > 0.5 * NEAR:
             chosen.append(index)
     sample = [at_working_size(images[k]) for k in _spread(len(images), SAMPLE)]
     stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]

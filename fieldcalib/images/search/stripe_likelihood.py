@@ -31,9 +31,11 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rotation import rotation_from_vector
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.stripes import Stripes
+from fieldcalib.problem.projection import pinhole_derivatives
 
 BINS = 12  # directions, 15 degrees apart
 OVERLAP = np.radians(6.0)  # stripes that are nearer to a bin than this belong to it too
@@ -60,7 +62,7 @@ LEAST = 0.3  # log likelihood ratio of a place that pulls
 OFF = 5.0  # px: standard deviation of places that pull
 TURN, ZOOM = 30.0, 0.1  # standard deviations: px; of log f
 UNKNOWNS = 9  # turn, zoom, place of the camera, principal point
-DIFFERENCE = 1e-3  # of the parameters in these units, for derivatives
+MOST_ZOOM = 0.5  # largest step of log f: derivatives hold near by
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,47 +242,50 @@ class Freedom:
 def pulled(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, freedom: Freedom) -> Cameras:
     """The cameras, moved onto the stripes near their markings."""
     for reach in REACHES if len(cameras) else ():
-        cameras = _moved(cameras, _step(cameras, maps, points, reach, freedom), freedom)
+        cameras = moved(cameras, _step(cameras, maps, points, reach, freedom))
     return cameras
 
 
 def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: float, freedom: Freedom) -> Array:
-    """The step of Gauss and Newton (B, 9), in units of the standard deviations."""
+    """The step of Gauss and Newton (B, 9), by the unknowns of `derivatives`."""
     x, y, direction, _, seen = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
     nx, ny = -np.sin(direction), np.cos(direction)
+    # a marking that lies on its stripe looks the same further along it: points are compared and pulled across it only
     off = np.linspace(-reach, reach, PLACES)
     at = x[..., None] + off * nx[..., None], y[..., None] + off * ny[..., None]
     likely = maps.logarithms(*at, direction[..., None], seen[..., None]) - FARTHER * np.abs(off) / reach
     best = np.argmax(likely, axis=2)
     pulls = np.isfinite(x) & (np.take_along_axis(likely, best[..., None], axis=2)[..., 0] > LEAST)
     weight = np.where(pulls, 1.0 / OFF**2, 0.0)
-    J = np.zeros((*x.shape, UNKNOWNS))
-    for k in range(UNKNOWNS):
-        delta = np.zeros((len(cameras), UNKNOWNS))
-        delta[:, k] = DIFFERENCE
-        P = _moved(cameras, delta, freedom).projections
-        u, v, depth = np.moveaxis(P @ np.vstack([points.X.T, np.ones(len(points.X))]), 1, 0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moved = (u / depth - x) * nx + (v / depth - y) * ny
-        J[..., k] = np.where(pulls, moved / DIFFERENCE, 0.0)
-    normal = np.einsum("bni,bn,bnj->bij", J, weight, J) + np.eye(UNKNOWNS)
-    right = np.einsum("bni,bn->bi", J, weight * np.where(pulls, off[best], 0.0))
-    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
+    J = derivatives(cameras, points.X, np.array([x, y]), np.array([nx, ny]))
+    units = _units(cameras, freedom)[..., None]
+    J = np.where(pulls[:, None], units * J, 0.0)
+    normal = (J * weight[:, None]) @ np.swapaxes(J, 1, 2) + np.eye(UNKNOWNS)
+    right = J @ (weight * np.where(pulls, off[best], 0.0))[..., None]
+    return np.asarray((units * np.linalg.solve(normal, right))[..., 0])
 
 
-def _moved(cameras: Cameras, delta: Array, freedom: Freedom) -> Cameras:
-    """The cameras turned about their own axes, zoomed and moved by steps (B, 9)."""
-    turn = _rotations(delta[:, :3] * (TURN / cameras.f)[:, None])
-    move = delta[:, 4:7] * (freedom.place * np.abs(cameras.C[:, 2]))[:, None]
-    f = cameras.f * np.exp(np.clip(ZOOM * delta[:, 3], -0.5, 0.5))
-    c = cameras.c + freedom.principal_point * cameras.size[0] * delta[:, 7:]
-    return replace(cameras, f=f, c=c, R=turn @ cameras.R, C=cameras.C + move)
+def derivatives(cameras: Cameras, X: Array, xy: Array, n: Array) -> Array:
+    """Derivatives (B, 9, N) of the pixels xy (2, B, N) of points X (N, 3) along directions n (2, B, N) of the picture.
+
+    By the turn of the scene about the axes of each camera, log f, the place of the camera and the principal point.
+    """
+    with np.errstate(divide="ignore"):
+        inverse_depth = 1.0 / ((X - cameras.C[:, None]) @ cameras.R[:, 2, :, None])[..., 0]
+    s, f = xy - cameras.c.T[..., None], cameras.f[:, None]
+    turned, placed, zoomed = pinhole_derivatives(s, inverse_depth, n, f, cameras.R)
+    return np.concatenate([turned, zoomed[:, None], placed, np.swapaxes(n, 0, 1)], axis=1)
 
 
-def _rotations(w: Array) -> Array:
-    """Rotations (B, 3, 3) by vectors (B, 3), by Rodrigues' formula."""
-    angle = np.linalg.norm(w, axis=1)[:, None, None]
-    x, y, z = w.T
-    zero = np.zeros_like(x)
-    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.square(np.sinc(0.5 * angle / np.pi)) * (K @ K))
+def moved(cameras: Cameras, step: Array) -> Cameras:
+    """The cameras moved by steps (B, 9) of the unknowns of `derivatives`."""
+    f = cameras.f * np.exp(np.clip(step[:, 3], -MOST_ZOOM, MOST_ZOOM))
+    R, C = rotation_from_vector(step[:, :3]) @ cameras.R, cameras.C + step[:, 4:7]
+    return replace(cameras, f=f, c=cameras.c + step[:, 7:], R=R, C=C)
+
+
+def _units(cameras: Cameras, freedom: Freedom) -> Array:
+    """Standard deviations (B, 9) of the unknowns of cameras from search."""
+    turn, place = TURN / cameras.f, freedom.place * np.abs(cameras.C[:, 2])
+    zoom, c = np.full_like(turn, ZOOM), np.full_like(turn, freedom.principal_point * cameras.size[0])
+    return np.column_stack([turn, turn, turn, zoom, place, place, place, c, c])

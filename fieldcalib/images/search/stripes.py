@@ -127,7 +127,7 @@ def _response(luma: Float32) -> Float32:
             x, y = step * dx, step * dy
             one = padded[reach + y : reach + y + height, reach + x : reach + x + width]
             other = padded[reach - y : reach - y + height, reach - x : reach - x + width]
-            higher = np.maximum(one, other)
+            higher = np.maximum(one, other)  # at the edge of a light area only one side is darker
             contrast = luma - higher
             difference = higher + higher - one - other
             is_stripe = (contrast > LEAST_CONTRAST) & (difference < LARGEST_DIFFERENCE * contrast)

@@ -6,7 +6,11 @@ import cv2
 import numpy as np
 import pytest
 from commands import run
+from hypothesis import given
+from hypothesis import strategies as st
+from numdiff import central_differences, column_errors
 from pictures import picture
+from strategies import numbers, operated_angles, vectors
 
 import fieldcalib
 from data_tools.court_truth import court_frames
@@ -17,6 +21,7 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.fields import american_football, badminton, basketball, futsal, rugby_union, tennis, volleyball
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook
+from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.images.search import cameras_from_lines
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.search.court_search import find_courts
@@ -28,6 +33,8 @@ from fieldcalib.images.search.stripe_likelihood import (
     Freedom,
     MarkingPoints,
     StripeMaps,
+    derivatives,
+    moved,
     projected,
     pulled,
 )
@@ -205,6 +212,26 @@ def test_cameras_are_pulled_onto_stripes():
     off = [np.linalg.norm(one.project(X) - VOLLEYBALL.project(X), axis=1) for one in (turn, near.camera(0))]
     assert np.median(off[0]) > 15.0
     assert np.median(off[1]) < 3.0
+
+
+@given(operated_angles(), numbers(0.0, 2.0), vectors([-0.1] * 2, [0.1] * 2), st.floats(0.0, 2.0 * np.pi))
+def test_derivatives_by_what_is_pulled_against_central_differences(angles, log_zoom, off, direction):
+    K = np.diag([700.0 * np.exp(log_zoom)] * 2 + [1.0])
+    K[:2, 2] = (0.5 + off) * SIZE
+    camera = Camera(K, rotation_from_angles(angles), (3.0, 25.0, -9.0), SIZE)
+    X = camera.C + 30.0 * np.array([(0.1, -0.2, 1.0), (-0.3, 0.1, 1.5), (0.2, 0.2, 0.6)]) @ camera.R
+    n = np.array([np.cos(direction), np.sin(direction)])
+
+    def seen(steps):
+        cameras = moved(Cameras.of([camera] * len(steps), SIZE), steps)
+        u, v, depth = np.moveaxis(cameras.projections @ np.column_stack([X, np.ones(3)]).T, 1, 0)
+        return (n[0] * u + n[1] * v) / depth
+
+    numeric = central_differences(seen, np.zeros((1, 9)), [1e-3] * 4 + [1e-2] * 5)[0]
+    (J,) = derivatives(
+        Cameras.of([camera], SIZE), X, camera.project(X).T[:, None], np.tile(n[:, None, None], (1, 1, 3))
+    )
+    assert np.all(column_errors(J.T, numeric, 1e-3) < 1e-7)
 
 
 # Lenses
