@@ -4,9 +4,10 @@
                                                                   parts with a place of their own, a camera that moves,
                                                                   frames one by one
 
-Each model (`fieldcalib.images.clip.clip_models.CameraModel`) is solved without some of the labels and matches, and
-predicts these. The tripod is kept unless another model predicts clearly better. A clip that is narrower than a
-broadcast was cut out of one, and windows that are cut out often follow the play: there the window is tried in any case.
+`CAMERA_MODELS` are all models, each with all that is special about it. They are solved without some of the labels and
+matches, and predict these. The tripod is kept unless another model predicts clearly better. A clip that is narrower
+than a broadcast was cut out of one, and windows that are cut out often follow the play: there the window is tried in
+any case.
 
 Which frames of a clip belong together, and what the cameras of each such piece share.
 """
@@ -15,9 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from itertools import accumulate, groupby, pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,9 @@ from fieldcalib.images.clip.clip_problem import Cells, between
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import Ties
-from fieldcalib.solve.solver_options import pixel_unit
+from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit
 
 LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
 LEAST_PIXELS = 3  # of a label that is left out
@@ -46,22 +47,106 @@ LEAST_RUN = 2  # keyframes in a row that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
 
-class CameraModel(StrEnum):
-    """Model of the camera: the parameters that the frames of a piece share."""
+@dataclass(frozen=True)
+class CameraModel:
+    """Model of the camera: which parameters the frames of a piece share, and what follows from that."""
 
-    TRIPOD = "tripod"
-    """One place of the camera, its lens, and the size of the field."""
-    WINDOW = "window"
-    """A tripod, but a principal point for each frame: the picture is a window that moves over a larger one."""
-    CUT_OUT = "cut out"
-    """A tripod, with a principal point for all that may lie far from the middle: the picture is a fixed part of a
-    larger one, or is shown in a part of the screen."""
-    PARTS = "parts"
-    """A tripod for each part of the piece, which is divided."""
-    MOVING = "moving"
-    """Lens and size of the field, and centres along a smooth path."""
-    ALONE = "alone"
-    """Nothing: each frame is calibrated by itself."""
+    name: str
+    tripod: str = ""
+    """Pieces that name the same here may be of one tripod; without it a piece has a camera to itself."""
+    not_shared: str = ""
+    """Name of the parameter of a tripod that frames do not share, as in `calibrate_sequence`."""
+    is_window: bool = False
+    """Whether the picture is taken as a part of a larger one: its principal point may lie far from the middle."""
+    is_alone: bool = False
+    """Whether frames share nothing, and each is calibrated by itself."""
+    divides: bool = False
+    """Whether the piece is divided into parts, with a tripod each."""
+    tried: Literal["", "if a tripod is wrong", "always"] = ""
+    """When it is compared with a tripod, which is wrong, or may be as the picture is narrower than a broadcast."""
+    shown_by_matches: bool = False
+    """Whether matches alone must predict better too: a principal point for each frame absorbs errors of its labels."""
+    note: str = ""
+    """Said to the user, with `where` its frames are, or the `first` of each part; by `gain` it predicts better."""
+
+    @property
+    def may_be_part(self) -> bool:
+        """Whether frames on a tripod are taken as whole ones, and may turn out to be parts of larger ones."""
+        return bool(self.tripod) and not self.is_window
+
+    def is_tried(self, task: Task, *, is_wrong: bool) -> bool:
+        """Whether it is compared with a tripod that is wrong, or is not, for frames with this task."""
+        fixed = task.given.camera_matrix is not None or task.chosen_flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+        is_possible = not self.is_window or (task.prior is not None and not fixed)
+        return is_possible and (self.tried == "always" or (is_wrong and bool(self.tried)))
+
+    def judged(self, score: Misprediction) -> Misprediction:
+        """What tells whether it predicts better.
+
+        Matches cannot for frames that share nothing: without a common centre, points at different depths move
+        differently.
+        """
+        return score.of_labels if self.is_alone else score
+
+    def is_preferred(self, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
+        """Whether it is taken instead of the best model so far, which is simpler."""
+        shown = not self.shown_by_matches or score.of_matches.is_better(of_tripod.of_matches)
+        return shown and self.judged(score).is_better(self.judged(best))
+
+    def said(self, frames: IntArray, **found: float | str) -> str:
+        """The note for the user on frames, with what was found of them."""
+        first = ", ".join(map(str, frames.tolist()))
+        return self.note.format(where=f"frames {frames[0]} to {frames[-1]}", first=first, **found)
+
+
+TRIPOD = CameraModel("tripod", tripod="of whole pictures")
+"""One place of the camera, its lens, and the size of the field."""
+CUT_OUT = CameraModel(
+    "cut out",
+    tripod="of parts of pictures",  # these have another principal point
+    is_window=True,
+    note="{where}: the picture is a part of a larger one, or is shown in a part of the screen: its principal point is "
+    "at ({x:.0f}, {y:.0f}), far from the middle",
+)
+"""A tripod, with a principal point for all that may lie far from the middle: the picture is a fixed part of a larger
+one, or is shown in a part of the screen."""
+WINDOW = CameraModel(
+    "window",
+    tripod=TRIPOD.tripod,
+    not_shared="principal point",
+    is_window=True,
+    tried="always",
+    shown_by_matches=True,
+    note="{where}: the picture is a window that moves over a larger one: each frame has a principal point of its own, "
+    "which predicts lines and matches that were left out better than one for all ({gain})",
+)
+"""A tripod, but a principal point for each frame: the picture is a window that moves over a larger one."""
+PARTS = CameraModel(
+    "parts",
+    divides=True,
+    tried="if a tripod is wrong",
+    note="no one place of the camera explains the frames before and after {first}: each part has one of its own, which "
+    "predicts lines and matches that were left out better ({gain}). Several cameras may take turns, or the ground may "
+    "not be flat",
+)
+"""A tripod for each part of the piece; its note is on the first frames of all parts but the first."""
+MOVING = CameraModel(
+    "moving",
+    not_shared="centre",
+    tried="if a tripod is wrong",
+    note="{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
+    '({gain}); say so from the beginning (camera="moving", --camera moving)',
+)
+"""Lens and size of the field, and centres along a smooth path."""
+ALONE = CameraModel(
+    "alone",
+    is_alone=True,
+    tried="if a tripod is wrong",
+    note="{where} are calibrated one by one: each by itself predicts lines that were left out better than one place of "
+    "the camera ({gain})",
+)
+"""Nothing: each frame is calibrated by itself."""
+CAMERA_MODELS = (TRIPOD, CUT_OUT, WINDOW, PARTS, MOVING, ALONE)  # the simplest one first
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +169,13 @@ class Pieces:
 
     def models_of(self, members: Iterable[int]) -> set[CameraModel]:
         """The camera models of some pieces."""
-        return {self.models.get(piece, CameraModel.TRIPOD) for piece in members}
+        return {self.models.get(piece, TRIPOD) for piece in members}
+
+    def model_of(self, members: Iterable[int]) -> CameraModel:
+        """The camera model of some pieces together: their own, or of several the least simple one on a tripod."""
+        found = self.models_of(members)
+        on_tripod = [one for one in CAMERA_MODELS if one in found and (one.tripod or len(found) == 1)]
+        return on_tripod[-1] if on_tripod else TRIPOD
 
     def with_model(self, piece: int, model: CameraModel) -> Pieces:
         """The pieces, one of them with another camera model."""
@@ -285,36 +376,6 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     return [int(keyframes[k]) for before, k in pairwise(first) if contradicted[k] != contradicted[before]]
 
 
-def model_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """Note for the user on frames with another camera model than a tripod, and by how much it predicts better.
-
-    For `CameraModel.PARTS`, `frames` are the first frames of all parts but the first.
-    """
-    where = f"frames {frames[0]} to {frames[-1]}"
-    if model is CameraModel.ALONE:
-        return (
-            f"{where} are calibrated one by one: each by itself predicts lines that were left "
-            f"out better than one place of the camera ({_gain(before.of_labels, after.of_labels)})"
-        )
-    gain = _gain(before, after)
-    if model is CameraModel.PARTS:
-        first = ", ".join(map(str, frames.tolist()))
-        return (
-            f"no one place of the camera explains the frames before and after {first}: each part has one of its own, "
-            f"which predicts lines and matches that were left out better ({gain}). Several cameras may take turns, or "
-            f"the ground may not be flat"
-        )
-    if model is CameraModel.MOVING:
-        return (
-            f"{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
-            f'({gain}); say so from the beginning (camera="moving", --camera moving)'
-        )
-    return (
-        f"{where}: the picture is a window that moves over a larger one: each frame has a principal point of its own, "
-        f"which predicts lines and matches that were left out better than one for all ({gain})"
-    )
-
-
 def misfit_note(frames: IntArray) -> str:
     """Note for the user on frames that no camera model explains."""
     return (
@@ -335,19 +396,8 @@ def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
     ]
 
 
-def _gain(before: Misprediction, after: Misprediction) -> str:
+def gain_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:
+    """Note for the user on frames with another camera model than a tripod, and by how much it predicts better."""
+    before, after = model.judged(before), model.judged(after)
     one, other = after.unless_wrong(before).typical, before.unless_wrong(after).typical
-    return f"typically to {one:.1f} instead of {other:.1f} px of a picture 960 wide"
-
-
-def is_preferred(model: CameraModel, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
-    """Whether a camera model is taken instead of the best one so far, which is simpler.
-
-    A principal point for each frame absorbs errors of its labels, so matches alone must also predict that a window
-    moves. Matches cannot judge frames that are calibrated one by one: without a common centre, points at different
-    depths move differently.
-    """
-    if model is CameraModel.ALONE:
-        return score.of_labels.is_better(best.of_labels)
-    shown = model is not CameraModel.WINDOW or score.of_matches.is_better(of_tripod.of_matches)
-    return shown and score.is_better(best)
+    return model.said(frames, gain=f"typically to {one:.1f} instead of {other:.1f} px of a picture 960 wide")

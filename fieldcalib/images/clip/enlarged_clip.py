@@ -1,9 +1,9 @@
 """Clips that are, or may be, enlarged parts of larger pictures (digital zoom): their principal point tells.
 
 The frames of a tripod share their principal point. Where their lines put it far from the middle, a shot is solved with
-a free one from the beginning (`CameraModel.CUT_OUT`). Where they put it near the middle, the frames are whole. Short
-shots with few lines tell neither: then cameras are right if the frames are whole, and may be wrong by metres if not,
-though all lines fit.
+a free one from the beginning (`CUT_OUT` of `clip_models`). Where they put it near the middle, the frames are whole.
+Short shots with few lines tell neither: then cameras are right if the frames are whole, and may be wrong by metres if
+not, though all lines fit.
 
 Two kinds of evidence count together. One is the log likelihood ratio of a part to a whole frame from the principal
 point (`PrincipalPointEvidence`): -3 to -4.5 where lines show that it is near the middle, about 0 where they say
@@ -209,15 +209,6 @@ def enlarged_note(frames: IntArray, found: SequenceCalibration) -> str:
     return (
         f"frames {frames[0]} to {frames[-1]}: the picture may be an enlarged part of a larger one: its principal point "
         f"was found at ({x:.0f}, {y:.0f})"
-    )
-
-
-def cut_out_note(frames: IntArray, found: SequenceCalibration) -> str:
-    """Note for the user on frames whose principal point is far from the middle of the picture."""
-    x, y = (found.values[found.names.index(name)] for name in ("cx", "cy"))
-    return (
-        f"frames {frames[0]} to {frames[-1]}: the picture is a part of a larger one, or is shown in a part of the "
-        f"screen: its principal point is at ({x:.0f}, {y:.0f}), far from the middle"
     )
 
 

@@ -5,7 +5,7 @@ Lines are searched near the markings that the cameras of the first pass project.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip.clip_models import CameraModel, Pieces
+from fieldcalib.images.clip.clip_models import CUT_OUT, CameraModel, Pieces
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.enlarged_clip import (
     OFF_MIDDLE,
@@ -94,7 +94,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     widths: dict[int, Mapping[str, Array]] = {}
     counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
     for t, image in enumerate(images):
-        if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
+        if pieces.model_of([int(pieces.number[t])]).is_alone:
             (calibration,) = options.calibrate_alone([image], network)
             one = _fitted(image, calibration, given)
         else:
@@ -184,17 +184,18 @@ def _finished_tripod(
     options, pieces = lines.solved.keyframes.options, lines.solved.pieces
     start = tripod.calibration if members == tripod.pieces else None
     found = _calibrated(lines, pieces, members, start)
-    frames, models = pieces.frames(members), pieces.models_of(members)
+    frames, model = pieces.frames(members), pieces.model_of(members)
     softness = lines.solved.keyframes.softness(frames)
-    if models == {CameraModel.TRIPOD} and np.any(found.accepted) and may_be_enlarged(found, options, softness):
+    are_whole = all(one.may_be_part for one in pieces.models_of(members))
+    if are_whole and np.any(found.accepted) and may_be_enlarged(found, options, softness):
         for piece in members:
-            pieces = pieces.with_model(piece, CameraModel.CUT_OUT)
+            pieces = pieces.with_model(piece, CUT_OUT)
         freed = _calibrated(lines, pieces, members, None)
         if not freed.together or may_be_enlarged(freed, options, softness, is_free=True):
             if not is_better_free(found, freed, options):
                 return with_doubts_of_all(found), []
             return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
-    return _with_place_of_picture(found, options, models), []
+    return _with_place_of_picture(found, options, model), []
 
 
 def _calibrated(
@@ -203,18 +204,18 @@ def _calibrated(
     """All frames of some pieces, with the paint that they show; the pieces say which camera models these have."""
     frames = pieces.frames(members)
     found = lines.solved.keyframes.calibrate(pieces, members, lines.labels, start)
-    if pieces.models_of(members) != {CameraModel.ALONE}:
+    if not pieces.model_of(members).is_alone:
         found = found.interpolated(pieces.number[frames], LONGEST_GAP)
     found = found.with_notes({NOTHING_LABELLED: UNTIED})
     return found.seen_in_images(_markings_seen(lines, found, frames))
 
 
 def _with_place_of_picture(
-    calibration: SequenceCalibration, options: ClipOptions, models: Collection[CameraModel]
+    calibration: SequenceCalibration, options: ClipOptions, model: CameraModel
 ) -> SequenceCalibration:
     """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
     off = off_middle(calibration, options)
-    if off < OFF_MIDDLE or CameraModel.CUT_OUT in models or options.task.given.camera_matrix is not None:
+    if off < OFF_MIDDLE or model.is_window or options.task.given.camera_matrix is not None:
         return calibration
     return with_doubts(calibration, range(len(calibration)), CUT)
 

@@ -19,7 +19,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.background.keyframe_tracking import TiedFrame
-from fieldcalib.images.clip.clip_models import CameraModel, Pieces, loose_at_end, numbered
+from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
 from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.clip.enlarged_clip import Detail, softness_of_shot
 from fieldcalib.images.paint.detected_lines import line_loss
@@ -97,20 +97,13 @@ class Keyframes:
         The labels of keyframes are witnesses for or against their cameras.
         """
         options, size = self.options, self.shots.image_size
-        frames, models = pieces.frames(members).tolist(), pieces.models_of(members)
-        if models & {CameraModel.WINDOW, CameraModel.CUT_OUT}:
+        frames, model = pieces.frames(members).tolist(), pieces.model_of(members)
+        if model.is_window:
             prior = window_prior(options.task.prior, options.task.object_segments, size)
             options = replace(options, task=replace(options.task, prior=prior))
-        if CameraModel.WINDOW in models:
-            options = options.not_sharing("principal point")
-        elif models == {CameraModel.MOVING}:
-            options = options.not_sharing("centre")
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
-        problem = ClipProblem(options, size, frames, labels, matches).from_zero
-        if models == {CameraModel.ALONE}:
-            calibration = calibrate_one_by_one(problem)
-        else:
-            calibration = solve_sequence(problem, start).calibration
+        problem = ClipProblem(options.not_sharing(model.not_shared), size, frames, labels, matches).from_zero
+        calibration = calibrate_one_by_one(problem) if model.is_alone else solve_sequence(problem, start).calibration
         witnesses = witnesses_of(self.labels, frames, calibration)
         return with_witnesses(options.task.object_segments, calibration, witnesses)
 

@@ -15,16 +15,18 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.label_errors import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip.clip_models import (
+    ALONE,
+    CAMERA_MODELS,
+    CUT_OUT,
     CameraModel,
     HeldOut,
     Misprediction,
     Pieces,
-    is_preferred,
+    gain_note,
     misfit_note,
-    model_note,
     parts,
 )
-from fieldcalib.images.clip.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, cut_out_note, off_middle
+from fieldcalib.images.clip.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, off_middle
 from fieldcalib.images.clip.keyframes import Keyframes, witnesses_of
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.sequence.tripod_position import nearest_places
@@ -100,7 +102,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
             found = replace(found, notes=(misfit_note(clip.shots.begin + frames),))
             first = [parts(frames[keyframes], is_contradicted(excess, size)), _parts_of_two_places(found, piece)]
         found = _best_model(found, piece, _other_models(found, piece, first, is_wrong=is_wrong))
-    if is_free and piece not in found.pieces.models:
+    if is_free and found.pieces.model_of([piece]).may_be_part:
         found = _cut_out(found, piece)
     return replace(
         found, calibrations={**solved.calibrations, **found.calibrations}, notes=(*solved.notes, *found.notes)
@@ -112,17 +114,19 @@ def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
     clip, options = on_tripod.keyframes, on_tripod.keyframes.options
     if options.task.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
         return on_tripod
-    pieces = on_tripod.pieces.with_model(piece, CameraModel.CUT_OUT)
+    pieces = on_tripod.pieces.with_model(piece, CUT_OUT)
     found = clip.calibrate(pieces, [piece], clip.accepted)
     if not found.together or off_middle(found, options) < OFF_MIDDLE:
         return on_tripod
-    notes = (*on_tripod.notes, cut_out_note(clip.shots.begin + pieces.frames([piece]), found))
-    return replace(on_tripod, pieces=pieces, calibrations={**on_tripod.calibrations, piece: found}, notes=notes)
+    x, y = (found.shared[name][0] for name in ("cx", "cy"))
+    note = CUT_OUT.said(clip.shots.begin + pieces.frames([piece]), x=x, y=y)
+    calibrations = {**on_tripod.calibrations, piece: found}
+    return replace(on_tripod, pieces=pieces, calibrations=calibrations, notes=(*on_tripod.notes, note))
 
 
 def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
     """First keyframes of parts, where each single keyframe is put to the nearer of two places of the camera."""
-    pieces = solved.pieces.with_model(piece, CameraModel.ALONE)
+    pieces = solved.pieces.with_model(piece, ALONE)
     alone = solved.keyframes.calibrate(pieces, [piece], solved.keyframes.accepted)
     keyframes = np.flatnonzero(alone.accepted)
     return parts(pieces.frames([piece])[keyframes], nearest_places([alone[k] for k in keyframes.tolist()]) > 0)
@@ -136,16 +140,12 @@ def _other_models(
     `first` are keyframes before which the piece may be divided into parts. Where a tripod is not wrong, only a window
     is tried.
     """
-    task, pieces = on_tripod.keyframes.options.task, on_tripod.pieces
-    frames = pieces.frames([piece])
-    is_known = task.given.camera_matrix is not None or task.chosen_flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    if task.prior is not None and not is_known:
-        yield CameraModel.WINDOW, frames, pieces.with_model(piece, CameraModel.WINDOW)
-    for k, some in enumerate(first):
-        if some and some not in first[:k]:
-            yield CameraModel.PARTS, np.array(some), pieces.divided(some)
-    for model in (CameraModel.MOVING, CameraModel.ALONE) if is_wrong else ():
-        yield model, frames, pieces.with_model(piece, model)
+    pieces, frames = on_tripod.pieces, on_tripod.pieces.frames([piece])
+    divided = [(np.array(some), pieces.divided(some)) for k, some in enumerate(first) if some and some not in first[:k]]
+    for model in CAMERA_MODELS:
+        if model.is_tried(on_tripod.keyframes.options.task, is_wrong=is_wrong):
+            whole = frames, pieces.with_model(piece, model)
+            yield from ((model, *one) for one in (divided if model.divides else [whole]))
 
 
 def _best_model(
@@ -158,11 +158,11 @@ def _best_model(
     for model, frames, pieces in models:
         members = range(piece, piece + 1 + pieces.numbers[-1] - on_tripod.pieces.numbers[-1])
         tried = SolvedShots(clip, pieces, {p: clip.calibrate(pieces, [p], clip.accepted) for p in members})
-        if model is not CameraModel.ALONE and not any(one.together for one in tried.calibrations.values()):
+        if not model.is_alone and not any(one.together for one in tried.calibrations.values()):
             continue
         score = _misprediction(tried, left_out)
-        if is_preferred(model, score, of_best, of_tripod):
-            note = model_note(model, clip.shots.begin + frames, of_tripod, score)
+        if model.is_preferred(score, of_best, of_tripod):
+            note = gain_note(model, clip.shots.begin + frames, of_tripod, score)
             best, of_best = replace(tried, notes=(note,)), score
     return best
 
@@ -212,19 +212,18 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     options, pieces = shots.keyframes.options, shots.pieces
     stands = "centre" in options.shared
     located = [piece for piece, shot in shots.calibrations.items() if shot.together]
-    moving = [piece for piece in located if pieces.models.get(piece) is CameraModel.MOVING]
-    cut_out = [piece for piece in located if pieces.models.get(piece) is CameraModel.CUT_OUT]
     if not stands:
         groups = [[piece] for piece in located]
     elif options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
         groups = [located] if located else []
     else:
-        standing = {piece: shot for piece, shot in shots.calibrations.items() if piece not in moving}
-        groups = grouped_by_tripod({piece: shot for piece, shot in standing.items() if piece not in cut_out})
-        if cut_out:  # these have another principal point
-            groups += grouped_by_tripod({piece: standing[piece] for piece in cut_out})
-        groups += [[piece] for piece in moving]
-    groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
+        models = {piece: pieces.model_of([piece]) for piece in shots.calibrations}
+        groups = []
+        for tripod in dict.fromkeys(model.tripod for model in CAMERA_MODELS if model.tripod):
+            if some := {p: shots.calibrations[p] for p, model in models.items() if model.tripod == tripod}:
+                groups += grouped_by_tripod(some)
+        own = [piece for piece, model in models.items() if not model.tripod]
+        groups += [[piece] for piece in sorted(own, key=lambda piece: CAMERA_MODELS.index(models[piece]))]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
     if stands:
         tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods)
@@ -272,7 +271,7 @@ def _with_doubtful_pieces(keyframes: Keyframes, pieces: Pieces, tripods: Sequenc
     """Tripods with the pieces that have doubtful labels only, where these fit a camera on that tripod."""
     found = list(tripods)
     for k, tripod in enumerate(tripods):
-        if pieces.models_of(tripod.pieces) == {CameraModel.ALONE}:
+        if pieces.model_of(tripod.pieces).is_alone:
             continue
         taken = {piece for one in found for piece in one.pieces}
         doubtful = {t: labels for t, labels in keyframes.doubtful.items() if int(pieces.number[t]) not in taken}

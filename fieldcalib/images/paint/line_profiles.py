@@ -236,17 +236,11 @@ class Strips:
 
     def lines(self, search_range: float) -> Array:
         """Signed distances (n,) of the lines from the markings; see `find_lines`."""
-        profiles, contrast = self.profiles, self.contrast
+        profiles = self.profiles
         if not len(profiles):
             return np.zeros(0)
-        gate = np.minimum(search_range * self.unit, profiles.room)
-        allowed = (np.abs(self.offset) <= gate[:, None]) & self.may_be_line
-        row = np.arange(len(profiles))
-        best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
-        before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
-        seen = allowed[row, best] & (peak >= np.maximum(before, after))
-        seen &= (peak > self.least) & (profiles.room > self.width)
-        found = np.where(seen, self.offset[row, best] + _vertex(before, peak, after) * self.spacing, np.nan)
+        gate = np.where(profiles.room > self.width, np.minimum(search_range * self.unit, profiles.room), -np.inf)
+        found = self._highest(slice(None), (np.abs(self.offset) <= gate[:, None]) & self.may_be_line, self.least)
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
     def peaks_near(self, index: IntArray, line: Array, reach: float, least: Array) -> Array:
@@ -254,12 +248,18 @@ class Strips:
 
         They are searched up to `reach` pixels from a line (k,), and must exceed a contrast `least` (k,).
         """
-        contrast, row = self.contrast[index], np.arange(len(index))
-        near = np.abs(self.offset[index] - line[:, None]) <= reach
-        best = np.argmax(np.where(near, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+        return self._highest(index, np.abs(self.offset[index] - line[:, None]) <= reach, least)
+
+    def _highest(self, index: IntArray | slice, allowed: BoolArray, least: Array) -> Array:
+        """Signed distances (k,) of the largest contrasts above a `least` one (k,) from the markings in some profiles.
+
+        NaN where the largest one among the `allowed` samples (k, m) is no peak.
+        """
+        contrast, offset, row = self.contrast[index], self.offset[index], np.arange(len(allowed))
+        best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
         before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
-        seen = near[row, best] & (peak >= np.maximum(before, after)) & (peak > least)
-        return np.where(seen, self.offset[index, best] + _vertex(before, peak, after) * self.spacing[index], np.nan)
+        seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (peak > least)
+        return np.where(seen, offset[row, best] + _vertex(before, peak, after) * self.spacing[index], np.nan)
 
     def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
         """Signed distances (n, count) of the strongest ridges from the marking, NaN for none; and which may be lines.

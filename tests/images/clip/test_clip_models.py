@@ -11,7 +11,7 @@ from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.images.clip.clip_models import CameraModel, HeldOut, Pieces, parts
+from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, WINDOW, HeldOut, Pieces, parts
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.finished_clip import (
     UNTIED,
@@ -127,7 +127,7 @@ def test_a_window_that_moves_is_found_out(size):
     cameras = [seen_through(one, *place, size) for one, *place in zip(whole, lefts, tops, strict=True)]
     result = solved(clip_of(cameras))
     (tripod,) = result.tripods
-    assert result.pieces.models == {0: CameraModel.WINDOW}
+    assert result.pieces.models == {0: WINDOW}
     assert "window that moves" in result.notes[0]
     found = tripod.calibration
     np.testing.assert_allclose(found.values[:3], whole[0].C, atol=1.0)
@@ -156,7 +156,7 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     clip = clip_of(cameras)
     found = solved(replace(clip, labels={t: one for t, one in clip.labels.items() if t != 8}))
     (tripod,) = found.tripods
-    assert found.pieces.models == {0: CameraModel.WINDOW}
+    assert found.pieces.models == {0: WINDOW}
     assert "window that moves" in found.notes[0]
     found = tripod.calibration
     np.testing.assert_allclose(found.values[:3], whole[0].C, atol=1.0)
@@ -202,7 +202,7 @@ def test_a_camera_that_moves_is_found_out():
     cameras = [moved(camera, (0.4 * t, 0.0, 0.0)) for t, camera in enumerate(panned(16, -0.3, 0.3))]
     found = solved(clip_of(cameras))
     (tripod,) = found.tripods
-    assert found.pieces.models == {0: CameraModel.MOVING}
+    assert found.pieces.models == {0: MOVING}
     assert "--camera moving" in found.notes[0]
     # from one place, which explains the labels to 2 px, the middle of the picture is 3 to 8 px off in most frames
     assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 0.7
@@ -217,7 +217,7 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     cameras = [moved(camera, rng.normal(scale=(8.0, 8.0, 2.4))) for camera in panned(14, -0.3, 0.3)]
     clip = clip_of(cameras)
     found = solved(clip)
-    assert found.pieces.models == {0: CameraModel.ALONE}
+    assert found.pieces.models == {0: ALONE}
     assert "one by one" in found.notes[0]
     images, by_itself = np.zeros((14, *SIZE[::-1], 3), np.uint8), iter(range(14))
     monkeypatch.setattr(
@@ -312,7 +312,7 @@ def test_a_zoom_off_the_middle_is_found_out():
     size, corner = (720, 405), (0, 0)
     cameras = [one.cropped(corner, size).scaled(SIZE) for one in panned(12, -0.4, 0.4)]
     found = solved(clip_of(cameras))
-    assert found.pieces.models == {0: CameraModel.CUT_OUT}
+    assert found.pieces.models == {0: CUT_OUT}
     (note,) = found.notes
     assert "part of a larger one" in note
     video = finished(found)
