@@ -28,7 +28,7 @@ from baselines import published as paper
 from baselines import tvcalib
 from baselines.chen.database import Database
 from baselines.methods import Dataset, Runs, read_dataset, run_methods
-from fieldcalib._messages import say
+from fieldcalib._progress import say
 from fieldcalib.console.options import add_options, given, option, switch
 from fieldcalib.console.program import exit_code
 from fieldcalib.fields.field import Field

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.simulated import observe
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
@@ -30,7 +31,6 @@ from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
-from fieldcalib.synthetic.simulated import observe
 
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT

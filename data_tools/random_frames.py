@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data_tools.simulated import SHORTEST_SEGMENT
 from fieldcalib.assess.noise import SHARED_NOISE
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
@@ -19,7 +20,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.prior import sample_theta
-from fieldcalib.synthetic.simulated import SHORTEST_SEGMENT
 
 FIRST_STAND_SHARE = 0.4  # of the cameras; the others are spread evenly over the other stands
 ROLL_SIGMA = np.radians(1.0)

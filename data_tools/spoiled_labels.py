@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from data_tools.verdicts import under_labels_of_other_side
-from fieldcalib._messages import say
+from fieldcalib._progress import say
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration

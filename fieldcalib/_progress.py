@@ -1,6 +1,8 @@
 """Progress of long work: a bar on a terminal and in a notebook, lines elsewhere, or a function of the caller's.
 
 Reads that take long, as from a network drive that stalls, are told too.
+
+Messages for people: on stderr after the name of the program, results on stdout.
 """
 
 from __future__ import annotations
@@ -16,8 +18,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
-from fieldcalib._messages import say
-
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -29,6 +29,42 @@ _waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is 
 _watcher: threading.Thread | None = None
 
 Progress: TypeAlias = bool | Callable[[int, int | None, str], object]
+
+
+def printable(text: str) -> str:
+    """Text for a terminal: control characters, as names of files may have, are escaped; ends of lines and tabs stay.
+
+    Examples
+    --------
+    >>> printable("clip\\x1b[2J.mp4"), printable("±1 m")
+    ('clip\\\\x1b[2J.mp4', '±1 m')
+    """
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
+
+
+def say(message: str) -> None:
+    """Print a line on stderr, after the name of the program."""
+    print(printable(f"fieldcalib: {message}"), file=sys.stderr, flush=True)
+
+
+def show(text: str) -> None:
+    """Print the result of a command on stdout."""
+    print(printable(text))
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "frame"), counted(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 """Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
 an error that it raises ends the work."""
 

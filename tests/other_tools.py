@@ -14,7 +14,7 @@ from synthetic import visible_field_points
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS
+from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files

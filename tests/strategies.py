@@ -12,7 +12,7 @@ from synthetic import displaced, distorted
 
 from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS
+from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.layout import theta_from_camera
 

@@ -30,8 +30,7 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
 from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
-from fieldcalib.console.arguments import add_format, count, folder_name, image_size, positive
-from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.arguments import add_format, add_inputs, count, folder_name, image_size, positive
 from fieldcalib.console.options import given
 from fieldcalib.console.program import run_command
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES

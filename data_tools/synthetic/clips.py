@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.random_frames import RandomFrame, mislabelled
+from data_tools.simulated import observe
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import homogenize
-from fieldcalib.synthetic.simulated import observe
 
 PIXELS_PER_LINE = (3, 3)  # least and most
 MATCH_NOISE = 0.3  # px at 1920 x 1080: residual of optical flow between frames of a measured sequence
@@ -48,7 +48,7 @@ def labelled(
     Parameters
     ----------
     cameras, field, rng, noise
-        As in `fieldcalib.synthetic.simulated.observe`.
+        As in `data_tools.simulated.observe`.
     wrong_share : float
         Share of the frames with a mislabelled segment (`data_tools.random_frames.mislabelled`).
     empty_share : float

@@ -13,7 +13,7 @@ from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.synthetic.colours import Hsv, noise_at, one_of, random_colour, vivid_colour
-from fieldcalib.synthetic.ground import FADES, grass, surround
+from fieldcalib.synthetic.surroundings import FADES, grass, surround
 
 SURFACES: dict[Surface, tuple[Hsv, ...]] = {
     "wood": (((24.0, 38.0), (0.35, 0.65), (0.5, 0.8)),),

@@ -22,9 +22,8 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.ground import random_ground, random_light
 from fieldcalib.synthetic.objects import Sun, add_far_to_near, add_objects, players, random_suns
-from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
+from fieldcalib.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size

@@ -14,7 +14,7 @@ from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import WHITE
 from fieldcalib.synthetic.colours import Hsv, noise_at, one_of, random_colour
-from fieldcalib.synthetic.ground import reaches
+from fieldcalib.synthetic.surroundings import reaches
 
 HUE, SHADE = 8.0, 0.12  # largest deviations of paint from its colour: hue in degrees; saturation and value
 

@@ -135,11 +135,11 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
 
     Examples
     --------
-    >>> from fieldcalib import calibrate_from_segments, soccer
-    >>> from fieldcalib.synthetic.simulated import observe, pan_over_field
-    >>> (camera,) = pan_over_field(1)
-    >>> frame = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
-    >>> calibration = calibrate_from_segments(soccer(size_known=True), frame, camera.image_size)
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
+    >>> labels = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
+    >>> pixels = {label: truth.project(soccer()[label].sample(7.0)) for label in labels}
+    >>> calibration = calibrate_from_segments(soccer(size_known=True), pixels, truth.image_size)
     >>> 0.05 < largest_error(calibration.uncertainty, soccer()) < 0.5
     True
     """

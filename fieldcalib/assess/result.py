@@ -18,7 +18,7 @@ from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, 
 from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
+from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Solved
 from fieldcalib.assess.cropping_evidence import Declared, Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
@@ -48,7 +48,6 @@ from fieldcalib.assess.paint_in_view import (
     paint_share,
 )
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells

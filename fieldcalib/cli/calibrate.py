@@ -30,9 +30,9 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.run_folder.work_units import in_groups
-from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch, compute_errors
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
+from fieldcalib.solve.picture_shape import with_border_complaint
 from fieldcalib.solve.solver_options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame

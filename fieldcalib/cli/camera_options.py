@@ -21,9 +21,9 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
 from fieldcalib.run_folder.record import ESTIMATED
+from fieldcalib.solve.picture_shape import LEAST_RATIO, shown_as
 from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
-from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 SQUARE = "square"
 

@@ -22,11 +22,10 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from fieldcalib._messages import say
-from fieldcalib._progress import progress_bar
+from fieldcalib._progress import progress_bar, say
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
-from fieldcalib.console.network import digest_of, load_network, or_search
+from fieldcalib.console.field_options import digest_of, load_network, or_search
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
@@ -37,8 +36,7 @@ from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.engine import calibrate_clip, clip_keywords, live_tracker, tracked
-from fieldcalib.run_folder.frame_source import ClipInput, Frame, frames_of_files
-from fieldcalib.run_folder.inputs import say_note
+from fieldcalib.run_folder.frame_source import ClipInput, Frame, frames_of_files, say_note
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder

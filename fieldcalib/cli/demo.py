@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib._messages import show
+from fieldcalib._progress import show
 from fieldcalib._types import Array
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.console.arguments import folder_name
@@ -24,13 +24,13 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.players import read_players
+from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
 from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT
 from fieldcalib.synthetic.film import TrueFrame, read_cameras
 from fieldcalib.synthetic.sample_files import PLAYERS, TRUTH, read_positions
 from fieldcalib.synthetic.samples import sample
-from fieldcalib.synthetic.simulated import camera_difference
 
 CAMERAS, PLACES, MAP = "cameras", "players_in_metres.csv", "map.mp4"
 TRAIL = "15"  # frames

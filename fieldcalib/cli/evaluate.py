@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib import metrics
-from fieldcalib._messages import say, show
+from fieldcalib._progress import say, show
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_most_bytes, add_run_options, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of

@@ -9,7 +9,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from fieldcalib._messages import counted, say, show
+from fieldcalib._progress import counted, say, show
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option

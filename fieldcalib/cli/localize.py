@@ -13,11 +13,16 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib._messages import counted, show
-from fieldcalib.console.arguments import add_image_limits, add_labels, add_run_options, folder_name, run_options
-from fieldcalib.console.field_options import add_sized_field
-from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, digest_of, load_network
+from fieldcalib._progress import counted, show
+from fieldcalib.console.arguments import (
+    add_image_limits,
+    add_inputs,
+    add_labels,
+    add_run_options,
+    folder_name,
+    run_options,
+)
+from fieldcalib.console.field_options import NetworkOptions, add_sized_field, digest_of, load_network
 from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
@@ -30,8 +35,7 @@ from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.frame_source import Frame, ReadImage, image_files
-from fieldcalib.run_folder.inputs import outcomes_of, pixels_of
+from fieldcalib.run_folder.frame_source import Frame, ReadImage, image_files, outcomes_of, pixels_of
 from fieldcalib.run_folder.labelled_frames import check_labels
 from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder

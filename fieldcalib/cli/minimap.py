@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from fieldcalib._messages import counted, show
+from fieldcalib._progress import counted, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
@@ -17,7 +17,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
-from fieldcalib.run_folder.inputs import say_note
+from fieldcalib.run_folder.frame_source import say_note
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)

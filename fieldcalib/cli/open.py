@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from fieldcalib._extras import imported
-from fieldcalib._messages import say
+from fieldcalib._progress import say
 from fieldcalib.console.field_options import add_named_field
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._messages import say
+from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.cli.clips import run_clip, run_several, run_stream
@@ -24,18 +24,16 @@ from fieldcalib.console.arguments import (
     add_cut,
     add_format,
     add_image_limits,
+    add_inputs,
     add_run_options,
     cut_of,
     folder_name,
 )
-from fieldcalib.console.field_options import add_field
-from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, digest_of, load_network, or_search
+from fieldcalib.console.field_options import NetworkOptions, add_field, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
-from fieldcalib.images.search.cameras_at_place import Place
-from fieldcalib.images.search.place_search import MOST, pooled_place
+from fieldcalib.images.search.place_search import MOST, Place, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
@@ -47,8 +45,7 @@ from fieldcalib.results.entry import read
 from fieldcalib.results.pictures import Pictures, auto_field
 from fieldcalib.run_folder.engine import calibrate_frames, calibrate_images
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files
-from fieldcalib.run_folder.inputs import outcomes_of, say_note, videos_in
+from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, say_note, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work

@@ -14,8 +14,7 @@ from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.console.arguments import cut_of, run_options
-from fieldcalib.console.field_options import field_of, prior_of
-from fieldcalib.console.network import NetworkOptions
+from fieldcalib.console.field_options import NetworkOptions, field_of, prior_of
 from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
@@ -27,8 +26,7 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import check_pixels
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.frame_source import ReadImage
-from fieldcalib.run_folder.inputs import is_clip, is_video, videos_in
+from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior

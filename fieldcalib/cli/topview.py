@@ -10,12 +10,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from fieldcalib._messages import counted, show
-from fieldcalib._progress import progress_bar
+from fieldcalib._progress import counted, progress_bar, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
-from fieldcalib.console.arguments import add_most_bytes, positive
-from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.arguments import add_inputs, add_most_bytes, positive
 from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
@@ -26,7 +24,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.run_folder.inputs import files_read
+from fieldcalib.run_folder.frame_source import files_read
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel

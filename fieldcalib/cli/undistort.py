@@ -10,10 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fieldcalib._messages import counted, say, show
+from fieldcalib._progress import counted, say, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
-from fieldcalib.console.arguments import add_most_bytes
-from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.arguments import add_inputs, add_most_bytes
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
@@ -22,7 +21,7 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.inputs import files_read, say_note
+from fieldcalib.run_folder.frame_source import files_read, say_note
 
 PICTURE, VIDEO = ".png", ".mp4"
 

@@ -1,14 +1,18 @@
-"""Argument types and arguments that several commands share."""
+"""Argument types and arguments that several commands share.
+
+INPUT of a command line: paths, lists of paths in text files, streams.
+"""
+
+from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from fieldcalib.console.inputs import add_inputs
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
@@ -17,12 +21,68 @@ from fieldcalib.io.files import MOST_BYTES
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
+from fieldcalib.io.streams import Input, Stream
 from fieldcalib.run_folder.frame_source import MOST_BYTES as MOST_BYTES_OF_IMAGE
 from fieldcalib.run_folder.labelled_frames import AnnotationReader
 from fieldcalib.run_folder.record import JSON_LINES, PARQUET, RunOptions, Shard, as_json
 from fieldcalib.solve.solver_options import ALL, LENS_FLAGS
 
+LIST = "@"  # prefix of the name of a text file that lists inputs
+
 T = TypeVar("T")
+
+NO_PRIOR = "none"
+# Options that do not change the results of a frame, or that the record of a run has elsewhere.
+NOT_RECORDED = frozenset(
+    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
+)
+
+
+def add_inputs(parser: argparse.ArgumentParser, help: str, *, streams: bool = False) -> None:
+    """INPUT..., with lists."""
+    action = _WithStreams if streams else _Inputs
+    more = f"; {LIST}FILE: the paths in a text file, one a line, relative to its folder"
+    parser.add_argument("input", nargs="+", action=action, metavar="INPUT", help=help + more)
+
+
+class _Inputs(argparse.Action):
+    """Turns texts into paths and streams, and reads lists of them."""
+
+    streams = False
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        try:
+            setattr(namespace, self.dest, list(_listed(values, self.streams)))
+        except (OSError, ValueError) as error:
+            parser.error(str(error))
+
+
+class _WithStreams(_Inputs):
+    streams = True
+
+
+def _listed(texts: Sequence[str], streams: bool) -> Iterator[Input]:
+    for text in texts:
+        if not text:  # as of an unset shell variable
+            raise ValueError("expected a path, got nothing; . is this folder")
+        if not text.startswith(LIST):
+            yield _input(text, Path(), streams)
+            continue
+        path = Path(text.removeprefix(LIST))
+        if not path.exists():
+            raise ValueError(f"{path} does not exist: expected a text file with a path on each line")
+        lines = path.read_text("utf-8-sig", errors="surrogateescape").splitlines()
+        paths = [line.strip() for line in lines if line.strip()]
+        if not paths:
+            raise ValueError(f"{path} lists nothing: expected a path on each line")
+        for line in paths:
+            yield _input(line, path.parent, streams)
+
+
+def _input(text: str, folder: Path, streams: bool) -> Input:
+    return Stream(text) if streams and Stream.recognises(text) else folder / text
 
 
 class Default(str):
@@ -30,11 +90,6 @@ class Default(str):
 
 
 USUAL_LENS = Default("k1")
-NO_PRIOR = "none"
-# Options that do not change the results of a frame, or that the record of a run has elsewhere.
-NOT_RECORDED = frozenset(
-    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
-)
 
 
 def number(text: str, is_allowed: Callable[[float], bool], what: str) -> float:

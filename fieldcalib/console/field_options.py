@@ -1,17 +1,27 @@
-"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior."""
+"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior.
+
+The segmentation network of a command: --model, --provider, --threads.
+"""
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
-from fieldcalib.console.arguments import NO_PRIOR, positive
-from fieldcalib.console.options import did_you_mean
+from fieldcalib._interrupts import interrupts_end_the_process
+from fieldcalib._progress import say
+from fieldcalib.console.arguments import NO_PRIOR, count, positive
+from fieldcalib.console.options import did_you_mean, given, option
 from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.localize import Network, SegmentationNetwork
+from fieldcalib.localize.network import CPU
+from fieldcalib.localize.network_grid import BACKGROUND, classes_without_segment
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.solver_options import ALL, Prior
 
@@ -125,3 +135,79 @@ def named_field(name: str) -> Field:
         return field_named(name) if name in FIELDS else read_field(name)
     except BrokenFileError as error:  # of the command line, not of the input
         raise ValueError(str(error)) from None
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """The segmentation network, its field, and what it runs on."""
+
+    field: Field
+    field_name: str
+    """Name of the field on the command line."""
+    model: Path | None = option(
+        "network in ONNX, FILE.json beside it (the one that is included)", type=Path, metavar="FILE"
+    )
+    provider: str = option(f"onnxruntime's name of what runs the network ({CPU})", default=CPU, metavar="NAME")
+    threads: int = option("of the processor (2)", default=2, type=count, metavar="N")
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> NetworkOptions:
+        """Take the options of the network, and --field."""
+        return given(cls, options, field=field_of(options), field_name=options.field)
+
+    @property
+    def video_threads(self) -> int:
+        """Threads to decode or encode a video: two are open at a time, of the input or of input and overlay."""
+        return max(self.threads // 2, 1)
+
+
+class OtherFieldError(ValueError):
+    """The network of the package does not know the field, and no other one is given."""
+
+
+def or_search(load: Callable[[], SegmentationNetwork]) -> SegmentationNetwork | None:
+    """The network that is loaded; None where that of the package does not know the field: courts are searched for."""
+    try:
+        return load()
+    except OtherFieldError:
+        say("the network that comes with fieldcalib knows soccer fields only: courts are found by search")
+        return None
+
+
+def digest_of(network: Network | None) -> str:
+    """Digest of a network of one's own and its JSON; empty for that of the package, which is of its version."""
+    source = network.source if isinstance(network, SegmentationNetwork) else None
+    return "" if source is None or source.model is None else source.digest
+
+
+def load_network(options: NetworkOptions) -> SegmentationNetwork:
+    """Load the network, and OpenCV, which reads the images: both with that many threads.
+
+    Copies of the network in other processes have one thread.
+
+    Raises
+    ------
+    OtherFieldError
+        If the network that comes with the package is for another field than --field.
+    ValueError
+        If --model is.
+    """
+    with interrupts_end_the_process():
+        import cv2
+
+        cv2.setNumThreads(options.threads)
+        network = SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
+    unknown = classes_without_segment(network.classes, options.field)
+    if not unknown:
+        source = network.source and replace(network.source, threads=1)
+        return replace(network, source=source)
+    if options.model is None:
+        raise OtherFieldError(
+            f"the network that comes with fieldcalib knows soccer fields only: --field {options.field_name} needs one "
+            f"that was trained for it, --model NETWORK.onnx; labelled pixels need none, see fieldcalib calibrate"
+        )
+    raise ValueError(
+        f"--field {options.field_name} has no segment {unknown[0]!r}, which is a class of --model {options.model}: "
+        f"give the field that it was trained for, or name the class {BACKGROUND!r} in "
+        f"{options.model.with_suffix('.json')}"
+    )

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, fields
 from typing import Any, NoReturn, TypeVar, cast
 
-from fieldcalib._messages import printable
+from fieldcalib._progress import printable
 
 T = TypeVar("T")
 OPTION = "option"  # key of the metadata of such fields

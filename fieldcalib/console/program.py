@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from fieldcalib._interrupts import Terminated, interrupts_reach_the_work
-from fieldcalib._messages import printable, say
+from fieldcalib._progress import printable, say
 from fieldcalib.processes.other_process import open_closed_streams
 
 if TYPE_CHECKING:

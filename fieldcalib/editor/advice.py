@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.placement import InFrame
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.solved import Solved
 from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

@@ -15,8 +15,8 @@ from fieldcalib._checks import is_number, truth
 from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.picture_shape import LEAST_RATIO, shown_as
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
-from fieldcalib.solve.squashed_pictures import LEAST_RATIO, shown_as
 
 State = TypeVar("State")
 

@@ -10,7 +10,7 @@ The camera that follows from marks in a picture whose pixels may not be square.
 
 A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a frame that was squashed.
 Where a person has not said at which aspect it is shown, its camera is fitted as it is and as shown at 16:9, and the one
-is taken that marks and lines make more likely (`fieldcalib.solve.squashed_pictures`).
+is taken that marks and lines make more likely (`fieldcalib.solve.picture_shape`).
 
 Marks of one frame moved to another one of the same camera, as the static background moves.
 """
@@ -46,9 +46,9 @@ from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import nearest_label
+from fieldcalib.solve.picture_shape import likelier, may_be_squashed, shown_size
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import pixel_unit
-from fieldcalib.solve.squashed_pictures import likelier, may_be_squashed, shown_size
 
 REACH = 8.0  # px of a 960 x 540 image: clicks are nearer than that
 WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones near by

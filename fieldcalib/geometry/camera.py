@@ -20,7 +20,7 @@ from fieldcalib._html import table
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
-from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
+from fieldcalib.geometry.lens.model import POWERS, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles, rotation_from_vector
 

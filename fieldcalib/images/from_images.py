@@ -25,13 +25,19 @@ from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, wi
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.field_size_from_image import on_field_as_seen
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
 from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
-from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.refinement import (
+    Refined,
+    ToRefine,
+    line_support,
+    near_labels,
+    on_field_as_seen,
+    refine_all,
+    unrefined,
+)
 from fieldcalib.images.search.court_search import search_courts
-from fieldcalib.images.search.place_search import search_from
+from fieldcalib.images.search.place_search import Place, search_from
 from fieldcalib.images.shape.borders_and_squash import Method, Step, with_aspect_estimated, without_borders
 from fieldcalib.images.shape.enlarged import with_enlarged_parts
 from fieldcalib.images.shape.why_no_camera import said_plainly

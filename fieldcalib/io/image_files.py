@@ -2,14 +2,22 @@
 
 Images are OpenCV's: uint8, (height, width, 3), blue, green, red, whatever depth and channels the file has; turned as
 its EXIF data says.
+
+The size of an image from the header of its file, before anything is decoded: OpenCV has no function for that.
+
+A file of a megabyte may state 20,000 x 20,000 pixels, which take more than a gigabyte when they are decoded.
+
+JPEG: the segments of a file (ITU-T T.81, annex B), and what tells whether all of its pixels are there.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
 
@@ -17,8 +25,22 @@ import numpy as np
 
 from fieldcalib.io.files import BrokenFileError, write_bytes
 from fieldcalib.io.image import Image
-from fieldcalib.io.image_header import JPEG_BEGIN as JPEG
-from fieldcalib.io.image_header import CodedPixels, stored_size
+
+JPEG_BEGIN = b"\xff\xd8"
+MARKER = re.compile(rb"\xff[^\x00\xff]")
+AFTER_SCAN = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")  # coded pixels hold stuffed zeros and restart markers
+RESTART = re.compile(rb"\xff([\xd0-\xd7])")
+SCAN, END = 0xDA, 0xD9
+START_OF_FRAME = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+WITHOUT_LENGTH = {0x01, *range(0xD0, 0xDA)}  # markers that stand alone
+ALL_COEFFICIENTS = (1 << 64) - 1  # of a block, one bit each
+GREY = 128  # of all colours, where decoders find no coded pixels
+MORE = np.random.default_rng(0).integers(0, 255, 256, dtype=np.uint8).tobytes()  # coded pixels of some kind: no markers
+
+PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
+TIFF = {b"II": "<", b"MM": ">"}  # byte orders
+TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
+TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory
@@ -30,6 +52,164 @@ AHEAD = 6  # images that are read while others are worked on
 NO_IMAGE = "is no image that OpenCV can read: expected a JPEG, PNG, BMP, TIFF or WebP"
 
 Item = TypeVar("Item")
+
+
+def segments(content: bytes) -> Iterator[tuple[int, int]]:
+    """The kinds of the markers up to the end of the image, each with the position of what follows it.
+
+    Thumbnails lie within segments, and other data may follow the image, as in the motion photos of phones.
+
+    Raises
+    ------
+    struct.error
+        If there is no end.
+    """
+    position, pattern = len(JPEG_BEGIN), MARKER
+    while marker := pattern.search(content, position):
+        kind, position = marker.group()[1], marker.end()
+        yield kind, position
+        if kind == END:
+            return
+        if kind not in WITHOUT_LENGTH:
+            position += struct.unpack_from(">H", content, position)[0]
+        pattern = AFTER_SCAN if kind == SCAN else MARKER
+    raise struct.error("no end of the image")
+
+
+def jpeg_size(content: bytes) -> tuple[int, int]:
+    """Width and height in the first frame header; a struct.error if there is none."""
+    for kind, position in segments(content):
+        if kind in START_OF_FRAME:
+            height, width = struct.unpack_from(">HH", content, position + 3)
+            return width, height
+    raise struct.error("no frame header")
+
+
+@dataclass(frozen=True)
+class CodedPixels:
+    """The coded pixels of a file."""
+
+    has_all_scans: bool
+    """Whether the scans have all coefficients of all components, to their last bit."""
+    begin: int
+    """Position of the last scan."""
+    end: int
+    """Position of what follows it."""
+
+    @classmethod
+    def of(cls, content: bytes) -> CodedPixels:
+        r"""Find the coded pixels of a file; a struct.error if the end of the image is missing.
+
+        Examples
+        --------
+        >>> CodedPixels.of(JPEG_BEGIN + b"\xff\xd9 and other data").end
+        4
+        >>> CodedPixels.of(JPEG_BEGIN + b"\xff\xe1\x00\x04\xff\xd9")
+        Traceback (most recent call last):
+            ...
+        struct.error: no end of the image
+        """
+        begin, end, components = len(JPEG_BEGIN), 0, b""
+        found: dict[int, int] = {}  # bits by component, one for each coefficient
+        for kind, position in segments(content):
+            if end <= begin:
+                end = position
+            if kind in START_OF_FRAME:
+                components = content[position + 7 : position + 8]
+            elif kind == SCAN:
+                begin = position
+                for component, bits in _scanned(content, position):
+                    found[component] = found.get(component, 0) | bits
+        has_all = bytes([len(found)]) == components and all(bits == ALL_COEFFICIENTS for bits in found.values())
+        return cls(has_all, begin, end)
+
+    def may_be_missing(self, image: Image) -> bool:
+        """Whether some may be missing: a corner of the image is as grey as where there are none, or scans are missing.
+
+        Pictures may have such corners, and the standard asks for no scan that only adds detail: `with_more` tells them
+        apart.
+        """
+        corners = image[[0, -1]][:, [0, -1]]  # the last one of the coded picture, which may be turned
+        return not self.has_all_scans or bool(np.any(np.all(corners == GREY, axis=-1)))
+
+    def with_more(self, content: bytes) -> bytes:
+        """The file with more coded pixels: where none are missing they change nothing.
+
+        Decoders read as many as the image has, and skip others; in the place of missing ones they see noise.
+        """
+        end = len(content[: self.end - 2].rstrip(b"\xff"))  # without the marker and fill bytes before it
+        restarts = RESTART.findall(content, self.begin, end)
+        restart = bytes([0xFF, 0xD0 + (restarts[-1][0] - 0xD0 + 1) % 8 if restarts else 0xD0])
+        return content[:end] + MORE + restart + MORE + content[end:]
+
+
+def _scanned(content: bytes, position: int) -> Iterator[tuple[int, int]]:
+    """The components of a scan, each with the bits of the coefficients that it has to their last bit."""
+    (length,) = struct.unpack_from(">H", content, position)
+    header = content[position + 2 : position + length].ljust(4, b"\0")
+    first, last, approximation = header[-3:]
+    bits = (1 << last + 1) - (1 << first) if approximation & 15 == 0 else 0
+    return ((component, bits) for component in header[1:-3:2])
+
+
+def stored_size(content: bytes) -> tuple[int, int] | None:
+    """Width and height that a JPEG, PNG, BMP, TIFF or WebP file states; None if it is none of these.
+
+    Examples
+    --------
+    >>> stored_size(b"BM" + bytes(12) + struct.pack("<Iii", 40, 960, -540))
+    (960, 540)
+    """
+    try:
+        if content.startswith(PNG):
+            width, height = struct.unpack_from(">II", content, 16)
+        elif content.startswith(BMP):
+            (header,) = struct.unpack_from("<I", content, 14)
+            width, height = struct.unpack_from("<HH" if header == 12 else "<ii", content, 18)
+        elif content.startswith(JPEG_BEGIN):
+            width, height = jpeg_size(content)
+        elif content[:2] in TIFF:
+            width, height = _tiff_size(content, TIFF[content[:2]])
+        elif content[:4] == b"RIFF" and content[8:12] == b"WEBP":
+            width, height = _webp_size(content)
+        else:
+            return None
+    except (struct.error, KeyError, OverflowError):  # cut off, or a TIFF without a size or with absurd offsets
+        return None
+    return abs(width), abs(height)  # the rows of a BMP may run upwards
+
+
+def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
+    """Size in the first directory."""
+    if content[2:4] == struct.pack(order + "H", 43):  # BigTIFF
+        first, count, entry, offset = 8, "Q", 20, 12
+    else:
+        first, count, entry, offset = 4, "H", 12, 8
+    (start,) = struct.unpack_from(order + ("Q" if count == "Q" else "I"), content, first)
+    (entries,) = struct.unpack_from(order + count, content, start)
+    start += struct.calcsize(count)
+    found: dict[int, int] = {}
+    for position in range(start, start + entry * entries, entry):
+        tag, kind = struct.unpack_from(order + "HH", content, position)
+        if tag in TIFF_TAGS:
+            (found[tag],) = struct.unpack_from(order + TIFF_TYPES[kind], content, position + offset)
+        if len(found) == len(TIFF_TAGS):
+            break
+    width, height = (found[tag] for tag in TIFF_TAGS)
+    return width, height
+
+
+def _webp_size(content: bytes) -> tuple[int, int]:
+    """Size in the first chunk: lossy, lossless or extended."""
+    kind = content[12:16]
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", content, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", content, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    low, high = struct.unpack_from("<IH", content, 24)  # two numbers of 24 bits
+    return (low & 0xFFFFFF) + 1, (low >> 24 | high << 8) + 1
 
 
 def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
@@ -65,7 +245,7 @@ def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
 
 def _coded_pixels(content: bytes) -> CodedPixels | None:
     """The coded pixels of a JPEG; None of other files."""
-    if not content.startswith(JPEG):
+    if not content.startswith(JPEG_BEGIN):
         return None
     try:
         return CodedPixels.of(content)

@@ -18,7 +18,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.opencv import opencv_vector
+from fieldcalib.geometry.lens.model import opencv_vector
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
 from fieldcalib.io.files import FrameFile, find_files, named_in_errors, parse_json_object

@@ -3,5 +3,5 @@ from .batches import localize as localize
 from .network import SegmentationNetwork as SegmentationNetwork
 from .network_grid import BACKGROUND as BACKGROUND
 from .network_grid import Localization as Localization
-from .ridges import ridge_points as ridge_points
-from .skeletons import skeleton_points as skeleton_points
+from .point_selection import ridge_points as ridge_points
+from .point_selection import skeleton_points as skeleton_points

@@ -13,7 +13,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize.network_grid import Localization
-from fieldcalib.localize.ridges import ridge_points
+from fieldcalib.localize.point_selection import ridge_points
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.jobs import in_order
 

@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._checks import FIELD, expect
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import checked_image_size
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.metrics.views import Prediction, checked_prediction, image_to_field
 
 PIXELS_ACROSS = 64  # of the grid of compared pixels
@@ -74,4 +74,51 @@ def projection_error(
         return ProjectionError(np.nan, np.nan, np.nan, 1.0 if len(distance) else np.nan)
     return ProjectionError(
         float(np.mean(seen)), float(np.median(seen)), float(np.max(seen)), 1.0 - len(seen) / len(distance)
+    )
+
+
+@dataclass(frozen=True)
+class CameraDifference:
+    """Differences between an estimated camera and the true one; NaN where there is no camera."""
+
+    focal_length: float
+    """Percent."""
+    position: float
+    """Metres."""
+    pan: float
+    """Degrees, as tilt and roll."""
+    tilt: float
+    roll: float
+    reprojection: float
+    """Largest distance in pixels between the images of a point of the ground, over the visible field."""
+
+
+def camera_difference(camera: Camera | None, truth: Camera, field: Field) -> CameraDifference:
+    """Compare an estimated camera with the true one.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.sports.soccer import soccer
+    >>> truth = Camera.from_angles(0.0, 1.3, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> moved = Camera(truth.K, truth.R, truth.C + [0.0, 0.0, -0.5], truth.image_size)
+    >>> errors = camera_difference(moved, truth, soccer())
+    >>> errors.position, errors.pan, errors.reprojection > 5.0
+    (0.5, 0.0, True)
+    """
+    if camera is None:
+        return CameraDifference(*[np.nan] * 6)
+    half = np.array([field.length, field.width]) / 2.0
+    x, y = np.meshgrid(np.linspace(-half[0], half[0], 106), np.linspace(-half[1], half[1], 69))  # 1 m apart
+    X = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    xy = truth.project(X)
+    visible = np.all((xy >= 0.0) & (xy <= np.array(truth.image_size) - 1.0), axis=-1)
+    distance = np.linalg.norm(camera.project(X[visible]) - xy[visible], axis=-1)
+    pan, tilt, roll = np.abs(np.degrees((camera.angles - truth.angles + np.pi) % (2.0 * np.pi) - np.pi)).tolist()
+    return CameraDifference(
+        100.0 * abs(camera.focal_length / truth.focal_length - 1.0),
+        float(np.linalg.norm(camera.C - truth.C)),
+        pan,
+        tilt,
+        roll,
+        float(np.max(np.nan_to_num(distance, nan=np.inf))),
     )

@@ -11,7 +11,7 @@ from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
-from fieldcalib.geometry.lens.opencv import opencv_vector
+from fieldcalib.geometry.lens.model import opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 Prediction: TypeAlias = Camera | Array

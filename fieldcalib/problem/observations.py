@@ -87,7 +87,7 @@ class Observations:
 
     @property
     def ends(self) -> EndRows:
-        """Rows of the pixels past the end of their segment (`fieldcalib.problem.segment_ends`)."""
+        """Rows of the pixels past the end of their segment (`fieldcalib.problem.evaluation`)."""
         return self.of_kind(EndRows)
 
     def with_ends(self, ends: EndRows) -> Observations:

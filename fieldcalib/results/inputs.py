@@ -39,12 +39,20 @@ from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.pictures import Pictures
 from fieldcalib.run_folder.engine import calibrate_clip, calibrate_images, live_tracker, tracked
-from fieldcalib.run_folder.frame_source import ClipInput, Frame, ReadImage, whole_frame
-from fieldcalib.run_folder.inputs import is_clip, is_video, pixels_of, videos_in
+from fieldcalib.run_folder.frame_source import (
+    ClipInput,
+    Frame,
+    ReadImage,
+    is_clip,
+    is_video,
+    pixels_of,
+    videos_in,
+    whole_frame,
+)
 from fieldcalib.run_folder.labelled_frames import paper_losses
 from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
-from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.picture_shape import with_border_complaint
 from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import Prior
 

@@ -24,7 +24,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.clip.from_video import Mount, PartStore, calibrate_video
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.search.cameras_at_place import Place
+from fieldcalib.images.search.place_search import Place
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fieldcalib._messages import counted
+from fieldcalib._progress import counted
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, What, how
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration

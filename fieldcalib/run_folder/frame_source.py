@@ -1,13 +1,15 @@
 """Where frames come from: a video, files of images, or arrays; in order as often as wanted, or one by its number.
 
 A live stream is none: its frames come once (`fieldcalib.io.streams`).
+
+What an input is of: a video, a stream, or images; and whether its frames are calibrated together.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +17,7 @@ from threading import Lock
 from typing import Any, TypeVar
 
 from fieldcalib._checks import is_number
-from fieldcalib._messages import say
-from fieldcalib._progress import Progress, progress_bar, waiting_for
+from fieldcalib._progress import Progress, progress_bar, say, waiting_for
 from fieldcalib.assess.placement import Placement
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
@@ -24,8 +25,9 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import MOST_PIXELS
-from fieldcalib.io.streams import Input
-from fieldcalib.io.videos import DEFAULT_RATE, FrameReader, FramesByNumber
+from fieldcalib.io.streams import Input, Stream
+from fieldcalib.io.videos import DEFAULT_RATE, FrameReader, FramesByNumber, VideoWriter
+from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.work_units import read_each
 
@@ -479,3 +481,59 @@ class ClipInput:
         if self.ids and len(ids) < len(self.ids):
             raise BrokenFileError(REPLACED)
         self.ids = ids
+
+
+def is_video(one: Input) -> bool:
+    """Whether an input is the file of a video."""
+    return not isinstance(one, Stream) and VIDEOS.recognises(one)
+
+
+def is_clip(first: Input, *, together: bool = False, alone: bool = False) -> bool:
+    """Whether frames are calibrated together: those of a video unless `alone`, images if `together`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> is_clip(Path("a.mp4")), is_clip(Path("a.mp4"), alone=True), is_clip(Path("a.jpg"))
+    (True, False, False)
+    """
+    return together or (is_video(first) and not alone)
+
+
+def files_read(inputs: Sequence[Path]) -> list[Path]:
+    """The files that are read of images, or of one video: of a zip the zip itself."""
+    if VIDEOS.recognises(inputs[0]):
+        return list(inputs)
+    return [file.on_disk for file in IMAGES.find(inputs)]
+
+
+def videos_in(one: Input) -> list[Input]:
+    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    if isinstance(one, Stream) or not one.is_dir():
+        return [one]
+    files = sorted(path for path in one.iterdir() if path.is_file())
+    if any(map(IMAGES.recognises, files)):
+        return [one]
+    return [path for path in files if VIDEOS.recognises(path)] or [one]
+
+
+def say_note(path: Path, video: VideoWriter) -> None:
+    """Print the note of a video that was written, if it has one, on stderr."""
+    if video.note:
+        say(f"{path} {video.note}")
+
+
+def outcomes_of(
+    frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
+) -> list[Outcome]:
+    """The outcomes of frames, from results for those that could be read."""
+    rest = iter(results)
+    return [
+        Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
+        for frame in frames
+    ]
+
+
+def pixels_of(frame: Frame) -> int:
+    """Number of pixels in memory."""
+    return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from fieldcalib._messages import counted, say
+from fieldcalib._progress import counted, say
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
-from fieldcalib._messages import counted, say, show
+from fieldcalib._progress import counted, say, show
 from fieldcalib.assess.findings import LEFT_OUT, Verdict, What, advice_from_json
 from fieldcalib.io.files import (
     BrokenFileError,

@@ -10,8 +10,7 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
-from fieldcalib._messages import show
-from fieldcalib._progress import progress_bar, waiting_for
+from fieldcalib._progress import progress_bar, show, waiting_for
 from fieldcalib.io.files import FrameFile, error_message
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError

@@ -13,11 +13,10 @@ import numpy as np
 
 from fieldcalib._types import IntArray
 from fieldcalib.geometry.lens import lens_with
-from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.evaluation import Evaluation, with_segment_ends
 from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.problem.segment_ends import with_segment_ends
 from fieldcalib.solve.solver_options import CERTAIN, Options
 
 LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))

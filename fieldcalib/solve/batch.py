@@ -16,10 +16,9 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import expect, listed, several, truth
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.camera_errors import NoErrors
+from fieldcalib.assess.camera_errors import NoErrors, Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -34,8 +33,8 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
+from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.solver_options import (
     DEFAULT_CRITERIA,
@@ -44,7 +43,6 @@ from fieldcalib.solve.solver_options import (
     Options,
     Prior,
 )
-from fieldcalib.solve.squashed_pictures import with_likely_aspect
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames

@@ -27,11 +27,11 @@ import numpy as np
 
 from fieldcalib._html import table
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import SizeEvidence
-from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera

@@ -18,16 +18,16 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import turned_camera
-from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.evaluation import Evaluation, evaluate, with_segment_ends
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
     Pixels,
@@ -41,14 +41,12 @@ from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.segment_ends import with_segment_ends
-from fieldcalib.solve.annotation_border import with_border_complaint
 from fieldcalib.solve.auto_lens import with_required_lens
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
+from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, Criteria, Options, Prior
-from fieldcalib.solve.squashed_pictures import with_likely_aspect
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones

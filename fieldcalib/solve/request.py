@@ -22,7 +22,7 @@ from fieldcalib.fields.sides import Side
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import lens_with
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS, nonzero_coefficients, opencv_vector
+from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients, opencv_vector
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.layout import (
     ANGLES,

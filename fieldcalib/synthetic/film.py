@@ -23,7 +23,6 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.soccernet import camera_from_record, camera_to_record
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.synthetic.colours import BOARD_SCALE, boards_texture
-from fieldcalib.synthetic.ground import random_ground, random_light
 from fieldcalib.synthetic.objects import (
     NEAREST,
     TEAM_SHARES,
@@ -39,7 +38,7 @@ from fieldcalib.synthetic.objects import (
 )
 from fieldcalib.synthetic.paths import RATE, MeasuredZoom, camera_between, camera_path, flight, seen_far_away
 from fieldcalib.synthetic.pictures import add_graphics
-from fieldcalib.synthetic.surroundings import GroundView, add_surroundings
+from fieldcalib.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
 
 CLIP_SIZE = (960, 540)
 LEAST_PATH = 150  # frames: shorter clips are parts of a path of this length, which covers all its ranges

@@ -34,7 +34,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, write_text
 from fieldcalib.io.image import Image
-from fieldcalib.io.image_header import stored_size
+from fieldcalib.io.image_files import stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
 from fieldcalib.results.pictures import Pictures

@@ -160,7 +160,9 @@ def test_errors_that_are_known_are_not_computed_again(monkeypatch):
     known = calibrations[1].uncertainty
     compute_errors(calibrations)
     assert calibrations[1].uncertainty is known
-    monkeypatch.setattr("fieldcalib.assess.solved.uncertainties", lambda *arguments: pytest.fail("computed again"))
+    monkeypatch.setattr(
+        "fieldcalib.assess.camera_errors.uncertainties", lambda *arguments: pytest.fail("computed again")
+    )
     compute_errors(calibrations)
 
 

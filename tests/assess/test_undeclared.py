@@ -12,6 +12,8 @@ from pictures import picture
 from strategies import examples
 from synthetic import observe, whole_circle_markings
 
+from data_tools.simulated import observe as demo_labels
+from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cropping_evidence import (
@@ -39,10 +41,8 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.picture_shape import likelier
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
-from fieldcalib.solve.squashed_pictures import likelier
-from fieldcalib.synthetic.simulated import observe as demo_labels
-from fieldcalib.synthetic.simulated import pan_over_field
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
 GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])

@@ -32,7 +32,7 @@ ARGUMENTS = [
 COMPILE = """
 import numpy as np
 from fieldcalib import calibrate_batch, soccer
-from fieldcalib.synthetic.simulated import IMAGE_SIZE, observe, pan_over_field
+from data_tools.simulated import IMAGE_SIZE, observe, pan_over_field
 rng = np.random.default_rng(0)
 calibrate_batch(soccer(), [observe(camera, soccer(), rng, 1.0) for camera in pan_over_field(2)], IMAGE_SIZE)
 """

@@ -13,10 +13,10 @@ from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.cli.main import main
 from fieldcalib.io.soccernet import parse_camera
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.synthetic import sample_files, samples
 from fieldcalib.synthetic.film import read_cameras
 from fieldcalib.synthetic.sample_files import read_positions
-from fieldcalib.synthetic.simulated import camera_difference
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,11 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
+from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.solve.picture_shape import WAS_SQUASHED
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.solver_options import CalibrationFlags as F
-from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
-from fieldcalib.synthetic.simulated import camera_difference
 
 SIZE = (960, 540)
 WIDE, NARROW = camera(24, 78, 1400.1, (3.3, 68.2, -17.1), k=(0.06, 0.0)), camera(-2, 78, 2500.7, (3.3, 68.2, -17.1))

@@ -25,9 +25,9 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.run_folder import frame_source
 from fieldcalib.run_folder.frame_source import Frame
-from fieldcalib.synthetic.simulated import camera_difference
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]

@@ -9,9 +9,9 @@ from strategies import examples, generators
 
 from data_tools import spoiled_labels, wrong_labels
 from data_tools.random_frames import SIZE, confused_labels, mislabelled, noisy_pixels, random_frame
+from data_tools.simulated import observe, pan_over_field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.synthetic.simulated import observe, pan_over_field
 
 FIELD = soccer()
 

@@ -15,6 +15,7 @@ from data_tools import score_images
 from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.onnx_model import read_network, write_model
+from data_tools.simulated import observe
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.games import game_named
@@ -35,7 +36,6 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.image_files import write_image
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.synthetic.simulated import observe
 
 STEPS = 3
 SMALL = (160, 96)

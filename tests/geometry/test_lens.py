@@ -13,8 +13,7 @@ from strategies import angle, vectors
 from fieldcalib import Calibration, CalibrationFlags, Camera, calibrate_from_segments, soccer
 from fieldcalib.geometry.lens import LENSES, BrownConradyLens, Lens, Pinhole, RadialLens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
-from fieldcalib.geometry.lens.model import FOLD
-from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector
+from fieldcalib.geometry.lens.model import FOLD, POWERS, opencv_vector
 
 RHO = 550.0  # half the diagonal of 960 x 540
 FAR = 3.0  # in units of RHO: as far outside the image as anything here looks

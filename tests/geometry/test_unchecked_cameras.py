@@ -13,7 +13,7 @@ from synthetic import visible_field_points
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, brown_conrady_jacobian, undistorted
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS
+from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.io.soccernet import camera_to_record
 
 # (x, y, depth) within 45 degrees of the optical axis, 1 to 100 m away

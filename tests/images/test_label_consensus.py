@@ -9,11 +9,11 @@ from views import camera
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
+from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS
-from fieldcalib.synthetic.simulated import camera_difference
 
 FIELD = soccer()
 TRUTH = camera(3, 75, 1000, (-2, 66, -16), k=(0.03, 0.0))

@@ -19,13 +19,13 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.network import NetworkDescription, resized
 from fieldcalib.localize.network_grid import image_from_grid
+from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.synthetic.simulated import camera_difference
 
 HD = (1920, 1080)
 VIEWS = {

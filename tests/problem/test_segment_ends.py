@@ -11,10 +11,9 @@ from test_evaluation import SIZES, at, jacobian_errors
 
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.evaluation import evaluate
+from fieldcalib.problem.evaluation import evaluate, pixels_past_ends, with_segment_ends
 from fieldcalib.problem.layout import Layout, camera_from_theta, theta_from_camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.segment_ends import pixels_past_ends, with_segment_ends
 from fieldcalib.solve.batch import calibrate_batch
 
 FIELD, SIZE, FAR = soccer(), (960, 540), 20.0
@@ -119,7 +118,7 @@ def test_noisy_cameras_get_better(monkeypatch):
         return np.array([np.linalg.norm(c.camera.C - camera.C) for c, camera in zip(found, cameras, strict=True)])
 
     drawn = position_errors()
-    monkeypatch.setattr("fieldcalib.problem.segment_ends.WEIGHT", 0.0)
+    monkeypatch.setattr("fieldcalib.problem.evaluation.WEIGHT", 0.0)
     blind = position_errors()
     assert np.median(drawn) < 0.95 * np.median(blind)
     assert np.mean(drawn < blind) > 0.5

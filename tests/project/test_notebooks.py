@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import fieldcalib
+from data_tools.simulated import IMAGE_SIZE, observe, pan_over_field
 from fieldcalib import Calibration, Camera, SegmentationNetwork, Status, calibrate_sequence, soccer
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.solve import FieldSize
-from fieldcalib.synthetic.simulated import IMAGE_SIZE, observe, pan_over_field
 
 FIELD = soccer()
 EVIL = '<img src=x onerror="alert(1)">'

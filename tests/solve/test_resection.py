@@ -14,9 +14,8 @@ from fieldcalib import PINHOLE_FLAGS, Camera, calibrate_from_points
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.from_points import Points, _start
+from fieldcalib.solve.from_points import Cameras, Points, _start, resect
 from fieldcalib.solve.request import GivenCamera, Task
-from fieldcalib.solve.resection import Cameras, resect
 from fieldcalib.solve.solver_options import CalibrationFlags
 
 F = CalibrationFlags

@@ -15,13 +15,13 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.segments.arc import Arc as Arc
 from fieldcalib.fields.segments.arc import ArcRows as ArcRows
-from fieldcalib.fields.segments.end import EndRows as EndRows
 from fieldcalib.fields.segments.line import Line as Line
 from fieldcalib.fields.segments.line import LineRows as LineRows
 from fieldcalib.fields.segments.point import Point as Point
 from fieldcalib.fields.segments.point import PointRows as PointRows
 from fieldcalib.fields.segments.point_cloud import CloudRows, CurveRows
 from fieldcalib.fields.segments.point_cloud import PointCloud as PointCloud
+from fieldcalib.fields.segments.rows import EndRows as EndRows
 from fieldcalib.fields.segments.rows import Rows as Rows
 from fieldcalib.fields.segments.segment import Segment as Segment
 

@@ -72,7 +72,7 @@ class LineRows(Rows):
 @dataclass(frozen=True)
 class Line(Segment):
     """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both; those past
-    an end have a second residual against that end (`fieldcalib.problem.segment_ends`).
+    an end have a second residual against that end (`fieldcalib.problem.evaluation`).
 
     Examples
     --------

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.geometry.lens.brown_conrady import BrownConradyLens as BrownConradyLens
 from fieldcalib.geometry.lens.model import Lens as Lens
-from fieldcalib.geometry.lens.opencv import nonzero_coefficients
+from fieldcalib.geometry.lens.model import nonzero_coefficients
 from fieldcalib.geometry.lens.pinhole import Pinhole as Pinhole
 from fieldcalib.geometry.lens.radial import RadialLens as RadialLens
 
@@ -64,7 +64,7 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
     Raises
     ------
     ValueError
-        As in `fieldcalib.geometry.lens.opencv.opencv_vector`.
+        As in `fieldcalib.geometry.lens.model.opencv_vector`.
 
     Examples
     --------

@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.geometry.lens.model import Lens, constant, da2_da1, dot
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS
+from fieldcalib.geometry.lens.model import COEFFICIENTS, Lens, constant, da2_da1, dot
 from fieldcalib.geometry.lens.radial import RADIAL_MEAN, RADIAL_SIGMA
 
 # Not measured on broadcast cameras; small, so that they stay near 0 unless the pixels determine them. p1 displaces the

@@ -50,10 +50,10 @@ from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.picture_shape import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
 from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
 from fieldcalib.solve.solver_options import CERTAIN
-from fieldcalib.solve.squashed_pictures import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
 
 SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next
 FURTHEST = 3000  # frames, two minutes, from which these are taken

@@ -23,9 +23,8 @@ from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
 from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.clip.enlarged_clip import Detail, softness_of_shot
 from fieldcalib.images.paint.detected_lines import line_loss
-from fieldcalib.images.search.cameras_at_place import Place
 from fieldcalib.images.search.court_search import search_courts
-from fieldcalib.images.search.place_search import place_of, search_from
+from fieldcalib.images.search.place_search import Place, place_of, search_from
 from fieldcalib.images.shape.enlarged import window_prior
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE

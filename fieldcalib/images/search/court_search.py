@@ -33,8 +33,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
-from fieldcalib.images.field_size_from_image import on_field_as_seen
-from fieldcalib.images.refinement import Refined
+from fieldcalib.images.refinement import Refined, on_field_as_seen
 from fieldcalib.images.search.court_hypotheses import Cameras, stands
 from fieldcalib.images.search.court_ranking import (
     GRID,

@@ -17,6 +17,8 @@ Where the camera of several pictures stands, which show a court from one tripod.
 Frames that were found by themselves vote for the place. Where none was found, every camera that a search of a picture
 proposes stands at a place that may be the right one; places are compared by how well views from them explain some of
 the pictures together. From there all pictures are searched again, and those that are found vote for the place anew.
+
+Where a camera stands, and how far the pictures of its views from there differ.
 """
 
 from __future__ import annotations
@@ -33,10 +35,10 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
+from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.search.cameras_at_place import Place, apart
 from fieldcalib.images.search.cameras_from_ellipses import SeenCircles, circles_of
 from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within, unit
@@ -62,6 +64,9 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
+NEARBY = 3.4  # standard deviations: 99 % of chi-squared with three degrees of freedom
+WIDTHS = 1.96  # standard deviations between the mean and the end of a range of a stand
+
 COARSE = 8.0  # px: deviation of stripes from views
 POINTS, PULLING = 300, 60  # of the field, by which views are compared and pulled
 KEPT, PULLED = 2000, 40  # the likeliest views, of which different ones are pulled
@@ -85,6 +90,46 @@ FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place be
 ROUNDS = 2  # of searching all pictures and voting for the place
 ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
 AGREE = 3  # pictures that were found and agree on a place make it known
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a camera stands, and how it may be zoomed."""
+
+    C: Array
+    """Metres, (3,)."""
+    sigma: Array
+    """Standard deviations, (3,)."""
+    zoom: tuple[float, float]
+    """Least and largest focal length, in widths of the picture."""
+    bend: float = 0.0
+    """Distortion of its pictures (`fieldcalib.images.search.straightened.Bend`), about the same for all focal
+    lengths."""
+
+    def focal_lengths(self, width: int, step: float) -> Array:
+        """Focal lengths, pixels, of a picture of a width; from one to the next, its border moves by a step, pixels."""
+        low, high = np.log(np.array(self.zoom) * width)
+        return np.asarray(np.exp(np.arange(low, high + 1e-9, 2.0 * step / width)))
+
+    def is_near(self, camera: Camera) -> bool:
+        """Whether a camera may stand there."""
+        return float(np.linalg.norm((camera.C - self.C) / self.sigma)) < NEARBY
+
+    def stand(self, field: Field) -> CameraDistribution:
+        """The place as a prior: the nearest stand of the field, narrowed to the place."""
+        middle = np.array([[sum(stand.x) / 2.0, sum(stand.y) / 2.0, sum(stand.z) / 2.0] for stand in field.stands])
+        nearest = field.stands[int(np.argmin(np.linalg.norm(middle - self.C, axis=1)))]
+        low, high = (self.C - WIDTHS * self.sigma).tolist(), (self.C + WIDTHS * self.sigma).tolist()
+        x, y, z = zip(low, high, strict=True)
+        return replace(nearest, name="known place", x=x, y=y, z=z)
+
+
+def apart(cameras: Cameras, camera: Camera) -> Array:
+    """About how far cameras move the picture of one at the same place, (B,) pixels; a roll moves its border."""
+    f, half = camera.focal_length, 0.5 * cameras.size[0]
+    pan, tilt, roll = (angles_from_rotation(cameras.R) - camera.angles).T
+    turn = f * np.hypot(pan * np.sin(camera.angles[1]), tilt)
+    return np.asarray(turn + half * (np.abs(roll) + np.abs(np.log(cameras.f / f))))
 
 
 def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:

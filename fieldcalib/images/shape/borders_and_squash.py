@@ -9,7 +9,7 @@ windows are calibrated, and the best of their cameras is taken; where there are 
 is.
 
 A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it had been squashed, and the
-calibration that the lines in it make more likely is returned (`fieldcalib.solve.squashed_pictures`).
+calibration that the lines in it make more likely is returned (`fieldcalib.solve.picture_shape`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.shape.picture_in_picture import Window, windows_of
 from fieldcalib.io.image import Image, size_of
+from fieldcalib.solve.picture_shape import likelier, log_evidence, may_be_squashed, shown_size
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.squashed_pictures import likelier, log_evidence, may_be_squashed, shown_size
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
 Step = Callable[[Method, Sequence[Image]], list[Calibration]]  # one around a method

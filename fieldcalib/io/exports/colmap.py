@@ -7,7 +7,7 @@ is ours + 0.5. Every image has a camera of its own, as the zoom changes.
 from __future__ import annotations
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.opencv import nonzero_coefficients
+from fieldcalib.geometry.lens.model import nonzero_coefficients
 from fieldcalib.io.exports.frames import (
     IMAGE_NAMES,
     FrameCameras,

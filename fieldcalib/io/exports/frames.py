@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.opencv import nonzero_coefficients
+from fieldcalib.geometry.lens.model import nonzero_coefficients
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 # World to world and camera to camera: half a turn about x, its own inverse.

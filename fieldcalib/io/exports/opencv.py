@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.lens.opencv import opencv_vector, shortest_opencv_vector
+from fieldcalib.geometry.lens.model import opencv_vector, shortest_opencv_vector
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.files import BrokenFileError, named_in_errors, read_regular_file
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.opencv import COEFFICIENTS, opencv_vector
+from fieldcalib.geometry.lens.model import COEFFICIENTS, opencv_vector
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.files import escaped
 

@@ -19,9 +19,9 @@ from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.shape.borders_and_squash import within_borders
+from fieldcalib.solve.picture_shape import WAS_SQUASHED
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
-from fieldcalib.solve.squashed_pictures import WAS_SQUASHED
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
 from fieldcalib.synthetic.paths import camera_path
 

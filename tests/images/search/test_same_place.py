@@ -17,8 +17,7 @@ from fieldcalib.fields import field_named, tennis
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.keyframes import SearchedKeyframes
-from fieldcalib.images.search.cameras_at_place import Place
-from fieldcalib.images.search.place_search import place_of, pooled_place, search_from
+from fieldcalib.images.search.place_search import Place, place_of, pooled_place, search_from
 from fieldcalib.solve.request import Task
 
 SIZE = (960, 540)

@@ -8,6 +8,7 @@ import pytest
 from pictures import picture
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, counts
+from data_tools.simulated import observe
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.assess.findings import Status, Verdict, What
@@ -19,7 +20,6 @@ from fieldcalib.images.shape.borders_and_squash import without_borders
 from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.io.image import size_of
 from fieldcalib.solve.request import Task
-from fieldcalib.synthetic.simulated import observe
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)
 CAMERA = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)

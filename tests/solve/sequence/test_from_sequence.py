@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from synthetic import whole_circle_markings
 
+from data_tools.simulated import observe
 from data_tools.synthetic.clips import labelled
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
 from fieldcalib.fields import badminton
@@ -15,7 +16,6 @@ from fieldcalib.problem.layout import CENTER
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.synthetic.paths import camera_path
-from fieldcalib.synthetic.simulated import observe
 
 FIELD = soccer()
 SIZE = (1920, 1080)

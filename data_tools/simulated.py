@@ -1,8 +1,6 @@
-"""Simulated labels: a camera that pans over a field, the pixels that an annotator would label, and camera errors."""
+"""Simulated labels: a camera that pans over a field, and the pixels that an annotator would label."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,22 +13,6 @@ from fieldcalib.problem.labelled_pixels import Pixels
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: shorter visible parts of a marking are not labelled
-
-
-@dataclass(frozen=True)
-class CameraDifference:
-    """Differences between an estimated camera and the true one; NaN where there is no camera."""
-
-    focal_length: float
-    """Percent."""
-    position: float
-    """Metres."""
-    pan: float
-    """Degrees, as tilt and roll."""
-    tilt: float
-    roll: float
-    reprojection: float
-    """Largest distance in pixels between the images of a point of the ground, over the visible field."""
 
 
 def pan_over_field(count: int) -> list[Camera]:
@@ -94,37 +76,6 @@ def observe(
         labelled = chosen + rng.normal(0.0, noise, size=chosen.shape)
         pixels[label] = labelled[_inside(labelled, 0.0, camera.image_size)]
     return pixels
-
-
-def camera_difference(camera: Camera | None, truth: Camera, field: Field) -> CameraDifference:
-    """Compare an estimated camera with the true one.
-
-    Examples
-    --------
-    >>> from fieldcalib.fields.sports.soccer import soccer
-    >>> truth = pan_over_field(1)[0]
-    >>> moved = Camera(truth.K, truth.R, truth.C + [0.0, 0.0, -0.5], truth.image_size)
-    >>> errors = camera_difference(moved, truth, soccer())
-    >>> errors.position, errors.pan, errors.reprojection > 5.0
-    (0.5, 0.0, True)
-    """
-    if camera is None:
-        return CameraDifference(*[np.nan] * 6)
-    half = np.array([field.length, field.width]) / 2.0
-    x, y = np.meshgrid(np.linspace(-half[0], half[0], 106), np.linspace(-half[1], half[1], 69))  # 1 m apart
-    X = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    xy = truth.project(X)
-    visible = _inside(xy, 0.0, truth.image_size)
-    distance = np.linalg.norm(camera.project(X[visible]) - xy[visible], axis=-1)
-    pan, tilt, roll = np.abs(np.degrees((camera.angles - truth.angles + np.pi) % (2.0 * np.pi) - np.pi)).tolist()
-    return CameraDifference(
-        100.0 * abs(camera.focal_length / truth.focal_length - 1.0),
-        float(np.linalg.norm(camera.C - truth.C)),
-        pan,
-        tilt,
-        roll,
-        float(np.max(np.nan_to_num(distance, nan=np.inf))),
-    )
 
 
 def _inside(xy: Array, margin: float, image_size: tuple[int, int]) -> BoolArray:

@@ -5,10 +5,11 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
+from data_tools.simulated import IMAGE_SIZE, observe, pan_over_field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.synthetic.simulated import IMAGE_SIZE, camera_difference, observe, pan_over_field
+from fieldcalib.metrics.distance import camera_difference
 
 FIELD = soccer()
 
