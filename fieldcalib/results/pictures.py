@@ -113,7 +113,7 @@ class Pictures:
         if len(self.images):
             return ArrayFrames(self.images, self.cut)
         if self.is_video:
-            return VideoFrames(self.paths[0], self.cut, tell=tell)
+            return VideoFrames(self.paths[0], self.cut, tell=tell).looked_at()
         return FileFrames(self.files, tell=ignored)
 
 

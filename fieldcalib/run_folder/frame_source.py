@@ -101,8 +101,6 @@ class FrameSource(ABC):
 
     files: Sequence[FrameFile] = ()
     """Files that they are read from."""
-    rate: float | None = None
-    """Frames per second of a video; None for pictures."""
     loss: str = ""
     """Message about frames that the input announced and does not have; known when it was read to its end."""
 
@@ -112,6 +110,11 @@ class FrameSource(ABC):
         self._kept: OrderedDict[int, Image] = OrderedDict()
         self._sizes: dict[int, tuple[int, int]] = {}
         self._lock = Lock()
+
+    @property
+    def rate(self) -> float | None:
+        """Frames per second of a video; None for pictures."""
+        return None
 
     @property
     def frames_per_second(self) -> float:
@@ -304,14 +307,24 @@ class VideoFrames(FrameSource):
         self._numbers_given = numbers
         self.files = [FrameFile(path.stem, path)]
         self._state = self.files[0].state
+        self._rate: float | None = None
         self._announced, self._beyond = 0, ""
-        next(iter(self))  # what is wrong with it shows before anything is written
+
+    def looked_at(self) -> VideoFrames:
+        """Read the first frame: what is wrong with the video shows before anything is written."""
+        next(iter(self))
         if self._beyond:
-            tell(self._beyond)
+            self._tell(self._beyond)
+        return self
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return self._video.frames_per_second if self._rate is None else self._rate
 
     @property
     def count(self) -> int:
-        """Number of frames that the file announces; 0 if it does not."""
+        """Number of frames that the file announces; 0 if it does not, or was not looked at."""
         return self._announced
 
     def __iter__(self) -> Iterator[Frame]:
@@ -319,7 +332,7 @@ class VideoFrames(FrameSource):
         if self.files[0].state != self._state:
             raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
-            self.rate, self._announced, self._beyond = video.frames_per_second, video.count, video.beyond
+            self._rate, self._announced, self._beyond = video.frames_per_second, video.count, video.beyond
             yield from checked_frames(path, video, self._one.check)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
@@ -390,7 +403,7 @@ def frames_of_files(
         As `find_files`, `in_cut` and `VideoReader`, and as the check of `read` for the frames of a video.
     """
     if VIDEOS.recognises(paths[0]):
-        return VideoFrames(paths[0], cut, read, threads)
+        return VideoFrames(paths[0], cut, read, threads).looked_at()
     files = image_files(paths)
     return FileFrames(in_cut(in_order(files) if is_clip else files, cut, say), read, is_clip=is_clip)
 
