@@ -58,6 +58,7 @@ def across_and_moves(camera, field=FIELD):
     return np.array(normals).reshape(-1, 2), np.array(moves).reshape(-1, 2, 2)
 
 
+@pytest.mark.slow
 @examples(10)
 @given(cameras())
 def test_the_motion_in_view_is_the_translation_that_fits_best_across_the_markings(camera):

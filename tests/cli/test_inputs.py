@@ -292,7 +292,7 @@ def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_
         assert len(list(overlay)) == 3
 
 
-@pytest.mark.parametrize("frame", [0, 3])
+@pytest.mark.parametrize("frame", [pytest.param(0, marks=pytest.mark.slow), 3])
 def test_a_live_stream_goes_on_when_its_other_process_is_killed(
     know, film, tmp_path, on_stdin, monkeypatch, capfd, frame
 ):
@@ -388,6 +388,7 @@ sys.exit(code)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux has them")
 def test_one_thread_is_one_that_computes(tmp_path, picture):
     write_video(tmp_path / "a.mp4", [picture] * 4)

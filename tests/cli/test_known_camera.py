@@ -339,6 +339,7 @@ def largest_error(found, cameras):
     )
 
 
+@pytest.mark.slow
 def test_a_clip_whose_position_is_known():
     cameras, pictures = clip_of(zoom=0.1)
     found = from_clip(cameras, pictures, DEFAULT_FLAGS | PLACE, **position(cameras[0]))

@@ -200,7 +200,7 @@ def test_jacobian_equals_central_differences_column_by_column(lens, data):
 
 
 @pytest.mark.parametrize("lens", ["radial lens", "Brown-Conrady lens"])
-@pytest.mark.parametrize("a1", [-0.38, -0.2])
+@pytest.mark.parametrize("a1", [-0.38, pytest.param(-0.2, marks=pytest.mark.slow)])
 def test_closest_points_are_found_through_lenses_far_stronger_than_those_of_broadcasts(lens, a1):
     """Steps that leave out how the lens bends do not arrive, and derivatives where they end are wrong by up to 90 %."""
     rng, layout, compared = np.random.default_rng(0), LAYOUTS[lens], 0

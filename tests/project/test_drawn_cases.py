@@ -37,6 +37,7 @@ def drawn(pytester, monkeypatch):
     return cases
 
 
+@pytest.mark.slow
 def test_cases_are_the_same_each_time_whatever_is_imported(drawn):
     first = drawn()
     assert drawn() == first
@@ -50,6 +51,7 @@ def test_a_seed_names_cases_that_it_repeats(drawn):
     assert first not in (drawn(), drawn("--hypothesis-seed=2"))
 
 
+@pytest.mark.slow
 def test_profiles_draw_at_random_or_few(drawn, monkeypatch):
     monkeypatch.setenv("HYPOTHESIS_PROFILE", "random")
     assert drawn() != drawn()

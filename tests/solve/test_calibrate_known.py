@@ -107,6 +107,7 @@ def against(calibration):
     return {one.what for one in calibration.findings if one.what.is_against}
 
 
+@pytest.mark.slow
 def test_right_values_are_not_doubted_under_usual_noise():
     """Of 40 frames with 1.5 px noise and five kinds of values none is doubted that is good otherwise.
 

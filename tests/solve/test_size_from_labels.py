@@ -117,6 +117,7 @@ def pictures():
     return [render_field(camera, soccer(105.0, 63.0)) for camera in cameras]
 
 
+@pytest.mark.slow
 def test_pictures_tell_the_width_of_their_pitch(network, pictures):
     found = calibrate_from_images(FIELD, pictures, network)
     nominal = calibrate_from_images(FIELD, pictures, network, estimate_size=False)

@@ -250,6 +250,7 @@ def test_what_is_no_field_or_network_is_named(field, network, message):
         Tracker(field, network)
 
 
+@pytest.mark.slow
 def test_nothing_is_left_of_a_tracker_that_is_not_closed(clip):
     cameras, pictures = clip
     tracker = Tracker(FIELD, KnownCameras(cameras[:1]))

@@ -79,6 +79,7 @@ def test_a_few_places_are_no_evidence():
     assert paint_findings([wide, right]) == ()
 
 
+@pytest.mark.slow
 def test_a_rendered_smaller_pitch_has_wider_lines():
     camera = clip_frames(2, 1, image_size=SIZE)[0].camera
     usual, small = (paint_width(seen(frames(2, share, 1)[0], camera)) for share in (1.0, 0.6))

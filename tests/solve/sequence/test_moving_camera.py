@@ -65,6 +65,7 @@ def off(found, cameras):
 # a sequence
 
 
+@pytest.mark.slow
 def test_every_frame_of_a_flight_is_calibrated(cameras, frames, matches):
     found = calibrate_sequence(FIELD, frames, SIZE, shared=SHARED_IN_MOTION, matches=matches)
     assert found.accepted.all()
