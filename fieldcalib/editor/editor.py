@@ -95,7 +95,7 @@ class Editor:
     def _restore(self, replayed: Replayed, given: GivenLabels) -> None:
         """Take what results, journal and given labels say."""
         for said in replayed.remarks(self.field):
-            warn(said, LabelWarning, stacklevel=4)
+            warn(said, LabelWarning, stacklevel=3)
         if self._folder is not None:
             self._folder.restore(replayed.frames)
         for number, marks in given.marks.items():

@@ -13,6 +13,7 @@ import warnings
 from pathlib import Path
 
 import cv2
+import editors
 import numpy as np
 import pytest
 from editors import BLANK, _close_editors, edited, marked, opened  # noqa: F401
@@ -258,8 +259,9 @@ def test_a_journal_with_an_edit_that_cannot_be_opens_without_it(tmp_path, known)
     with (out / JOURNAL).open("a") as file:
         wrong = {**record, "known": {**record["known"], **known}}
         file.write(json.dumps({"frame": "a", "then": wrong}) + "\n")
-    with pytest.warns(LabelWarning, match=r"an edit that cannot be, which is left out: frame a: "):
+    with pytest.warns(LabelWarning, match=r"an edit that cannot be, which is left out: frame a: ") as warned:
         editor = of_soccer()
+    assert warned[0].filename == editors.__file__  # where `Editor` is called
     assert len(editor[0].marks) == count
     editor[0] = editor[0].undo()
     assert len(editor[0].marks) == count - 1
