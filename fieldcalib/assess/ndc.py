@@ -14,8 +14,8 @@ circle is not split.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -101,6 +101,22 @@ def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: Nd
             pixels = np.bincount(frame, minlength=T)
             total += np.bincount(frame, distance, minlength=T) / np.maximum(pixels, 1)
     return np.asarray(total / np.maximum(count, 1.0))
+
+
+@dataclass(eq=False)
+class NdcLosses:
+    """`ndc_losses` of T frames, computed when the first one is asked for."""
+
+    evaluation: Evaluation
+    object_segments: ObjectSegments
+
+    def __call__(self, frame: int) -> float:
+        """The loss of a frame."""
+        return float(self._values[frame])
+
+    @cached_property
+    def _values(self) -> Array:
+        return ndc_losses(self.evaluation, self.object_segments)
 
 
 class _Labels(NamedTuple):

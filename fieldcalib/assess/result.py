@@ -5,7 +5,7 @@ Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
@@ -57,6 +57,24 @@ VERSION = 1
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 NOT_WHOLE_FRAMES = frozenset([What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW])
+
+
+class WhenRead:
+    """An attribute that holds a number or a function of no arguments, which is called when the number is first read."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        kept = vars(instance)[self._name]
+        if callable(kept):
+            kept = vars(instance)[self._name] = float(kept())
+        return float(kept)
+
+    def __set__(self, instance: Any, value: float | Callable[[], float]) -> None:
+        vars(instance)[self._name] = value
 
 
 @dataclass(frozen=True, eq=False)
@@ -469,6 +487,10 @@ class Calibration:
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"
         picture = "" if self.field is None or self.camera is None else self.field.as_svg([self.camera])
         return picture + table(rows)
+
+
+# It takes a tenth of the time of a single frame, and few need it: `calibrate_from_segments` gives a function.
+Calibration.loss_ndc = WhenRead("loss_ndc")  # type: ignore[assignment]
 
 
 def doubted(

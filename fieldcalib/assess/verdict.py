@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,8 @@ from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
-from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
+from fieldcalib.problem.layout import CENTER, LOG_F, ROLL, exp_of
 from fieldcalib.problem.observations import FrameLabels
 
 LARGEST_ROLL = np.radians(45.0)
@@ -29,7 +28,7 @@ class Evidence:
 
     rms: float
     """Root mean square distance of the pixels, pixels."""
-    loss_ndc: float
+    loss_ndc: Callable[[], float]
     """The paper's loss, which is compared with tau."""
     errors: Mapping[str, float]
     """Root mean square distance of each segment, with the labels that were solved with, pixels."""
@@ -61,8 +60,8 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
     segments, equations = evidence.labels.segments, sum(evidence.labels.equations.values())
     noun = _noun(segments.values())
     labelled = f"{len(segments)} {noun}{'s' * (len(segments) != 1)}"
-    if tau is not None and not evidence.loss_ndc <= tau:
-        return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
+    if tau is not None and not evidence.loss_ndc() <= tau:
+        return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc():.4f}, is above tau = {tau:g}"
     if equations < evidence.unknowns:
         more = Finding(What.TOO_FEW_LABELS, noun, (len(segments), equations, evidence.unknowns))
         return Status.TOO_FEW_SEGMENTS, str(more), more
@@ -121,21 +120,23 @@ def implausibilities(
     fov = 2.0 * np.arctan(0.5 * width / exp_of(theta, LOG_F))
     near = observations.weight * (np.abs(points.r) <= far)
     behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
-    noun = _noun(observations.segments[label] for label in np.unique(observations.label) if label >= 0)
+    is_behind = behind > LARGEST_SHARE_BEHIND * np.sum(near, axis=1)
+    labels = np.unique(observations.label) if np.any(is_behind) else ()  # nobody asks for the noun otherwise
+    noun = _noun(observations.segments[label] for label in labels if label >= 0)
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
-        f"labelled {noun}s lie behind it": behind > LARGEST_SHARE_BEHIND * np.sum(near, axis=1),
+        f"labelled {noun}s lie behind it": is_behind,
     }
     if field is not None:
         C = theta[:, CENTER]
-        roll = angles_from_rotation(rotation_from_angles(theta[:, ANGLES]))[:, 2]
         farthest, half = field.farthest_camera, (field.length / 2.0, field.width / 2.0)
         reasons["it stands below the ground"] = C[:, 2] > 0.0
         reasons[f"it stands more than {farthest:g} m away"] = np.linalg.norm(C, axis=1) > farthest
         if not may_be_inside:
             reasons["it stands on the field"] = np.all(np.abs(C[:, :2]) < half, axis=1)
-        reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
+        # a rotation has two sets of angles, whose rolls differ by half a turn: the one with the smaller roll counts
+        reasons["it is rolled by more than 45 degrees"] = np.abs(np.sin(theta[:, ROLL])) > np.sin(LARGEST_ROLL)
     return reasons
 
 

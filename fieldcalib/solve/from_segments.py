@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +22,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
-from fieldcalib.assess.ndc import ndc_losses
+from fieldcalib.assess.ndc import NdcLosses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
@@ -284,7 +285,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             status=status,
             message="; ".join(notes),
             rms=evidence.rms,
-            loss_ndc=evidence.loss_ndc,
+            loss_ndc=evidence.loss_ndc,  # type: ignore[arg-type]  # called when it is read
             per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,
@@ -302,7 +303,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     """The evidence for the verdict on each frame."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
     far, sigma = options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
-    losses, fitted = ndc_losses(evaluation, options.object_segments), evaluation.problem.observations
+    losses, fitted = NdcLosses(evaluation, options.object_segments), evaluation.problem.observations
     errors, rms = rms_by_label(evaluation), rms_of_labels(evaluation)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, sigma)
@@ -316,7 +317,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     return [
         Evidence(
             rms=float(rms[t]),
-            loss_ndc=float(losses[t]),
+            loss_ndc=partial(losses, t),
             errors=fitted.by_name(t, errors[t]),
             labels=fitted.labels_in(t),
             given=as_given.labels_in(t),

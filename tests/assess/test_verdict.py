@@ -29,7 +29,7 @@ def labels_of(frame, objects=FIELD):
 
 GOOD = Evidence(
     rms=1.0,
-    loss_ndc=0.005,
+    loss_ndc=lambda: 0.005,
     errors=dict.fromkeys(FRAME, 1.0),
     labels=labels_of(FRAME),
     given=labels_of(FRAME),
@@ -133,8 +133,8 @@ def test_the_segment_that_fits_least_is_named():
 @pytest.mark.parametrize(
     ("changes", "tau", "status", "words"),
     [
-        ({"loss_ndc": 0.02}, 0.019, Status.REJECTED, "0.0200, is above tau = 0.019"),
-        ({"loss_ndc": float("nan")}, 0.019, Status.REJECTED, "tau"),
+        ({"loss_ndc": lambda: 0.02}, 0.019, Status.REJECTED, "0.0200, is above tau = 0.019"),
+        ({"loss_ndc": lambda: float("nan")}, 0.019, Status.REJECTED, "tau"),
         ({"unknowns": 99}, None, Status.TOO_FEW_SEGMENTS, "for 99 unknowns"),
         (
             {"weakest": Direction(1e-4, "focal length with y")},
