@@ -40,7 +40,8 @@ MORE = np.random.default_rng(0).integers(0, 255, 256, dtype=np.uint8).tobytes() 
 PNG, BMP = b"\x89PNG\r\n\x1a\n", b"BM"
 TIFF = {b"II": "<", b"MM": ">"}  # byte orders
 TIFF_TAGS = (256, 257)  # ImageWidth and ImageLength
-TIFF_TYPES = {3: "H", 4: "I", 16: "Q"}  # SHORT, LONG, LONG8
+TIFF_TYPES = {3: "H", 4: "I"}  # SHORT, LONG
+BIG_TIFF_TYPES = {**TIFF_TYPES, 16: "Q"}  # LONG8: of 8 bytes, which lie elsewhere in a TIFF that is no BigTIFF
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory
@@ -180,11 +181,11 @@ def stored_size(content: bytes) -> tuple[int, int] | None:
 
 
 def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
-    """Size in the first directory."""
+    """Size in the first directory: of a tag that is there twice the first one, which decoders take."""
     if content[2:4] == struct.pack(order + "H", 43):  # BigTIFF
-        first, count, entry, offset = 8, "Q", 20, 12
+        first, count, entry, offset, types = 8, "Q", 20, 12, BIG_TIFF_TYPES
     else:
-        first, count, entry, offset = 4, "H", 12, 8
+        first, count, entry, offset, types = 4, "H", 12, 8, TIFF_TYPES
     (start,) = struct.unpack_from(order + ("Q" if count == "Q" else "I"), content, first)
     (entries,) = struct.unpack_from(order + count, content, start)
     start += struct.calcsize(count)
@@ -192,7 +193,7 @@ def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
     for position in range(start, start + entry * entries, entry):
         tag, kind = struct.unpack_from(order + "HH", content, position)
         if tag in TIFF_TAGS:
-            (found[tag],) = struct.unpack_from(order + TIFF_TYPES[kind], content, position + offset)
+            (found[tag],) = struct.unpack_from(order + types[kind], content, position + offset)
         if len(found) == len(TIFF_TAGS):
             break
     width, height = (found[tag] for tag in TIFF_TAGS)

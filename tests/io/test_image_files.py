@@ -64,6 +64,30 @@ def test_headers_that_opencv_does_not_write():
     assert stored_size(big_tiff) == (640, 480)
 
 
+def tiff(width, height, *directory):
+    """A TIFF of grey pixels; `directory` has the tags, types and values that state its size."""
+    pixels = zlib.compress(bytes(width * height))
+    more = [(258, 3, 8), (259, 3, 8), (262, 3, 1), (273, 4, 516), (277, 3, 1), (278, 4, height), (279, 4, len(pixels))]
+    entries = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in (*directory, *more))
+    start = b"II*\0" + struct.pack("<IH", 8, len(entries) // 12) + entries
+    return start.ljust(508, b"\0") + struct.pack("<Q", height) + pixels
+
+
+@pytest.mark.parametrize("heights", [(2000, 8), (8, 2000)])
+def test_a_tiff_that_states_its_height_twice_has_that_of_the_decoded_image(heights):
+    content = tiff(100, 2000, (256, 4, 100), *((257, 4, height) for height in heights))
+    assert stored_size(content) == (100, heights[0])
+    assert parse_image(content).shape == (heights[0], 100, 3)
+
+
+def test_a_tiff_that_states_its_height_elsewhere_is_not_decoded(monkeypatch):
+    """OpenCV reads the 8 bytes at an offset; what stands in the directory is that offset, a small number."""
+    content = tiff(30_000, 2000, (256, 4, 30_000), (257, 16, 508), (0, 0, 0))
+    monkeypatch.setattr(cv2, "imdecode", lambda *arguments: pytest.fail("is decoded"))
+    with pytest.raises(BrokenFileError, match="is no image that OpenCV can read"):
+        parse_image(content)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_header_that_is_cut_off_states_nothing(suffix):
     content = encode_image(noise(64, 64), suffix)
