@@ -29,6 +29,8 @@ _waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is 
 _watcher: threading.Thread | None = None
 
 Progress: TypeAlias = bool | Callable[[int, int | None, str], object]
+"""Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
+an error that it raises ends the work."""
 
 
 def printable(text: str) -> str:
@@ -63,10 +65,6 @@ def counted(number: int, noun: str) -> str:
     ('1 frame', '2 frames')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-"""Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
-an error that it raises ends the work."""
 
 
 class Counter(Protocol):
