@@ -1,5 +1,7 @@
 """Progress of long work: a bar on a terminal and in a notebook, lines elsewhere, or a function of the caller's.
 
+Lines are not tqdm's: it prints none while work stands still, and none of stages that are shorter than its interval.
+
 Reads that take long, as from a network drive that stalls, are told too.
 
 Messages for people: on stderr after the name of the program, results on stdout.
