@@ -1,5 +1,7 @@
 """Progress of long work: a bar on a terminal and in a notebook, lines elsewhere, or a function of the caller's.
 
+Lines are not tqdm's: it prints none while work stands still, and none of stages that are shorter than its interval.
+
 Reads that take long, as from a network drive that stalls, are told too.
 
 Messages for people: on stderr after the name of the program, results on stdout.
@@ -29,6 +31,8 @@ _waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is 
 _watcher: threading.Thread | None = None
 
 Progress: TypeAlias = bool | Callable[[int, int | None, str], object]
+"""Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
+an error that it raises ends the work."""
 
 
 def printable(text: str) -> str:
@@ -63,10 +67,6 @@ def counted(number: int, noun: str) -> str:
     ('1 frame', '2 frames')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-"""Whether progress is shown, or a function of how many are done, how many there are (None: not known), and the stage:
-an error that it raises ends the work."""
 
 
 class Counter(Protocol):

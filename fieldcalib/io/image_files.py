@@ -4,6 +4,8 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red, whatever depth
 its EXIF data says.
 
 The size of an image from the header of its file, before anything is decoded: OpenCV has no function for that.
+The package imagesize takes the last of two heights in a TIFF, of which OpenCV decodes the first; Pillow has a limit of
+pixels of its own, for the whole process, and takes some files for broken that OpenCV reads.
 
 A file of a megabyte may state 20,000 x 20,000 pixels, which take more than a gigabyte when they are decoded.
 

@@ -1,5 +1,7 @@
 """Locking of a folder of results: one run at a time writes to it.
 
+Nothing is left in the folder by it, as it would be by the package filelock.
+
 Which files a command may write over: none that it reads, and those of others only if it is told to.
 """
 

@@ -481,7 +481,11 @@ def normal_equations(
 
 @compiled
 def solve(A: Array, x: Array) -> None:
-    """Solve ``A x = b`` in place, where x holds b at first, by Gaussian elimination with partial pivoting."""
+    """Solve ``A x = b`` in place, where x holds b at first, by Gaussian elimination with partial pivoting.
+
+    Where A is singular or infinite, x is no number: that step is not taken, and other frames go on. `np.linalg.solve`
+    would raise an error, which ends them all; as Numba compiles it, a step takes twice as long.
+    """
     P = len(x)
     for j in range(P):
         best = j

@@ -1,7 +1,8 @@
 """Functions that run in another Python process, so that they take no time from the threads of this one.
 
 multiprocessing runs the caller's script again in what it starts, unless the script is written for it. This process
-runs nothing but what it is asked for. Requests and answers are pickles, each after its length.
+runs nothing but what it is asked for. Loky does not run it either, but its pool ends with any process that dies.
+Requests and answers are pickles, each after its length.
 
 Standard streams of a process that was started without one of them, as by ``2>&-``.
 """

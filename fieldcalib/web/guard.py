@@ -3,6 +3,8 @@
 A page of another site can send requests to this machine. It does not know the token in the address, it cannot give
 itself the name of this machine (the Host header, against DNS rebinding; an address in numbers is no name that can be
 given), and its requests say where they come from (the Origin header, which must be the Host).
+
+Starlette's middleware for hosts compares no ports, and cannot tell addresses from names.
 """
 
 from __future__ import annotations

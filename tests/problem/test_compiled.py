@@ -17,7 +17,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.problem import compilation
 from fieldcalib.problem.evaluation import Problem, evaluate, with_segment_ends
-from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, Bounds, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import compiled_cost, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
@@ -198,6 +198,29 @@ def test_a_start_outside_the_bounds_and_one_without_a_cost(by_numpy):
     np.testing.assert_allclose(compiled.theta[0], numpy.theta[0], rtol=1e-6, atol=1e-9)
     np.testing.assert_array_equal(compiled.theta[1], theta[1])
     assert compiled.iterations.tolist() == numpy.iterations.tolist()
+
+
+@pytest.mark.parametrize(
+    "hessian", [np.zeros((3, 3)), np.ones((3, 3)), np.full((3, 3), np.inf), np.full((3, 3), np.nan)]
+)
+def test_equations_without_a_solution_raise_no_error(hessian):
+    """It would end the other frames too."""
+    module, free, wide = compilation.compiled_module(), np.arange(3), np.full(3, 1e9)
+    model, step = module.Quadratic(np.ones(3), hessian, 1e-20, 0.0), np.empty(3)
+    bounds = Bounds(free, -wide, wide, wide)
+    assert not np.isfinite(module.damped_step(np.zeros(3), free, model, bounds, np.empty((3, 3)), step))
+
+
+def test_few_pixels_from_a_camera_in_the_centre_mark():
+    """Such starts make the equations of some frames singular, and of others infinite."""
+    frames, true = random_frames(50, seed=1, noise=1.0)
+    frames = [{label: xy[:3] for label, xy in list(frame.items())[: 1 + t % 3]} for t, frame in enumerate(frames)]
+    layout = Layout.of(SIZE).fixed("aspect")
+    theta = np.array([layout.theta(camera) for camera in true])
+    theta[:, CENTER] = 0.0
+    problem = Problem(pack(FIELD, frames, SIZE), layout, RobustLoss("linear", 6.0))
+    solved = levenberg_marquardt(evaluate(problem, theta), max_iterations=40, tolerance=1e-8)
+    assert np.count_nonzero(np.isfinite(solved.cost)) > 25
 
 
 def difference(one, other):
