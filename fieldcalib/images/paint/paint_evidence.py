@@ -341,7 +341,7 @@ class _Side(NamedTuple):
 
     @classmethod
     def of(cls, level: Float32, top: IntArray, away: Array) -> _Side:
-        """Measure the right side of profiles (n, m) from their `top` (n,); ground begins `away` (n,) samples further."""
+        """Measure the right side of profiles (n, m) from their `top` (n,); ground begins `away` (n,) samples off."""
         index = np.arange(level.shape[1])
         ground = np.nanmedian(np.where(index > (top + away)[:, None], level, np.nan), axis=1)
         peak = np.take_along_axis(level, top[:, None], axis=1)[:, 0]
@@ -350,7 +350,10 @@ class _Side(NamedTuple):
 
 
 def _fall(level: Float32, top: IntArray, height: Array) -> Array:
-    """Samples (n,) from the top of each row rightwards until its level falls to `height` (n,); NaN if it does not."""
+    """Samples (n,) from the top of each row rightwards until its level falls to `height` (n,); NaN if it never does.
+
+    They are interpolated to a fraction of a sample.
+    """
     below = (level <= height[:, None]) & (np.arange(level.shape[1]) > top[:, None])  # false for NaN
     at = np.argmax(below, axis=1)
     low, high = (np.take_along_axis(level, one[:, None], axis=1)[:, 0] for one in (at, at - 1))

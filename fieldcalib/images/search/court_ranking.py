@@ -151,7 +151,7 @@ def distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = 
 
 
 def first_apart(xy: Array, among: Sequence[int], size: tuple[int, int], apart: float, *, median: bool) -> Iterator[int]:
-    """Yield those of the cameras `among` B with grids (B, N, 2) that are over `apart` pixels from all yielded before."""
+    """Yield the cameras `among` B with grids (B, N, 2) that are over `apart` pixels from all yielded before."""
     chosen: list[int] = []
     for k in among:
         if not chosen or np.min(distances(xy[chosen], xy[k], size, median=median)) > apart:

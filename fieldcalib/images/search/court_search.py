@@ -65,8 +65,8 @@ MARGIN = 0.02  # of the half extent: markings at the border of the field belong 
 # rinks and soccer under other fields.
 COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.71])
 # Least probability of an accepted camera. In 328 pictures searched for the right field (`data_tools.score_courts`) the
-# first camera is right in 289. Of these 272 are accepted with this threshold and 268 with 0.75; of the wrong ones 7 with
-# either. None is accepted in 256 pictures searched for other fields.
+# first camera is right in 289. Of these 272 are accepted with this threshold and 268 with 0.75; of the wrong ones 7
+# with either. None is accepted in 256 pictures searched for other fields.
 LEAST_PROBABILITY = 0.65
 LEAST_SCORE = 250.0  # with a lower score the markings in view must show their paint, as three lines fit many cameras
 UNKNOWN = 0.5  # `CourtEvidence.painted` if no marking's paint should be visible
@@ -116,8 +116,8 @@ class CourtEvidence:
     confirmed: int
     """Number of markings that show paint nearly everywhere, at enough places."""
     painted: float
-    """Share of the markings whose paint should be visible that show it nearly everywhere; `UNKNOWN` if there are no such
-    markings, since far lines of large fields are thin."""
+    """Share of the markings whose paint should be visible that show it nearly everywhere. `UNKNOWN` if there are none,
+    as far lines of large fields are thin."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
     misfit: float
@@ -127,7 +127,7 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """Features of the logistic model of the odds, (9,): 1 and the evidence; mean, confirmed, misfit as logarithms."""
+        """Features of the logistic model of the odds, (9,): 1 and the evidence; logarithms of mean, confirmed, misfit."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above = min(self.off, MOST_OFF), float(self.is_above)
@@ -253,7 +253,8 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
         picture determines it (`Calibration.field`).
     flags, prior
         As in `calibrate_from_segments`, for the refined cameras. The search itself is over cameras with square pixels
-        and the principal point in the middle; elsewhere only if the field's stands allow for pictures cut out of others.
+        and the principal point in the middle, or elsewhere if the field's stands say that pictures are cut out of
+        larger ones.
 
     Returns
     -------
