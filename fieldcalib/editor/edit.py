@@ -71,7 +71,7 @@ class Marks:
         return {label: np.array(xy) for label, xy in found.items()}
 
     def ordered(self, field: Field) -> Pixels:
-        """Pixels (N, 2) by label, sorted along the marking; those of labels that the field does not have as they are."""
+        """Pixels (N, 2) by label, sorted along the marking; as they are if the field does not have the label."""
         return {label: xy[field[label].order(xy)] if label in field else xy for label, xy in self.pixels.items()}
 
     def of_field(self, field: Field) -> Marks:
@@ -161,7 +161,7 @@ class Known:
         return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
 
     def placement(self, image_size: tuple[int, int]) -> Placement:
-        """Placement of a picture in a frame with square pixels, which is the picture itself unless the aspect is known."""
+        """Placement of a picture in a frame with square pixels: the picture itself unless the aspect is known."""
         shown = image_size if self.aspect is None else shown_as(image_size, self.aspect)
         return Placement(image_size, shown, None)
 

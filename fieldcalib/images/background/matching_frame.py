@@ -56,7 +56,7 @@ LOCAL = 41  # px of a small picture over which the mean is subtracted, as slow s
 BLOCK = 5  # px of a small picture
 WHOLE = 0.7  # share of a block that must be in view
 NOISE = 2.0  # grey levels: contrast below is noise
-GRAPHIC = (4.0, 12.0, 5)  # largest difference in place, least once moved, grey levels; px around that belong to it
+GRAPHIC = (4.0, 12.0, 5)  # grey levels: largest difference in place, least once moved; px around it
 
 
 def thumbnail(image: Image) -> Image:

@@ -269,7 +269,7 @@ class Misprediction(NamedTuple):
         return self._replace(labels=self.labels[:0])
 
     def is_better(self, than: Misprediction) -> bool:
-        """Whether this is clearly better than another one; labels and matches that are wrong under both do not count."""
+        """Whether this is clearly better than another one; labels and matches wrong under both do not count."""
         before, after = than.unless_wrong(self).score, self.unless_wrong(than).score
         return after < min(CLEARLY * before, before - LEAST_GAIN)
 

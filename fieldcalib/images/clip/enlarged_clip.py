@@ -46,14 +46,14 @@ from fieldcalib.solve.solver_options import Prior, checked_prior
 # the picture is not a whole one. Measured broadcast cameras are up to 1.75 off.
 MAY_BE_OFF = 2.0
 OFF_MIDDLE = 2.8
-# Log likelihood ratio and softness together, above which frames may be enlarged: soft whole shots of broadcasts with
-# good cameras have up to 1.6, enlarged ones that would be good and more than 1 m off 3.2 and more.
+# Score of log likelihood ratio and softness together above which frames may be enlarged: soft whole shots of broadcasts
+# with good cameras have up to 1.6, enlarged shots whose cameras pass as good but are over 1 m off at least 3.2.
 LEAST_SCORE = 2.9
 
 MOST = 8.0  # levels: larger second differences count as this, so that edges do not decide
-SMOOTH = 15  # px: means over these are taken off, as the pattern is finer
-SHORTEST = 128  # px: shorter sides tell nothing
-SPECTRUM = 4096  # number of samples, zeros added
+SMOOTH = 15  # px over which the mean is subtracted, as the pattern is finer
+SHORTEST = 128  # px: shorter sides do not show the pattern
+SPECTRUM = 4096  # number of samples after padding with zeros
 FLOOR = 161  # frequencies, 0.04 of the sampling frequency, whose median is the level of noise
 WIDTH = 4  # frequencies to both sides: the line is as wide as the picture is short
 LOWEST = 0.06  # lowest frequency that is considered, in units of the sampling frequency

@@ -39,10 +39,10 @@ from fieldcalib.solve.solver_options import pixel_unit
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
-LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
-LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
+LEAST_CONSISTENT = 4  # labels that a camera must explain: any fewer are explained by some camera, wherever they lie
+LEAST_WITHOUT_WORST = 6  # labels of a keyframe from which the worst is left out: a board may pass for a touchline
 
-MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again when more is known
+MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again once the place is known
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,7 @@ class CourtEvidence:
     confirmed: int
     """Number of markings that show paint nearly everywhere, at enough places."""
     painted: float
-    """Share of the markings whose paint should be visible that show it nearly everywhere. `UNKNOWN` if there are none,
+    """Share of the markings whose paint should be visible that show it nearly everywhere; `UNKNOWN` without any such,
     as far lines of large fields are thin."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""

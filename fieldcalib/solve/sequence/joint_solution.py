@@ -171,7 +171,7 @@ def _considered(
 
 
 def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
-    """Covariance (c, c) of length, width and crown if not estimated: the prior one, or that of the frames if smaller."""
+    """Covariance (c, c) of length, width and crown if not estimated: the prior one, or the frames' if smaller."""
     index = np.flatnonzero(layout.considered)
     if not len(index):
         return np.zeros((0, 0))
@@ -182,7 +182,7 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
 
 
 def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
-    """Find which of length and width the frames hardly determine; estimated, these would absorb errors of lens and zoom.
+    """Find which of length and width the frames hardly determine; estimated, they would absorb errors of lens and zoom.
 
     The values are their mean square differences from the given size, according to the frames.
     """

@@ -1,4 +1,4 @@
-"""Start of a joint solution: the cameras of frames that were solved one by one, as one problem with shared parameters."""
+"""Start of a joint solution: cameras of frames that were solved one by one, as one problem with shared parameters."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is don
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a moving camera
+SHARED_IN_MOTION = SHARED[1:]  # shared by the frames of a moving camera
 MOST_TOGETHER = 400  # largest number of frames that are solved together,
 MOST_TIED_TOGETHER = 100  # and if matches tie them, which couples all of them in one system
 
@@ -107,7 +107,7 @@ class SharedParameters:
         return levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=tolerance).evaluation
 
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
-        """Errors of solved frames; `of_first` has the errors of the first frame of each pair, if its camera is known."""
+        """Errors of solved frames; `of_first` has those of the first frame of each pair, if its camera is known."""
         return own_errors(solved, *self.noise, of_first)
 
 
@@ -187,7 +187,7 @@ class SequenceProblem:
     def calibrate_alone(
         self, index: IntArray, options: Options, given: Mapping[int, Array] | None = None
     ) -> dict[int, Calibration]:
-        """Calibrate labelled frames by themselves, from `given` cameras; without one, initial cameras are searched for."""
+        """Calibrate labelled frames by themselves, from `given` cameras or, without one, from a search for a camera."""
         found: dict[int, Calibration] = {}
         given = given or {}
         labelled = index[self.pixels.has_pixels[index]].tolist()

@@ -63,10 +63,10 @@ AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviatio
 MOST_CENTRES = 2  # centres with most votes from which frames are solved together
 GIVEN_SIZE = (0.0, 0.0)  # m: length and width of a start, minus the given length and width
 OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
-RUNS = 4  # of consecutive frames: if one of them is wrong, the others may agree without it
+RUNS = 4  # number of runs of consecutive frames: if one run is wrong, the others may agree without it
 
-FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
-ROUNDS = 3  # of solving all together, and every frame again
+FIRST = 60  # number of frames that are calibrated one by one, to find the position of the tripod
+ROUNDS = 3  # rounds of solving all together and then every frame again
 
 OFF_PATH = "its centre is off the path of the frames around it"
 
