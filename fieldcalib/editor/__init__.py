@@ -1,4 +1,4 @@
-"""Labelling and mending of frames by hand: the model behind an editor, without any user interface."""
+"""Labelling and correction of frames by hand: the model behind an editor, without any user interface."""
 
 import lazy_loader
 

@@ -23,14 +23,14 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
 CLICK = 2.0  # px: standard deviation of a click, along x and y
-PLACES = 9  # on a marking where a mark may be set
-BORDER = 0.02  # of width and height: there clicks are awkward
-NEAR = 30.0  # px of a 960 x 540 image: a mark that near to another one of its marking snaps to the same paint
-GRID = (9, 7)  # ground points along and across the field, at which the camera's errors count
+PLACES = 9  # number of places on a marking where a mark may be set
+BORDER = 0.02  # of width and height: nearer to the border of the image clicks are awkward
+NEAR = 30.0  # px of a 960 x 540 image: marks nearer to each other on one marking snap to the same paint
+GRID = (9, 7)  # ground points along and across the field at which the camera's errors are computed
 
 
 def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[str]:
-    """Labels of the markings of a field, those first that a camera projects near a pixel; without one as they come.
+    """Sort the labels of a field's markings by the distance of their projections from a pixel; unsorted without camera.
 
     Examples
     --------
@@ -52,11 +52,11 @@ class Near(NamedTuple):
 
     distance: float
     direction: Array
-    """Of the curve there, (2,)."""
+    """Direction of the curve there, (2,)."""
 
 
 def nearest_on(curves: Sequence[Array], xy: Array) -> Near | None:
-    """The nearest place on polylines (N, 2); None without any.
+    """Find the nearest place on polylines (N, 2); None without any.
 
     Examples
     --------
@@ -74,28 +74,28 @@ def nearest_on(curves: Sequence[Array], xy: Array) -> Near | None:
 
 
 class NextMark(NamedTuple):
-    """The mark that would help most."""
+    """The mark that would reduce the camera's errors most."""
 
     label: str
     xy: tuple[float, float]
-    """Where on its marking, pixels."""
+    """Place of the mark on its marking, pixels."""
     gain: float
-    """Share of the mean squared error of the field in view that it removes, 0 to 1."""
+    """Share of the mean squared error of the field in view that the mark removes, 0 to 1."""
 
 
 def next_mark(
     calibration: Calibration, marks: Mapping[str, Array] = MappingProxyType({}), pixel_sd: float = CLICK
 ) -> NextMark | None:
-    """The marking, and the place on it, whose mark lowers the errors of the field in view most.
+    """Find the marking, and the place on it, where a mark lowers the errors of the field in view most.
 
-    A mark of standard deviation s and derivatives j by the parameters changes their covariance V to
-    ``V - V j j^T V / (s^2 + j^T V j)``. Lines and arcs in view count, at places away from the border of the image
-    and from marks (N, 2) of the same label, which tell already what the paint there tells.
+    A mark with standard deviation s and derivatives j with respect to the parameters changes their covariance V to
+    ``V - V j j^T V / (s^2 + j^T V j)``. Candidates are places on lines and arcs in view, away from the border of the
+    image and from existing marks (N, 2) of the same label, near which a new mark adds no information.
 
     Returns
     -------
     NextMark or None
-        None where there is no camera, or nothing to mark.
+        None if there is no camera, or nothing to mark.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def _ground_in_view(camera: Camera, field: Field) -> Array:
 
 
 def _places(camera: Camera, field: Field, marks: Mapping[str, Array]) -> PixelTable:
-    """Places on lines and arcs in view where a mark may be set, away from those that are set."""
+    """Places on lines and arcs in view where a mark may be set, away from existing marks."""
     size, apart = np.array(camera.image_size), NEAR * pixel_unit(camera.image_size)
     samples = {
         label: segment.samples(PLACES)

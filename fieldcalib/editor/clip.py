@@ -1,6 +1,7 @@
-"""A clip: which frame to mend next, and the clip solved again around those that a person has mended.
+"""Correction of a clip: which frame to label next, and the solution of the clip around frames that a person labelled.
 
-The files of a clip that show its cameras, drawn again after these have changed.
+Frames that a person has labelled or corrected ("mended") are anchors: `solve` solves the clip again around them, and
+gives a `Proposal` that may be kept or dropped. `draw_again` draws the clip's files anew after its cameras changed.
 """
 
 from __future__ import annotations
@@ -48,12 +49,12 @@ from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
-GRID = (9, 6)  # places across and down the picture whose moves are compared
+GRID = (9, 6)  # points across and down the picture by which cameras are compared
 STAGES = ("matching", "solving", "finding lines", "comparing")
 
-SAME = 1e-6  # px: cameras that move points less are the same
+SAME = 1e-6  # px: cameras between which points move less than this are the same
 LOOKED_AT = 9  # frames of a stretch in which markings are counted
-BESIDE_MENDED = 5  # frames around one that was mended already, whose view is nearly the same
+BESIDE_MENDED = 5  # frames around a mended frame that are not proposed, as their view is nearly the same
 
 AGAIN = (OVERLAY, WORST, MOTION)
 """Files that can be drawn again."""
@@ -65,7 +66,7 @@ Progress = Callable[[int, int, str], None]
 
 
 def ignored(done: int, count: int, stage: str) -> None:
-    """Take no notice of the progress of some work."""
+    """Ignore the progress of some work: the default for `Progress`."""
 
 
 class Window(NamedTuple):
@@ -77,7 +78,7 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FirstPass:
-    """What does not depend on anchors: matches and labels of a window, and the shape of its frames."""
+    """The part of a solution that does not depend on anchors: matches and labels of a window, and its frames' shape."""
 
     window: Window
     keyframes: Keyframes
@@ -91,12 +92,13 @@ class Proposal:
     window: Window
     video: VideoCalibration
     calibrations: Mapping[int, Calibration]
-    """By the number of the frame."""
+    """Calibrations by number of the frame."""
     anchors: frozenset[int]
+    """Numbers of the frames that a person has labelled."""
     moves: Mapping[int, float]
-    """Largest move of the picture's points, pixels; NaN where there was no camera, or is none."""
+    """Largest move of the picture's points, pixels, by frame; NaN where there was no camera before, or is none now."""
     revisions: Mapping[int, int] = attribute(default_factory=dict)
-    """Of the anchors, by the number of the frame."""
+    """Revisions of the anchors that were solved, by number of the frame."""
 
     @property
     def is_one(self) -> bool:
@@ -110,9 +112,9 @@ class Proposal:
     def whole(
         self, before: VideoCalibration | None, count: int, *, mended_outside: bool = False
     ) -> VideoCalibration | None:
-        """The calibration of a whole clip of `count` frames: outside the window that of before; None if there is none.
+        """Complete the calibration to a whole clip of `count` frames by that of before; None if that does not fit.
 
-        It tells where anchors have cameras of their own, or frames outside the window that were mended since.
+        It has a finding if anchors have cameras other than the clip's, or frames outside the window were mended since.
         """
         begin, end = self.window
         video: VideoCalibration | None = None
@@ -126,12 +128,12 @@ class Proposal:
         return replace(video, notes=tuple(dict.fromkeys(video.notes)), findings=findings)
 
     def basis(self, number: int) -> str:
-        """What the camera of a frame rests on."""
+        """Basis of the camera of a frame: lines, matches, both or interpolation."""
         return str(self.video.basis[number - self.window.begin])
 
 
 def with_cuts(video: VideoCalibration, cuts: Sequence[int]) -> VideoCalibration:
-    """A clip whose shots begin at some frames; with a finding instead where a shot would be of two tripods."""
+    """Divide a clip into shots at given cuts; if a shot would be of two tripods, only add a finding."""
     starts = sorted({0, *cuts})
     shots = []
     for start, stop in pairwise((*starts, len(video))):
@@ -143,7 +145,7 @@ def with_cuts(video: VideoCalibration, cuts: Sequence[int]) -> VideoCalibration:
 
 
 def window_around(count: int, anchors: Sequence[int]) -> Window:
-    """The frames that are solved again: all of a short clip, of a long one two minutes around the anchors.
+    """Choose the frames to solve again: all of a short clip, of a long one two minutes around the anchors.
 
     Examples
     --------
@@ -185,18 +187,18 @@ def solve(
     network: Network | None,
     progress: Progress,
 ) -> Proposal:
-    """Solve a window around the frames that a person has mended.
+    """Solve a window around its anchors, the frames that a person has mended.
 
     Parameters
     ----------
     frames : FrameSource
     first : FirstPass
     anchors : mapping of int to Calibration
-        Calibrations of these frames, by their numbers.
+        Calibrations of the anchors by their labels, by number of the frame.
     cuts : sequence of int, optional
         First frames of the shots.
     before : callable
-        Gives the calibration that a frame has now, if it has one.
+        Returns the calibration that a frame has now, if it has one.
     network : Network, optional
     progress : callable
     """
@@ -227,8 +229,10 @@ def solve(
 
 
 def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
-    """The camera of an anchor: that of the clip, in which its labels count too, unless they alone tell it well and that
-    of the clip does not fit them.
+    """Choose the camera of an anchor: by hand or of the clip.
+
+    It is the clip's, in which the labels of the anchor count too, unless the labels alone determine the camera well and
+    the clip's camera does not fit them.
     """
     if by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
         return by_hand
@@ -246,7 +250,7 @@ def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
 
 
 def largest_move(old: Camera | None, new: Camera | None) -> float:
-    """How far ground points that the picture shows move from one camera to another, at most, pixels.
+    """Largest distance, in pixels, that ground points in view move in the picture from one camera to another.
 
     NaN without both cameras, or without ground in view.
 
@@ -270,7 +274,7 @@ def _padded(network: Network | None) -> Network | None:
 
 
 def _readable(frames: FrameSource, window: Window) -> Iterator[Image]:
-    """The images of a window, up to the first one that cannot be read: the file may be cut off."""
+    """Yield the images of a window up to the first one that cannot be read, as the file may be cut off."""
     images = frames.each(window.begin, window.end)
     while True:
         try:
@@ -293,7 +297,7 @@ def _in_frame(images: Iterable[Image], shape: Shape | None) -> Iterable[Image]:
 
 
 def _pixels_in_picture(calibration: Calibration) -> PixelTable | None:
-    """The pixels from which a frame was calibrated by itself, in pixels of its picture; None where it was not."""
+    """Labelled pixels from which a frame was calibrated by itself, in its picture; None if it was not."""
     if calibration.solved is None or calibration.camera is None:
         return None
     pixels = calibration.solved.pixels
@@ -301,7 +305,7 @@ def _pixels_in_picture(calibration: Calibration) -> PixelTable | None:
 
 
 def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
-    """The pixels from which an anchor was calibrated, in pixels of the clip's frame; None where it was not."""
+    """Labelled pixels from which an anchor was calibrated, in pixels of the clip's frame; None if it was not."""
     pixels = _pixels_in_picture(calibration)
     if pixels is None or shape is None:
         return pixels
@@ -309,11 +313,11 @@ def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTabl
 
 
 def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:
-    """The frame to mend next; None if all are good.
+    """Choose the frame to mend next; None if all are good.
 
-    It is in the stretch of frames whose cameras are not good that gives most cause for concern in all, and there the
-    one that shows most markings: its labels determine the camera, and matches hand it on to its neighbours. Without a
-    network it is in the middle.
+    Among the stretches of frames whose cameras are not good, the one with the largest sum of concern is taken, and in
+    it the frame that shows most markings: its labels determine its camera, and matches pass this on to its neighbours.
+    Without a network it is the frame in the middle.
     """
     stretches = sorted(_stretches(rows), key=lambda stretch: -sum(rows[n].concern for n in stretch))
     if not stretches:
@@ -330,7 +334,7 @@ def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: 
 
 
 def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
-    """Runs of frames that were not mended and whose cameras are not good."""
+    """Yield runs of frames whose cameras are not good; mended frames within a run are left out but do not end it."""
     run: list[int] = []
     for n, row in enumerate(rows):
         if row.verdict == Verdict.GOOD or row.by_hand:
@@ -344,7 +348,7 @@ def _stretches(rows: Sequence[Row]) -> Iterator[list[int]]:
 
 
 def _markings(frames: FrameSource, number: int, field: Field, network: Network) -> int:
-    """How many markings the network finds in a frame; none where it cannot be read."""
+    """Number of markings that the network finds in a frame; 0 if it cannot be read."""
     try:
         return len(network_marks(field, frames.image(number), network).pixels)
     except BrokenFileError:
@@ -360,9 +364,9 @@ def draw_again(
     names: Collection[str],
     progress: Progress,
 ) -> None:
-    """Draw files of `AGAIN` as a run draws them; the progress may raise an error to end the work.
+    """Draw files of `AGAIN` as a run draws them; `progress` may raise an error to end the work.
 
-    A frame that cannot be read is left out, and all after it: the file is cut off there.
+    Drawing ends at the first frame that cannot be read, where the file is cut off.
     """
     rate = frames.rate or DEFAULT_RATE
     if {OVERLAY, WORST} & set(names):

@@ -1,4 +1,4 @@
-"""What a person says about a frame: marks, what is known of camera, field and picture, and the history of both."""
+"""Edits of a frame by a person: marks, known values of camera, field and picture, and the undo history of both."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 
 State = TypeVar("State")
 
-FARTHEST = 100_000.0  # px: no mark is farther from the picture's corner
-LONGEST = 1e6  # px: focal length of a picture 8000 wide that shows 1 m at 100 m
-FARTHEST_CAMERA = 1e4  # m: of the camera from the centre mark
+FARTHEST = 100_000.0  # px: largest coordinate of a mark
+LONGEST = 1e6  # px: largest focal length, that of a picture 8000 wide that shows 1 m at 100 m
+FARTHEST_CAMERA = 1e4  # m: largest distance of the camera from the centre mark
 
 
 class Mark(NamedTuple):
@@ -32,12 +32,12 @@ class Mark(NamedTuple):
     x: float
     y: float
     by_hand: bool = True
-    """Whether a person set it, not a network."""
+    """Whether a person set it; otherwise a network did."""
 
 
 @dataclass(frozen=True)
 class Marks:
-    """The marks of an image, in the order in which they were set. Each change gives new marks.
+    """The marks of an image, in the order in which they were set. Methods return changed copies.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class Marks:
 
     @classmethod
     def of(cls, pixels: Mapping[str, Iterable[Iterable[float]]], *, by_hand: bool = True) -> Marks:
-        """Marks at labelled pixels."""
+        """Set marks at labelled pixels."""
         marks = cls()
         for label, xy in pixels.items():
             marks = marks.added(label, xy, by_hand=by_hand)
@@ -71,28 +71,28 @@ class Marks:
         return {label: np.array(xy) for label, xy in found.items()}
 
     def ordered(self, field: Field) -> Pixels:
-        """Pixels (N, 2) by label, in their order along the marking; those that the field does not know as they are."""
+        """Pixels (N, 2) by label, sorted along the marking; as they are if the field does not have the label."""
         return {label: xy[field[label].order(xy)] if label in field else xy for label, xy in self.pixels.items()}
 
     def of_field(self, field: Field) -> Marks:
-        """Those whose labels a field knows."""
+        """Keep the marks whose labels a field has."""
         return Marks(tuple(one for one in self.all if one.label in field))
 
     def unknown_to(self, field: Field) -> list[str]:
-        """Labels that a field does not know."""
+        """Labels of marks that a field does not have."""
         return list(dict.fromkeys(one.label for one in self.all if one.label not in field))
 
     @property
     def only_by_hand(self) -> Marks:
-        """Those that a person set."""
+        """The marks that a person set."""
         return Marks(tuple(one for one in self.all if one.by_hand))
 
     def added(self, label: str, xy: Iterable[Iterable[float]], *, by_hand: bool = True) -> Marks:
-        """With marks of a label at some pixels."""
+        """Add marks of a label at some pixels."""
         return Marks((*self.all, *(Mark(label, float(x), float(y), by_hand) for x, y in xy)))
 
     def moved(self, to: Mapping[int, Iterable[float]]) -> Marks:
-        """With marks at other pixels, by their numbers."""
+        """Move marks, given by their numbers, to other pixels."""
         self._check(to)
         places = {number: (float(x), float(y)) for number, (x, y) in to.items()}
         return Marks(
@@ -100,19 +100,19 @@ class Marks:
         )
 
     def scaled(self, scale: ArrayLike) -> Marks:
-        """In the pixels of a resized picture; `scale` (2,) is that of x and y."""
+        """Convert to the pixels of a resized picture; `scale` (2,) are the factors of x and y."""
         sx, sy = np.asarray(scale, dtype=float).tolist()
         return Marks(tuple(one._replace(x=sx * one.x, y=sy * one.y) for one in self.all))
 
     def relabelled(self, numbers: Collection[int], label: str) -> Marks:
-        """With another label for some marks, which are then set by hand."""
+        """Give some marks another label; they then count as set by hand."""
         self._check(numbers)
         return Marks(
             tuple(Mark(label, one.x, one.y) if number in numbers else one for number, one in enumerate(self.all))
         )
 
     def without(self, numbers: Collection[int]) -> Marks:
-        """Without some marks."""
+        """Remove some marks."""
         self._check(numbers)
         return Marks(tuple(one for number, one in enumerate(self.all) if number not in numbers))
 
@@ -124,20 +124,20 @@ class Marks:
 
 @dataclass(frozen=True)
 class Known:
-    """What a person knows of a camera and a field; None is estimated."""
+    """Values of camera and field that a person knows; those that are None are estimated."""
 
     focal_length: float | None = None
     """Pixels of the picture, along rows."""
     position: tuple[float, float, float] | None = None
     """Metres from the centre mark, y towards the main stand, z down."""
     principal_point: bool = False
-    """Whether it is the middle of the image."""
+    """Whether the principal point is in the middle of the image."""
     lens: str = "k1"
     """A name of `LENS_FLAGS`."""
     field_size: tuple[float, float] | None = None
     """Length and width, metres."""
     aspect: float | None = None
-    """Width / height at which the picture is shown with square pixels: 16 / 9 for one that was squashed from it."""
+    """Width / height at which the picture has square pixels: 16 / 9 if it was squashed from that."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.lens, str) or self.lens not in LENS_FLAGS:
@@ -157,11 +157,11 @@ class Known:
             )
 
     def of(self, field: Field) -> Field:
-        """The field in its known size; a ValueError if it cannot have that."""
+        """Resize a field to its known size; a ValueError if it cannot have that."""
         return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
 
     def placement(self, image_size: tuple[int, int]) -> Placement:
-        """The placement of a picture in a frame with square pixels: as it is, unless the aspect is known."""
+        """Placement of a picture in a frame with square pixels: the picture itself unless the aspect is known."""
         shown = image_size if self.aspect is None else shown_as(image_size, self.aspect)
         return Placement(image_size, shown, None)
 
@@ -184,17 +184,17 @@ class Known:
 
 @dataclass(frozen=True)
 class Edit:
-    """What is said about an image."""
+    """State of the edits of an image: marks and known values."""
 
     marks: Marks = attribute(default_factory=Marks)
     known: Known = attribute(default_factory=Known)
     automatic: bool = False
-    """Whether it was found without a person: marks of a network, and a camera that does not follow from them alone."""
+    """Whether the state was found without a person: marks of a network, and a camera not from these marks alone."""
 
 
 @dataclass(frozen=True)
 class History(Generic[State]):
-    """States, of which one is the present: undo goes back without end, and redo forth until something else is done.
+    """Undo history: the present state, all states before it, and those that were undone since the last new state.
 
     Examples
     --------
@@ -218,32 +218,32 @@ class History(Generic[State]):
         return bool(self.future)
 
     def changed_to(self, other: History[State]) -> History[State]:
-        """Another history as one change of this one: an undo, a redo, or a new state."""
+        """Express another history as one change of this one: an undo, a redo, or a new state."""
         if (self.can_undo and other == self.undone) or (self.can_redo and other == self.redone):
             return other
         return self.then(other.present)
 
     def then(self, state: State) -> History[State]:
-        """With a new state; the same one as before changes nothing."""
+        """Go to a new state; if it equals the present one, nothing changes."""
         return self if state == self.present else History(state, (*self.past, self.present))
 
     @property
     def undone(self) -> History[State]:
-        """With the state before the present one; the first one stays."""
+        """The history after an undo; nothing changes at the first state."""
         if not self.past:
             return self
         return replace(self, present=self.past[-1], past=self.past[:-1], future=(self.present, *self.future))
 
     @property
     def redone(self) -> History[State]:
-        """With the state that was undone last."""
+        """The history after a redo of the state that was undone last."""
         if not self.future:
             return self
         return History(self.future[0], (*self.past, self.present), self.future[1:])
 
 
 def check_edit(edit: Edit, field: Field) -> None:
-    """Raise a ValueError for an edit that cannot be; labels and sizes of another field are kept, without effect."""
+    """Raise a ValueError for an impossible edit; labels and sizes of another field are kept, without effect."""
     for one in edit.marks.all:
         if not (abs(one.x) < FARTHEST and abs(one.y) < FARTHEST):
             raise ValueError(f"expected pixels below {FARTHEST:g}, got {one.x, one.y} of {one.label!r}")
@@ -252,7 +252,7 @@ def check_edit(edit: Edit, field: Field) -> None:
 
 
 def _number(focal_length: Any) -> float | None:
-    """A checked focal length."""
+    """Check a focal length."""
     if focal_length is None:
         return None
     if not (is_number(focal_length) and 0.0 < focal_length <= LONGEST):
@@ -262,7 +262,7 @@ def _number(focal_length: Any) -> float | None:
 
 
 def _numbers(values: Any, count: int, name: str, what: str) -> Any:
-    """As many checked numbers as expected, or None."""
+    """Check a list of `count` numbers, or None."""
     if values is None:
         return None
     is_list = isinstance(values, tuple | list) or (isinstance(values, np.ndarray) and values.ndim == 1)
@@ -273,7 +273,7 @@ def _numbers(values: Any, count: int, name: str, what: str) -> Any:
 
 
 def _above_ground(position: Any) -> Any:
-    """The position, checked: z is negative upwards."""
+    """Check that a position is above the ground: z is negative upwards."""
     if position is not None and not position[2] < 0.0:
         raise ValueError(f"position must be above the ground, where z is negative: x, y, z in metres, got {position}")
     return position

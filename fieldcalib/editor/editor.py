@@ -1,4 +1,4 @@
-"""The editor of pictures and clips: labels of a person, the cameras that follow, and a folder that keeps both."""
+"""The editor of pictures and clips: labels of a person, the cameras from them, and a folder in which both are saved."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from fieldcalib.solve.solver_options import ALL
 
 
 class StaleEdit(ValueError):
-    """A change of a frame that somebody else has changed meanwhile."""
+    """Raised for a change of a frame that somebody else has changed meanwhile."""
 
 
 class Editor:
-    """Pictures or a clip, the labels of a person, and the cameras that follow from them.
+    """Pictures or a clip, the labels of a person, and the cameras calibrated from them.
 
     Parameters
     ----------
@@ -47,11 +47,12 @@ class Editor:
         The folder of results; by default the source if it is one, or ``<name>-fieldcalib`` beside it. It is made with
         the first change. Arrays have none unless it is given.
     labels : path, optional
-        Annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, a file, or a folder or a zip of files: what a
-        person has said of the frames that are named so. Frames that were changed in the folder before keep what they
-        have there. The files are never written to: labels are saved in their format into the folder.
+        Annotations of SoccerNet, labelme, CVAT, Label Studio or COCO: a file, or a folder or a zip of files. They are
+        taken as labels by hand of the frames with the same names. Frames that were changed in the folder before keep
+        their labels from there. The annotation files are never written to: labels are saved in their format into the
+        folder.
     overwrite : bool
-        Whether files in the folder may be replaced that neither a run nor a page has written.
+        Whether files in the folder may be replaced that were written neither by a run nor from the page.
 
     Raises
     ------
@@ -59,7 +60,7 @@ class Editor:
         If the source does not exist, or is neither pictures nor a video; and as
         `fieldcalib.editor.label_files.given_labels`.
     FileExistsError
-        If saving would replace files that neither a run nor a page has written, or those of `labels`.
+        If saving would replace files that were written neither by a run nor from the page, or the files of `labels`.
     ValueError
         If the field is unknown, results do not say where their pictures are, or no label is of a frame.
     """
@@ -93,7 +94,10 @@ class Editor:
         self._restore(replayed, given)
 
     def _restore(self, replayed: Replayed, given: GivenLabels) -> None:
-        """Take what results, journal and given labels say."""
+        """Set the state of all frames from earlier results, the journal and given labels.
+
+        The journal takes precedence over the results; given labels apply only to frames without edits in the journal.
+        """
         for said in replayed.remarks(self.field):
             warn(said, LabelWarning, stacklevel=3)
         if self._folder is not None:
@@ -128,12 +132,12 @@ class Editor:
 
     @property
     def stored(self) -> Stored | None:
-        """The results in the folder; None if there is no folder."""
+        """Results in the folder; None if there is no folder."""
         return None if self._folder is None else self._folder.stored
 
     @property
     def last_save(self) -> LastSave:
-        """What the last save has replaced, and which frames it has left out."""
+        """Report of the last save: the files that it replaced, and the frames that it left out."""
         return LastSave() if self._folder is None else self._folder.last_save
 
     @property
@@ -153,7 +157,7 @@ class Editor:
 
     @property
     def network(self) -> Network | None:
-        """The network that knows the markings of the field, as seen from the side that the run was told.
+        """The network that knows the markings of the field, with the names as seen from the run's side of the field.
 
         None if there is none.
         """
@@ -162,7 +166,7 @@ class Editor:
 
     @cached_property
     def _side(self) -> CameraSide:
-        """The side of the field that the run of the folder was told."""
+        """Side of the field that was given to the run of the folder."""
         options = self._run_options
         prior = options.get("prior") if options.get("prior") in self.field.named_stands else ALL
         return CameraSide.of(Task(self.field, prior=prior), options.get("side"))
@@ -175,18 +179,18 @@ class Editor:
 
     @property
     def table(self) -> Table:
-        """A row for each frame."""
+        """Table with a row for each frame."""
         return Table(self.ids, self._states.rows)
 
     @property
     def unsaved(self) -> int:
-        """Number of frames whose present state is not in the files of the folder."""
+        """Number of frames whose present state is not saved in the files of the folder."""
         return sum(not state.is_saved for state in list(self._states.values()))
 
     def claim(self) -> str:
-        """Keep other programs from writing to the folder before the first change; returns in words why that fails.
+        """Lock the folder against other programs before the first change; returns why that failed, or "".
 
-        A folder to which another page or run writes is shown, and its frames can be changed when that has ended.
+        A folder to which another page or run writes can be viewed; its frames can be changed once that has ended.
         """
         with self.lock:
             return "" if self._folder is None else self._folder.journal.claim()
@@ -196,7 +200,7 @@ class Editor:
         return self._states.revision(self.frames.number(number))
 
     def __getitem__(self, number: int) -> FrameEditor:
-        """A frame as it is now; its camera is found by itself where nobody has labelled anything yet.
+        """Return a frame in its present state; without labels by hand its camera is found automatically.
 
         Raises
         ------
@@ -212,7 +216,7 @@ class Editor:
         return FrameEditor(image, field, state.edits.history, base, state.found)
 
     def _state(self, number: int, image: Image) -> FrameState:
-        """The state of a frame, which begins with the camera that is stored, or found by itself."""
+        """State of a frame; a new one begins with the camera that is stored, or found automatically."""
         state = self._states.get(number)
         if state is None:
             stored = self._stored_calibration(number)
@@ -229,7 +233,7 @@ class Editor:
         return state
 
     def with_camera(self, number: int) -> FrameEditor:
-        """A frame with the camera that follows from its marks, which is kept until the frame changes."""
+        """Return a frame with the camera calibrated from its marks, which is cached until the frame changes."""
         revision = self.revision(number)
         one = self[number]
         found = one.calibration
@@ -240,7 +244,7 @@ class Editor:
         return one
 
     def fitted(self, number: int) -> FrameEditor:
-        """A frame `with_camera`, whose verdict is then in the table."""
+        """Return a frame `with_camera`, and show its verdict in the table."""
         revision = self.revision(number)
         one = self.with_camera(number)
         row = Row.of(one.calibration, self._basis(number, one), by_hand=not one.is_automatic)
@@ -256,14 +260,14 @@ class Editor:
         return "" if is_by_hand(basis) else basis  # a person has taken back all that was said
 
     def is_to_search(self, number: int) -> bool:
-        """Whether the court is still to be searched for in a frame that was looked at, see `search`."""
+        """Whether a frame that was opened still has to be searched for the court, see `search`."""
         state = self._states.get(self.frames.number(number))
         return state is not None and state.is_to_search
 
     def search(self, number: int) -> bool:
-        """Search a frame for the court, where no network knows the field; returns whether it was to be searched.
+        """Search a frame for the court, if no network knows the field; returns whether it had to be searched.
 
-        The camera that is found is that of the frame until a person changes something: half a second and more, for
+        The frame has the camera found until a person changes something. The search takes half a second or more, during
         which nothing else waits. Fields without stands are not searched for.
         """
         one = self[number]
@@ -284,14 +288,14 @@ class Editor:
         return True
 
     def gets_marks(self, number: int) -> bool:
-        """Whether marks of the network join those of a person with the first change of a frame, see `begun`."""
+        """Whether the first change of a frame will add marks of the network to those of the person, see `begun`."""
         one = self[number]
         return self.revision(number) == 0 and one.is_automatic and not len(one.marks) and self.network is not None
 
     def begun(self, number: int) -> FrameEditor:
-        """A frame that is about to be changed: with the labels of the network, if it has no marks yet.
+        """Return a frame that is about to be changed, with the labels of the network if it has no marks yet.
 
-        While some of them are left, the basis of the frame is "labelled by hand and by the network".
+        While any labels of the network are left, the basis of the frame is "labelled by hand and by the network".
         """
         one = self[number]
         network = self.network
@@ -308,12 +312,12 @@ class Editor:
         return one
 
     def automatic(self, number: int) -> FrameEditor:
-        """A frame with the camera that was found without a person, and with the labels of the network again."""
+        """Return a frame to the camera that was found without a person, and to the labels of the network."""
         one, network = self[number], self.network
         return one.automatic(Marks() if network is None else network_marks(one.field, one.image, network))
 
     def with_marks_of(self, number: int, other: int) -> FrameEditor:
-        """A frame with the marks of another one, moved as the background moves and snapped to paint.
+        """Copy the marks of another frame to a frame, moved as the background moves and snapped to paint.
 
         Raises
         ------
@@ -326,7 +330,7 @@ class Editor:
         return one.with_marks(moved_marks(source.marks, source.image, one))
 
     def put(self, number: int, changed: FrameEditor, revision: int | None = None) -> None:
-        """Change a frame: keep its new state, in the journal first.
+        """Change a frame: its new state is written to the journal, then taken over.
 
         Parameters
         ----------
@@ -339,7 +343,7 @@ class Editor:
         Raises
         ------
         ValueError
-            If it cannot be, as an impossible size of the field; then nothing is changed.
+            If the change is impossible, as a wrong size of the field; then nothing is changed.
         StaleEdit
             If the frame was changed since that revision.
         OSError
@@ -368,12 +372,12 @@ class Editor:
         self.put(number, changed)
 
     def set_cuts(self, cuts: Sequence[int]) -> None:
-        """Say which frames are the first ones of the shots of a clip; the first frame of all is one in any case.
+        """Set the first frames of the shots of a clip; the first frame of the clip is always one.
 
         Raises
         ------
         ValueError
-            If it is no clip, or they are not numbers of its frames.
+            If this is no clip, or `cuts` are not numbers of its frames.
         """
         if not self.is_clip:
             raise ValueError("expected a clip: pictures have no cuts")
@@ -396,7 +400,8 @@ class Editor:
         Raises
         ------
         ValueError
-            If it is no clip, or its field is neither known to the network nor to be searched for, as it has no stands.
+            If this is no clip, or its field is neither known to the network nor has stands, without which it cannot be
+            searched for.
         """
         network = self.network
         if not self.is_clip:
@@ -416,7 +421,7 @@ class Editor:
         return replace(found, revisions={n: revisions[n] for n in found.anchors})
 
     def next_to_mend(self) -> int | None:
-        """The frame of a clip whose labels would help most; None if all cameras are good.
+        """Number of the frame of a clip whose labels would help most; None if all cameras are good.
 
         Raises
         ------
@@ -428,7 +433,7 @@ class Editor:
         return next_frame(self.frames, self._states.rows, self.field, self.network)
 
     def _by_marks(self, number: int) -> Calibration:
-        """The camera of a frame that follows from its marks alone, also where that of the clip was kept."""
+        """Calibrate a frame from its marks alone, also if the clip's camera was kept for it."""
         one, state = self[number], self._states[number]
         return replace(one, found=None).calibration if state.is_of_clip else self.fitted(number).calibration
 
@@ -440,7 +445,7 @@ class Editor:
         return state.found if state.is_anchor else state.base
 
     def keep(self, proposal: Proposal) -> int:
-        """Take the cameras of a solution, and write them into the folder, as `save` does; returns their number.
+        """Accept a solution of the clip: write its cameras into the folder as `save` does; returns their number.
 
         The labels of its anchors are written too. Outside the window that was solved everything stays as it was.
 
@@ -453,13 +458,13 @@ class Editor:
 
     @property
     def can_undo_keep(self) -> bool:
-        """Whether the last save was that of a solution of the clip, which can be taken back."""
+        """Whether the last save was a `keep`, which can be undone."""
         return self._folder is not None and self._folder.can_undo_keep
 
     def undo_keep(self) -> Proposal:
-        """Take the solution back that was kept last: files and cameras are as they were; returns the solution.
+        """Undo the last `keep`: restore files and cameras as they were before; returns the solution.
 
-        What a person has changed since stays. The files of the solution are kept in ``history``.
+        Changes by a person since then stay. The files of the solution are kept in ``history``.
 
         Raises
         ------
@@ -475,9 +480,9 @@ class Editor:
     def save(self) -> int:
         """Write labels and cameras into the folder, as ``fieldcalib run`` writes them; returns the number of frames.
 
-        Frames that were changed are written, and those that have no result there yet but were looked at, unless
-        `search` is still to come. Labels by hand go to ``labels/<id>.json``, and into files of the format of those
-        that were given. What is replaced is kept in ``history``: `last_save` says where, and which frames could not be
+        Written are frames that were changed, and frames that were opened and have no result there yet, unless they
+        still have to be searched (`search`). Labels by hand go to ``labels/<id>.json``, and into files in the format of
+        the given labels. Replaced files are kept in ``history``: `last_save` says where, and which frames could not be
         saved.
 
         Raises
@@ -485,10 +490,10 @@ class Editor:
         ValueError
             If there is no folder.
         ChangedFileError
-            If a file would be replaced that neither a run nor a page has written, or that another program has changed;
-            then nothing is written.
+            If a file would be replaced that was written neither by a run nor from the page, or that another program has
+            changed; then nothing is written.
         UnfinishedSaveError
-            If the files were written, and not all could be moved to their places: the next save goes on.
+            If the files were written, but not all could be moved to their places; the next save completes this.
         OSError
             If a file cannot be written; then nothing is changed.
         """
@@ -505,9 +510,9 @@ class Editor:
         return [] if self._folder is None else self._folder.to_draw
 
     def draw(self, progress: Progress = ignored) -> list[str]:
-        """Draw the files of `to_draw` again from what is saved; returns their names.
+        """Draw the files of `to_draw` again from the saved cameras; returns their names.
 
-        If cameras are saved meanwhile, the drawings are old again, and none is kept.
+        If cameras are saved meanwhile, the drawings are outdated, and none is kept.
 
         Parameters
         ----------
@@ -538,7 +543,7 @@ class Editor:
         return self._folder_to_save_to().save_labels(format)
 
     def _repr_html_(self) -> str:
-        """The first frame, for notebooks."""
+        """Show the first frame in a notebook."""
         return self[0]._repr_html_()
 
     def __enter__(self) -> Self:
@@ -548,7 +553,7 @@ class Editor:
         self.close()
 
     def close(self) -> None:
-        """Close the files; what was changed is in the journal."""
+        """Close the files; all changes are in the journal."""
         self.frames.close()
         if self._folder is not None:
             self._folder.journal.close()

@@ -1,4 +1,4 @@
-"""The camera of a frame: found by itself, or from the marks of a person, refined on the image."""
+"""Calibration of a single frame in the editor: without a person, or from marks, refined on the image."""
 
 from __future__ import annotations
 
@@ -31,33 +31,34 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, pixel_unit
 
-WEIGHT_OF_NETWORK = 0.3  # of a segment that a network labelled, beside those that a person marked
-MOST_MARKS = 6  # of a label, of those that a network found
-LEAST_WEIGHT = 0.5  # of a segment that a network found: lighter ones are mostly false detections
+WEIGHT_OF_NETWORK = 0.3  # weight of a mark that a network set; one that a person set has 1
+MOST_MARKS = 6  # largest number of marks taken over from a network for each label
+LEAST_WEIGHT = 0.5  # of a segment that a network found: segments below are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
 STRAY = 8.0  # px of a 960 x 540 image, as `click_unit`: distance of a mark from its marking if one of them is wrong
-FARTHER = 1.5  # px of such an image: marks lie no farther than that from a refined camera, or it is not taken,
-FARTHER_CLICKS = 3.0  # px: but never less, as few clicks that are 2 px off are fitted more closely than the truth fits
+# A refined camera is not taken if it increases the rms distance of marks by more than this many px of such an image,
+FARTHER = 1.5
+FARTHER_CLICKS = 3.0  # px, but at least this: a few clicks, each 2 px off, are fitted more closely than the truth fits
 
 
 @lru_cache(maxsize=1)
 def included_network() -> Network:
-    """The network that comes with the package, which knows soccer."""
+    """Load the network that comes with the package, which knows soccer."""
     from fieldcalib.localize.network import SegmentationNetwork
 
     return SegmentationNetwork.load(threads=2)
 
 
 def network_of(field: Field) -> Network | None:
-    """The network that knows the markings of a field; None if there is none."""
+    """Choose the network that knows the markings of a field; None if there is none."""
     network = included_network()
     return None if classes_without_segment(network.classes, field) else network
 
 
 def automatic(field: Field, image: Image, network: Network | None) -> tuple[Calibration, Marks]:
-    """The camera that is found without a person at once, and the labels of the network, a few for each segment.
+    """Calibrate a frame at once without a person; also returns labels of the network, a few for each segment.
 
-    Without a network there is none yet: `searched` takes longer.
+    Without a network there is no camera yet, as the search (`searched`) takes longer.
     """
     if network is None:
         to_search = [Finding(What.TO_SEARCH)] if field.stands else []
@@ -68,18 +69,18 @@ def automatic(field: Field, image: Image, network: Network | None) -> tuple[Cali
 
 
 def is_to_search(calibration: Calibration) -> bool:
-    """Whether a calibration of `automatic` waits for that of `searched`."""
+    """Whether a calibration by `automatic` is only a placeholder until `searched` is called."""
     return calibration.camera is None and calibration.has_finding(What.TO_SEARCH)
 
 
 def searched(field: Field, image: Image) -> Calibration:
-    """The camera that is found by search for the court, without a network."""
+    """Calibrate a frame by search for the court, without a network."""
     (calibration,) = calibrate_from_images(field, [image])
     return calibration
 
 
 def network_marks(field: Field, image: Image, network: Network) -> Marks:
-    """Labels that a network finds in an image, a few for each segment, in their order along it."""
+    """Label an image by a network: a few marks for each segment, in their order along it."""
     (found,) = localize(field, [image], network)
     pixels: dict[str, Array] = {}
     for label, weight in found.weight.items():
@@ -91,7 +92,7 @@ def network_marks(field: Field, image: Image, network: Network) -> Marks:
 
 
 def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any]) -> Calibration:
-    """The camera that follows from marks, refined on the image where that agrees with the marks of the person.
+    """Calibrate a frame from marks, refined on the image if the result agrees with the marks of the person.
 
     Parameters
     ----------
@@ -99,7 +100,7 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     image : (height, width, 3) uint8 array
         Blue, green, red.
     marks : Marks
-        Those of a network count less.
+        Marks of a network count less than marks of a person.
     arguments : mapping
         Keyword arguments of `calibrate_from_segments`.
     """
@@ -107,14 +108,14 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
     pixels, weights = marks.pixels, _weights(marks, size)
     prior: Prior = ALL if field.stands else None
     flags = arguments["flags"]
-    if prior is None:  # nothing else would hold it
+    if prior is None:  # without a prior the principal point would be unconstrained
         flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     arguments = {**arguments, "flags": flags, "prior": prior}
     try:
         # as calibrate_from_segments to 1e-6, without the time of its second solver
         several = None if weights is None else [weights]
         (by_marks,) = calibrate_batch(field, [pixels], size, weights=several, **arguments)
-    except ValueError as error:  # of marks that are no labels yet, e.g. only in the corner: more marks may mend it
+    except ValueError as error:  # marks that cannot be used yet, e.g. only in a corner: more marks may help
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error).removeprefix("frame 0: "))
     if not by_marks.accepted:
         return by_marks
@@ -123,9 +124,9 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
 
 
 def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Calibration) -> Calibration:
-    """The refined camera of marks, or that of the marks alone if the refined one is farther from those of the person.
+    """Choose the refined camera, or that of the marks alone if the refined one is farther from the person's marks.
 
-    It complains of marks of the person that lie far from their markings.
+    Findings are added for marks of the person that lie far from their markings.
     """
     if refined is by_marks:
         (errors,) = mark_errors(field, by_hand, [by_marks.required_camera])
@@ -142,22 +143,22 @@ def _rms(errors: Array) -> float:
 
 
 def click_unit(image_size: tuple[int, int]) -> float:
-    """Pixels of an image for one of a 960 x 540 image, at least 1: clicks in smaller images are no more exact."""
+    """Pixels of an image per pixel of a 960 x 540 image, at least 1, as clicks in smaller images are no more exact."""
     return max(pixel_unit(image_size), 1.0)
 
 
 def is_stray(error: float, image_size: tuple[int, int]) -> bool:
-    """Whether a mark at a distance of its marking, pixels, contradicts the camera."""
+    """Whether a mark at distance `error`, pixels, from its projected marking contradicts the camera."""
     return error > STRAY * click_unit(image_size)
 
 
 def is_left_out(error: float, image_size: tuple[int, int]) -> bool:
-    """Whether a mark of a network at a distance of its marking, pixels, has no part in the camera."""
+    """Whether a network's mark at distance `error`, pixels, from its projected marking does not affect the camera."""
     return error > BESIDE * pixel_unit(image_size)
 
 
 def _with_strays(by_hand: Marks, calibration: Calibration, errors: Array) -> Calibration:
-    """A calibration that complains of marks of a person that lie far from their markings; `errors` (N,) are theirs."""
+    """Add findings for marks of a person that lie far from their markings; `errors` (N,) are their distances."""
     size = calibration.required_camera.image_size
     worst: dict[str, float] = {}
     for mark, error in zip(by_hand.all, errors.tolist(), strict=True):
@@ -182,9 +183,9 @@ def mark_errors(field: Field, marks: Marks, cameras: Sequence[Camera]) -> Array:
 
 
 def _weights(marks: Marks, image_size: tuple[int, int]) -> Weights | None:
-    """Weights of the marks by label; None where a person set all, as exactly as annotators do.
+    """Weights of the marks by label; None if a person set all, with the accuracy of annotators.
 
-    Clicks in a small image are less exact than annotations of it, and weigh less by the square of that.
+    Clicks in a small image are less accurate than annotations of it, and weigh less by the square of the ratio.
     """
     own = (pixel_unit(image_size) / click_unit(image_size)) ** 2
     if own == 1.0 and all(one.by_hand for one in marks.all):

@@ -1,6 +1,6 @@
-"""The folder of an editor: what is opened with it, what it says of the frames, and what is saved there.
+"""The folder of an editor: its results and journal are read when it is opened, and labels and cameras are saved there.
 
-A save is announced in the journal before its files are moved to their places, and noted there afterwards. One that
+A save is announced in the journal before its files are moved to their places, and noted as done afterwards. A save that
 could not be finished, or whose process has ended in between, is finished before the next one.
 """
 
@@ -42,14 +42,14 @@ from fieldcalib.io.formats import IMAGES, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored
 
-AT_ONCE = 5000  # rows of the table, about, that are read before a page is shown
+AT_ONCE = 5000  # rows of the table that are read before the page is shown; more are read in a thread
 NOTHING_KEPT = "expected a solution that was kept last: since then something else was saved, or nothing"
 
 
 def places_of(
     source: str | os.PathLike[str] | Sequence[Image], out: str | os.PathLike[str] | None
 ) -> tuple[list[Path] | None, Path | None]:
-    """The paths of the pictures or of the video, None for arrays; and the folder of results, if there is one."""
+    """Find the paths of the pictures or of the video, None for arrays, and the folder of results, if there is one."""
     folder = None if out is None else file_path(out, "a folder of results")
     if not isinstance(source, str | os.PathLike):
         return None, folder
@@ -70,7 +70,7 @@ def _beside(path: Path) -> Path:
 
 
 def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -> FrameSource:
-    """The frames of arrays, of files, or of a video, of which a run may have a part."""
+    """Open the frames of arrays, of files, or of a video, of which a run may have used a part."""
     if paths is None:
         return ArrayFrames([checked_image(image) for image in listed(source, "a path or pictures")])
     if VIDEOS.recognises(paths[0]):
@@ -79,13 +79,13 @@ def frames_of(source: object, paths: list[Path] | None, stored: Stored | None) -
         return VideoFrames(paths[0], tell=ignored, numbers=numbers or None)
     files: list[FrameFile] = IMAGES.find(paths)
     pictures = FileFrames(files, tell=ignored)
-    if len(files) == 1 and files[0].path == paths[0]:  # of a folder, the page says which are broken
+    if len(files) == 1 and files[0].path == paths[0]:  # raises if broken; of a folder, the page says which files are
         pictures.image(0)
     return pictures
 
 
 def field_of(field: Field | str | None, stored: Stored | None) -> tuple[Field, str]:
-    """The field, and what it is called."""
+    """Find the field and its name."""
     if isinstance(field, Field):
         return field, "field"
     if field is not None:
@@ -99,7 +99,7 @@ def field_of(field: Field | str | None, stored: Stored | None) -> tuple[Field, s
 
 @dataclass(frozen=True)
 class BeforeKeep:
-    """What was known before a solution of a clip was kept."""
+    """The state of an editor before a solution of a clip was kept, to undo that."""
 
     proposal: Proposal
     states: Mapping[int, FrameState]
@@ -117,15 +117,15 @@ class Folder:
     Parameters
     ----------
     stored : Stored
-        The results, as far as there are some.
+        The results, which may be empty.
     replayed : Replayed
-        What the journal says.
+        Contents of the journal.
     states : FrameStates
-        What is known about the frames.
+        States of the frames.
     given : GivenLabels
         Labels with which the editor begins.
     new : NewRun
-        What is recorded of results that no run has begun.
+        Values for the record, if no run has written one.
 
     Raises
     ------
@@ -139,8 +139,8 @@ class Folder:
         self.stored, self._states, self._new = stored, states, new
         self.journal = Journal(stored.folder, replayed.size)
         self.last_save = LastSave()
-        """What the last save has replaced, and which frames it has left out."""
-        self._unfinished = replayed.unfinished  # what was announced and could not be finished yet
+        """Report of the last save: the files that it replaced, and the frames that it left out."""
+        self._unfinished = replayed.unfinished  # a save that was announced and could not be finished yet
         self._before_keep: BeforeKeep | None = None
         if stored.know(replayed.written):
             replayed.forget_saved()
@@ -153,17 +153,17 @@ class Folder:
         return self._of_field(self.stored.calibration(self._id(number)))
 
     def base(self, number: int, edits: FrameHistory) -> Calibration | None:
-        """The camera of a frame without a person: that of the results, unless it is one of a person."""
+        """Camera of a frame without labels by hand: that of the results if it is such, else that of the journal."""
         id = self._id(number)
         if id in self.stored and not is_by_hand(self.stored.basis(id)):
             return self.calibration(number)
         try:
             return None if edits.base is None else self._of_field(Calibration.from_dict(edits.base))
-        except ValueError:  # of another version, say: it is found again
+        except ValueError:  # written by another version, say: the camera is computed again
             return None
 
     def _of_field(self, calibration: Calibration | None) -> Calibration | None:
-        """The calibration; None if it is of another field than the one that is opened, not only of another size."""
+        """Pass a calibration on; None if it is of another field than the one opened, not only of another size."""
         field = self._states.field
         if calibration is None or calibration.field is None or calibration.field.keys() == field.keys():
             return calibration
@@ -173,7 +173,7 @@ class Folder:
         return self._states.frames.ids[number]
 
     def restore(self, frames: Mapping[str, FrameHistory]) -> None:
-        """Take what the journal says of frames, and their cameras."""
+        """Restore the edits of frames from the journal, and their cameras."""
         numbers = self._states.numbers
         for number, edits in ((numbers[id], edits) for id, edits in frames.items() if id in numbers):
             state = FrameState(edits, self._states.spilled, has_begun=True, base=self.base(number, edits))
@@ -184,7 +184,7 @@ class Folder:
             self._states.rows[number] = row._replace(by_hand=not edits.history.present.automatic)
 
     def _show_saved(self, number: int) -> None:
-        """Show the camera of a clip's frame that was saved: it may be that of the clip, not that of its marks alone."""
+        """Take over the saved camera of a clip's frame: it may be the clip's, not the one from its marks alone."""
         state = self._states[number]
         if self._states.is_clip and state.is_saved and is_by_hand(self.stored.basis(self._id(number))):
             saved = self.calibration(number)
@@ -192,14 +192,14 @@ class Folder:
                 state.keep(saved)
 
     def show_rows(self) -> None:
-        """Show what the results say in the table: of many frames in a thread of its own, while the table grows."""
+        """Fill the table from the results; with many frames this happens in a thread, while the table grows."""
         if len(self.stored.ids) <= AT_ONCE:
             self._fill_rows()
         else:
             Thread(target=self._fill_rows, name="rows", daemon=True).start()
 
     def _fill_rows(self) -> None:
-        """Take what the results say into the table; a clip that is solved again replaces the cameras of all frames."""
+        """Fill rows that are still empty from the results; rows that were shown since, by a new solution say, stay."""
         states = self._states
         for count, (id, row) in enumerate(self.stored.rows(), 1):
             number = states.numbers.get(id)
@@ -227,7 +227,7 @@ class Folder:
         self.journal.change(id, before, after)
 
     def save(self, fitted: Callable[[int], FrameEditor]) -> int:
-        """Write frames as `Editor.save` says, whose cameras `fitted` finds; returns their number."""
+        """Write frames as described for `Editor.save`, with the cameras from `fitted`; returns their number."""
         self.journal.open()
         with self._states.lock:
             self._go_on()
@@ -251,7 +251,7 @@ class Folder:
     def _each_saved(
         self, numbers: Sequence[int], fitted: Callable[[int], FrameEditor], saved: list[int], failed: dict[str, str]
     ) -> Iterator[Saved]:
-        """Frames to be saved; `saved` gets the numbers of those that can be, `failed` the others, with the reasons."""
+        """Yield the frames to be saved; `saved` collects the numbers of those that can be, `failed` reasons by id."""
         for n in numbers:
             try:
                 one = self._saved(n, fitted(n))
@@ -263,7 +263,7 @@ class Folder:
             yield one
 
     def _saved(self, number: int, one: FrameEditor) -> Saved:
-        """A frame with the contents of its files."""
+        """Collect a frame's calibration and the contents of its files."""
         id, calibration = self._id(number), one.calibration
         files = self._label_file(number)
         if not self._states.is_clip:
@@ -272,7 +272,7 @@ class Folder:
         return Saved(id, calibration, self._states.rows[number].basis, files)
 
     def keep(self, proposal: Proposal) -> int:
-        """Take the cameras of a solution, and write them as `Editor.keep` says; returns their number."""
+        """Accept a solution and write its cameras, as described for `Editor.keep`; returns their number."""
         self.journal.open()
         with self._states.lock:
             self._go_on()
@@ -299,7 +299,7 @@ class Folder:
         return len(frames)
 
     def _whole(self, proposal: Proposal) -> VideoCalibration | None:
-        """The calibration of all frames of the clip with a solution; None if there is none."""
+        """Combine a solution with the calibration of the rest of the clip; None if there is none."""
         (begin, end), ids = proposal.window, self._states.frames.ids
         if end - begin == len(ids):
             return proposal.whole(None, len(ids))
@@ -308,7 +308,7 @@ class Folder:
         return proposal.whole(self.stored.clip(), len(ids), mended_outside=mended)
 
     def _take(self, proposal: Proposal) -> None:
-        """Take the cameras and the cuts of a solution; not the cameras of frames that were changed since."""
+        """Take over the cameras and the cuts of a solution, except for frames that were changed since."""
         states = self._states
         for n, calibration in proposal.calibrations.items():
             state = states.get(n)
@@ -327,26 +327,26 @@ class Folder:
 
     @property
     def can_undo_keep(self) -> bool:
-        """Whether the last save was that of a solution of the clip, which can be taken back."""
+        """Whether the last save was a `keep`, which can be undone."""
         before = self._before_keep
         return before is not None and self.stored.saves == before.saves
 
     def undo_keep(self) -> Proposal:
-        """Take back the solution that was kept last, as `Editor.undo_keep` says; returns it."""
+        """Undo the last `keep`, as described for `Editor.undo_keep`; returns its solution."""
         before = self._before_keep
         if before is None or not self.can_undo_keep:
             raise ValueError(NOTHING_KEPT)
         self.journal.open()
         with self._states.lock:
             self._go_on()
-            if self._before_keep is not None:  # it was not taken back before, up to the note of it
+            if self._before_keep is not None:  # `_go_on` may have completed an undo that was interrupted
                 forget = partial(self._forget_keep, before)
                 self.stored.take_back(self._announcing("taken_back", before.saved, forget))
                 self._finish()
         return before.proposal
 
     def _forget_keep(self, before: BeforeKeep) -> None:
-        """Go back to what was known before a solution was kept, but for what a person has changed since."""
+        """Restore the states from before a solution was kept, except what a person has changed since."""
         self._before_keep = None
         states = self._states
         for n, state in list(states.items()):
@@ -368,7 +368,7 @@ class Folder:
         return [name for name in self.stored.moved if name in AGAIN] if self._states.is_clip else []
 
     def draw(self, progress: Progress) -> list[str]:
-        """Draw the files of `to_draw` again, as `Editor.draw` says; returns their names."""
+        """Draw the files of `to_draw` again, as described for `Editor.draw`; returns their names."""
         names = self.to_draw
         if not names:
             return []
@@ -399,19 +399,19 @@ class Folder:
         return name
 
     def _label_file(self, number: int) -> dict[str, bytes | None]:
-        """SoccerNet's file with the labels of a frame, by its name; None removes it."""
+        """Content of SoccerNet's file with the labels of a frame, by its name; None to remove it."""
         name = label_file(self._id(number))
         annotations = self._annotations([number])
         return {name: soccernet_file(annotations[0]) if annotations else None}
 
     def _label_files(self, numbers: Sequence[int]) -> dict[str, bytes | None]:
-        """Files in the format of the labels that were given, when some frames are saved."""
+        """Contents of the files in the format of the given labels, when some frames are saved."""
         if self._label_format is None or self._label_format == SOCCERNET:  # each frame has a file of SoccerNet's
             return {}
         return saved_files(self._label_format, self._annotations(self._states), [self._id(n) for n in numbers])
 
     def _annotations(self, numbers: Iterable[int]) -> list[Annotation]:
-        """The labels by hand of frames, in their order."""
+        """Labels by hand of frames, in the order of the frames."""
         frames, field = self._states.frames, self._states.field
         states = {n: self._states[n] for n in sorted(numbers)}
         edits = {n: state.edits.history.present for n, state in states.items() if state.is_anchor}
@@ -422,7 +422,7 @@ class Folder:
         ]
 
     def _begin(self, numbers: Iterable[int]) -> None:
-        """Let given labels that are about to be saved begin in the journal."""
+        """Write given labels that are about to be saved to the journal as the first state of their frames."""
         if self._label_format is not None and not self._has_noted_format:
             self.journal.format(self._label_format)
             self._has_noted_format = True
@@ -433,7 +433,7 @@ class Folder:
                 state.has_begun = True
 
     def _announcing(self, kind: str, numbers: Sequence[int] = (), done: Callable[[], None] = nothing) -> Announce:
-        """Announce a save of some frames in the journal; `done` is called when its files are there, see `_finish`."""
+        """Function that announces a save in the journal; `done` is called when its files are there, see `_finish`."""
 
         def announce(announced: Announced) -> None:
             states = {self._id(n): self._states[n] for n in numbers}
@@ -444,7 +444,7 @@ class Folder:
         return announce
 
     def _finish(self) -> None:
-        """Note that the files are there that were announced."""
+        """Note in the journal that the announced files are in place, and update the states of their frames."""
         unfinished = self._unfinished
         assert unfinished is not None
         self.journal.done(unfinished.note)

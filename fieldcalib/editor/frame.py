@@ -1,18 +1,17 @@
-"""An image that a person labels: marks, what is known of the camera, and the camera that follows from both.
+"""Editing of a single image: marks and known values of a person, and the camera calibrated from both (`FrameEditor`).
 
-Snapping of clicks to paint: the nearest middle of a light line, with subpixel accuracy.
+Clicks are snapped to paint (`snapped`): to the nearest middle of a light line, with subpixel accuracy. A line is a
+ridge of lightness. At the scale of its width the second derivative across it is strongly negative, and the zero of the
+first derivative in that direction is the middle of the line (Steger: An Unbiased Detector of Curvilinear Structures,
+1998, section 2).
 
-A line is a ridge of lightness. At the scale of its width the second derivative across it is strongly negative, and the
-zero of the first derivative along that direction is the middle of the line (Steger: An Unbiased Detector of Curvilinear
-Structures, 1998, section 2).
+The pixels of a picture may not be square (`fitted_in_shape`). A picture of another shape than 16:9 is a frame or a part
+of one with square pixels, or a frame that was squashed. If the person has not said at which aspect it is shown, a
+camera is fitted to it as it is and as shown at 16:9, and the one is taken that marks and lines make more likely
+(`fieldcalib.solve.picture_shape`).
 
-The camera that follows from marks in a picture whose pixels may not be square.
-
-A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a frame that was squashed.
-Where a person has not said at which aspect it is shown, its camera is fitted as it is and as shown at 16:9, and the one
-is taken that marks and lines make more likely (`fieldcalib.solve.picture_shape`).
-
-Marks of one frame moved to another one of the same camera, as the static background moves.
+Marks can be copied from one frame to another of the same camera; they move as the static background does
+(`moved_marks`).
 """
 
 from __future__ import annotations
@@ -50,25 +49,26 @@ from fieldcalib.solve.picture_shape import likelier, may_be_squashed, shown_size
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import pixel_unit
 
-REACH = 8.0  # px of a 960 x 540 image: clicks are nearer than that
-WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones near by
-LEAST_CONTRAST = 6.0  # grey values by which the strongest line stands out, in its blurred second derivative
-NEAR_MIDDLE = 0.75  # px from the middle of a line to a pixel that belongs to it
-MARGIN = 4  # px around these: `NEAR_MIDDLE`, and the neighbours of two differences
+REACH = 8.0  # px of a 960 x 540 image: largest distance from a click to the line it snaps to
+WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones nearby
+LEAST_CONTRAST = 6.0  # grey values: least strength of a line, from its blurred second derivative
+NEAR_MIDDLE = 0.75  # px: largest distance of a pixel from the middle of the line that it belongs to
+MARGIN = 4  # px beyond the reach, for `NEAR_MIDDLE` and the neighbours of two differences
 LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
-LARGEST_TURN = np.sin(np.radians(25.0))  # between a line and the direction that it is expected to have
+LARGEST_TURN = np.sin(np.radians(25.0))  # sine of the angle between a line and its expected direction
 # px of such an image: standard deviation of clicks, by which near lines are preferred to strong ones. Of clicks 2 px
-# off on 103 markings of right frames 97 % are then within 3 px of their marking; where strength counts more, 10 px.
+# off on 103 markings of correctly calibrated frames 97 % then end within 3 px of their marking; if strength counts
+# more, within 10 px.
 CLICK = 2.0
 
-NEAREST = 12  # matches around a mark: they tell what the homography, which has no lens, leaves
+NEAREST = 12  # matches around a mark that correct the homography, which has no lens
 
 NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
-NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
+NEAR = 30.0  # px of a 960 x 540 image: a projected marking within this is the one clicked on
 
 
 def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Array:
-    """The middle of the line nearest to a click, or the click where no line is near.
+    """Snap a click to the middle of the nearest line, or leave it if no line is near.
 
     Parameters
     ----------
@@ -123,14 +123,16 @@ def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Arra
 
 
 def _box(xy: Array, reach: float, size: tuple[int, int]) -> tuple[IntArray, IntArray]:
-    """First pixel, and the one after the last, (2,) each, of the part of an image around a place."""
+    """Bounds of the part of an image around a place: first pixel and the pixel after the last, (2,) each."""
     margin = int(np.ceil(reach))
     corner = np.floor(xy).astype(int) - margin
     return np.maximum(corner, 0), np.minimum(corner + 2 * margin + 2, size)
 
 
 def _ridge(blurred: Float32, sigma: float) -> tuple[Array, Array, Array]:
-    """The middle of a light line from each pixel (h, w, 2), its normal (h, w, 2), and its strength in grey values.
+    """Offset from each pixel to the middle of a light line (h, w, 2), the line's normal (h, w, 2), and its strength.
+
+    The strength is in grey values.
 
     `sigma` is the standard deviation of the blur.
     """
@@ -146,7 +148,10 @@ def _ridge(blurred: Float32, sigma: float) -> tuple[Array, Array, Array]:
 
 
 def fitted_in_shape(field: Field, image: Image, marks: Marks, known: Known) -> Calibration:
-    """The camera that follows from marks, in pixels of the picture, see `fitted`; its errors stay in the frame's."""
+    """Calibrate from marks (`fitted`) a picture that may have been squashed; the camera is in pixels of the picture.
+
+    Its errors refer to the frame with square pixels.
+    """
     size = size_of(image)
     placement = known.placement(size)
     found = _fitted_in_frame(field, image, marks, known, placement)
@@ -163,7 +168,7 @@ def fitted_in_shape(field: Field, image: Image, marks: Marks, known: Known) -> C
 
 
 def _fitted_in_frame(field: Field, image: Image, marks: Marks, known: Known, placement: Placement) -> Calibration:
-    """The camera of the frame in which a picture lies."""
+    """Calibrate the frame with square pixels in which a picture lies."""
     if not placement.is_whole:
         image, marks = placement.image_in_frame(image), marks.scaled(placement.scale)
     return fitted(field, image, marks, known.arguments(placement))
@@ -177,7 +182,7 @@ def _task(field: Field, known: Known, placement: Placement) -> Task:
 
 @dataclass(frozen=True, eq=False)
 class FrameEditor:
-    """An image with marks, and the camera that follows from them. Each change gives a new editor.
+    """An image with marks, and the camera calibrated from them. Each change gives a new editor.
 
     Parameters
     ----------
@@ -189,7 +194,7 @@ class FrameEditor:
     base : Calibration, optional
         The camera that was found without a person.
     found : Calibration, optional
-        The camera that follows from the marks, where it is known already.
+        The camera from the marks, if it is known already.
 
     Examples
     --------
@@ -215,7 +220,7 @@ class FrameEditor:
     base: Calibration | None = None
     """The camera that was found without a person."""
     found: Calibration | None = None
-    """The camera that follows from the marks, where it is known already."""
+    """The camera from the marks, if it is known already."""
 
     def __repr__(self) -> str:
         width, height = size_of(self.image)
@@ -254,9 +259,9 @@ class FrameEditor:
 
     @cached_property
     def calibration(self) -> Calibration:
-        """The camera that follows from the marks, refined on the image where that agrees with them.
+        """Camera from the marks, refined on the image if that agrees with them.
 
-        Until a person changes something, the one that was found without.
+        Until a person changes something it is the camera that was found without a person.
         """
         if self.is_automatic and self.base is not None:
             return self.base
@@ -265,12 +270,12 @@ class FrameEditor:
         try:
             field = self.known.of(self.field)
             return fitted_in_shape(field, self.image, self.marks.of_field(self.field), self.known)
-        except ValueError as error:  # what is known of another field than this one, and the like
+        except ValueError as error:  # known values of another field than this one, and the like
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error))
 
     @property
     def is_automatic(self) -> bool:
-        """Whether a person has changed nothing, or has taken all back."""
+        """Whether a person has changed nothing, or has undone all changes."""
         return self.history.present.automatic
 
     def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
@@ -307,7 +312,7 @@ class FrameEditor:
         Raises
         ------
         ValueError
-            If a value cannot be, or the field cannot have that size.
+            If a value is impossible, or the field cannot have that size.
         """
         known = replace(self.known, **values)
         known.of(self.field)
@@ -325,15 +330,15 @@ class FrameEditor:
         return replace(self, history=self.history.then(edit), found=None)
 
     def undo(self) -> FrameEditor:
-        """Take the last change back."""
+        """Undo the last change."""
         return replace(self, history=self.history.undone, found=None)
 
     def redo(self) -> FrameEditor:
-        """Make the change again that was taken back last."""
+        """Redo the change that was undone last."""
         return replace(self, history=self.history.redone, found=None)
 
     def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
-        """The pixel that a click means: on the paint of a line or an arc near by, as it is for other labels."""
+        """Pixel for a click: snapped to paint nearby for labels of lines and arcs, unchanged for other labels."""
         segment = self.field.get(label)
         click = np.asarray(xy, dtype=float)
         if not snap or segment is None or not (segment.is_straight or segment.is_arc):
@@ -341,7 +346,7 @@ class FrameEditor:
         return snapped(self.image, click, self._direction(segment, label, click))
 
     def _direction(self, segment: Segment, label: str, xy: Array) -> Array | None:
-        """Direction of a marking in the image near a pixel: by the camera or, of a straight one, by its other marks."""
+        """Direction of a marking in the image near a pixel, from the camera or, if straight, from its other marks."""
         if self.calibration:
             near = nearest_on(image_curves(self.calibration.required_camera, segment), xy)
             if near is not None and near.distance < NEAR * pixel_unit(size_of(self.image)):
@@ -353,12 +358,12 @@ class FrameEditor:
         return way if np.linalg.norm(way) > NEAR * pixel_unit(size_of(self.image)) else None
 
     def likely_labels(self, xy: ArrayLike) -> list[str]:
-        """Labels for a pixel, the likely ones first."""
+        """Labels for a pixel, the likeliest first."""
         return likely_labels(self.field, self.calibration.camera, xy)
 
     @property
     def next_mark(self) -> NextMark | None:
-        """The mark that would help most; None without a camera."""
+        """The mark that would reduce the camera's errors most; None without a camera."""
         return next_mark(self.calibration, self.marks.of_field(self.field).only_by_hand.pixels)
 
     def click_errors(self, X: ArrayLike) -> Array:
@@ -366,7 +371,7 @@ class FrameEditor:
         return click_errors(self.calibration, X)
 
     def _repr_html_(self) -> str:
-        """The picture with its markings, and what is to be said of the camera, for notebooks."""
+        """Show the picture with its projected markings, verdict and reason in a notebook."""
         calibration = self.calibration
         drawn = draw_calibration(self.image, calibration, calibration.field or self.field)
         content = encode_image(at_most_wide(drawn, NOTEBOOK_WIDTH), ".jpg")
@@ -384,7 +389,7 @@ def _check_label(label: str, field: Field) -> None:
 
 
 def moved_marks(marks: Marks, image: Image, to: FrameEditor) -> Marks:
-    """Marks of an image moved to another frame, and snapped to the paint that it shows; those out of view are left out.
+    """Move marks of an image to another frame, and snap them to its paint; marks out of view are left out.
 
     Raises
     ------
@@ -408,7 +413,7 @@ def moved_marks(marks: Marks, image: Image, to: FrameEditor) -> Marks:
 
 
 def _moved(matches: Matches, xy: Array) -> Array:
-    """Places (N, 2) of static points in the second frame."""
+    """Map pixels (N, 2) of static points to the second frame, by the homography and the residuals of matches nearby."""
     rest = matches.second - _mapped(matches.homography, matches.first)
     apart = np.linalg.norm(xy[:, None] - matches.first, axis=2)
     near = np.argsort(apart, axis=1)[:, :NEAREST]

@@ -1,6 +1,7 @@
-"""What an editor knows of its frames: their edits, their cameras, and the table of all: verdicts, angles, concern.
+"""State of an editor's frames: their edits and cameras, and the table of all frames with verdicts, angles and concern.
 
-The cameras are those without a person, by the marks, and of the clip.
+A frame has up to three cameras: found without a person (`FrameState.base`), from its marks, or of a solution of the
+clip (`FrameState.found`).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ REST = 0.3  # of the concern, by the probability that the camera is right
 
 
 class Spilled:
-    """Values by keys of its own: those that were asked for last in memory, all others in a file without a name.
+    """Store of values by keys that it assigns: the last used ones in memory, all others in a temporary file.
 
     Parameters
     ----------
@@ -91,16 +92,16 @@ class Spilled:
 
 
 class Row(NamedTuple):
-    """What the table says about a frame."""
+    """The row of a frame in the table."""
 
     verdict: str = ""
     reason: str = ""
     concern: float = 0.0
-    """How much it needs a look, 0 to 1."""
+    """How much the frame needs to be checked, 0 to 1."""
     pan: float | None = None
     tilt: float | None = None
     roll: float | None = None
-    """Degrees."""
+    """Pan, tilt and roll are in degrees."""
     focal_length: float | None = None
     """Pixels."""
     basis: str = ""
@@ -108,7 +109,7 @@ class Row(NamedTuple):
 
     @classmethod
     def of(cls, calibration: Calibration, basis: str = "", *, by_hand: bool = False) -> Row:
-        """The row of a calibration."""
+        """Make the row of a calibration."""
         probability = calibration.probability() if calibration.has_probability else float("nan")
         pan, tilt, roll, f = None, None, None, None
         if calibration.camera is not None:
@@ -120,7 +121,7 @@ class Row(NamedTuple):
 
     @classmethod
     def of_line(cls, line: Mapping[str, Any]) -> Row:
-        """The row of a line of ``cameras.jsonl``."""
+        """Make the row of a line of ``cameras.jsonl``."""
         verdict = str(line.get("verdict", ""))
         known = line.get("probability_right_1m")
         probability = float("nan") if known is None else float(known)
@@ -139,7 +140,7 @@ class Row(NamedTuple):
 
 
 def _concern(verdict: Verdict, probability: float) -> float:
-    """How much a frame needs a look, 0 to 1."""
+    """How much a frame needs to be checked, 0 to 1."""
     share = 1.0 - probability if np.isfinite(probability) else 0.5
     return round(CONCERN[verdict] + REST * share, 4)
 
@@ -158,16 +159,16 @@ class Table:
 
 
 class FrameState:
-    """What is known about a frame.
+    """The edits and the cameras of a frame.
 
     Parameters
     ----------
     edits : FrameHistory, or Edit
-        The state of a frame that nobody has changed, as it was found.
+        The edits; an `Edit` is the automatic state of a frame that nobody has changed.
     values : Spilled
-        Where what takes much memory is kept: calibrations, and the state of a frame that nobody has changed.
+        Store for what takes much memory: calibrations, and states of frames that nobody has changed.
     has_begun : bool
-        Whether its journal has begun.
+        Whether the journal has the first state of the frame.
     base : Calibration, optional
     """
 
@@ -184,20 +185,20 @@ class FrameState:
 
     @property
     def edits(self) -> FrameHistory:
-        """What a person has said of the frame; see `touched` before it is changed."""
+        """Edits of the frame, for reading; to change them use `touched`."""
         if isinstance(self._edits, FrameHistory):
             return self._edits
         found = self._values[self._edits]
         return FrameHistory(History(found), found)
 
     def touched(self) -> FrameHistory:
-        """The edits, which are about to be changed."""
+        """Edits of the frame, to be changed: from now on they are kept in memory."""
         self._edits = self.edits
         return self._edits
 
     @property
     def is_untouched(self) -> bool:
-        """Whether nobody has changed the frame, nor whether it is saved."""
+        """Whether neither the edits of the frame nor their saved state was ever changed."""
         return not isinstance(self._edits, FrameHistory)
 
     @property
@@ -207,7 +208,7 @@ class FrameState:
 
     @property
     def is_anchor(self) -> bool:
-        """Whether a person has said something of the frame."""
+        """Whether a person has labelled the frame, or given values for it."""
         return not self.is_untouched and not self.edits.history.present.automatic
 
     @property
@@ -231,7 +232,7 @@ class FrameState:
 
     @property
     def found(self) -> Calibration | None:
-        """The camera that follows from the marks, or that of the clip with them."""
+        """The camera from the marks, or from a solution of the clip in which they count."""
         return None if self._found is None else self._values[self._found]
 
     @found.setter
@@ -240,13 +241,13 @@ class FrameState:
 
     @property
     def is_of_clip(self) -> bool:
-        """Whether the camera is that of the clip: the marks are those with which a solution of it was kept."""
+        """Whether the camera is the clip's: the marks are those with which a solution of the clip was kept."""
         return self._kept is not None and self._kept[0] == self.edits.history.present
 
     def change(self, history: History[Edit], found: Calibration | None) -> None:
         """Take a new state of the edits; `found` is its camera, if it is known.
 
-        Whoever comes back to marks with which a solution of the clip was kept has its camera again.
+        Going back to the marks with which a solution of the clip was kept restores the clip's camera.
         """
         edits = self.touched()
         edits.history = history
@@ -257,19 +258,19 @@ class FrameState:
             self.found = found
 
     def keep(self, calibration: Calibration) -> None:
-        """Take the camera of the clip with the present marks."""
+        """Take over the camera of the clip, for the present marks."""
         self.found = calibration
         assert self._found is not None
         self._kept = self.edits.history.present, self._found
 
     def copy(self) -> FrameState:
-        """What is known now, to go back to it by `before`."""
+        """Copy the present state, to go back to it by `before`."""
         other = copy(self)
         other._edits = self._edits if isinstance(self._edits, int) else replace(self._edits)
         return other
 
     def before(self, other: FrameState) -> None:
-        """Go back to what was known before a solution of the clip was kept; what was changed since stays."""
+        """Go back to the state before a solution of the clip was kept; edits made since then stay."""
         self._base, self._kept = other._base, other._kept
         if not self.is_untouched:
             self.edits.saved, self.edits.saved_before = other.edits.saved, other.edits.saved_before
@@ -280,13 +281,13 @@ class FrameState:
 
 
 class FrameStates(dict[int, FrameState]):
-    """States of the frames that were looked at or labelled, by number; and the table and the cuts of all frames.
+    """States of the frames that were opened or labelled, by number; and the table and the cuts of all frames.
 
     Parameters
     ----------
     frames : FrameSource
     field : Field
-        The one that the frames show.
+        The field that the frames show.
     cuts : sequence of int
         First frames of the shots of a clip, as far as they are known.
     has_own_cuts : bool
@@ -300,11 +301,11 @@ class FrameStates(dict[int, FrameState]):
         self.numbers = {id: number for number, id in enumerate(frames.ids)}
         """Numbers of the frames by id."""
         self.rows = [Row()] * len(frames)
-        """Those of the table, one for each frame."""
+        """Rows of the table, one per frame."""
         self.version = 0
         """How often the table or the cuts have changed."""
         self.spilled = Spilled()
-        """Where the states keep what takes much memory."""
+        """Store in which the states keep what takes much memory."""
         self.lock = RLock()
         """Held while frames are changed; reading is safe without."""
 
@@ -331,5 +332,5 @@ def is_by_hand(basis: str) -> bool:
 
 
 def basis_of(marks: Marks) -> str:
-    """What a camera rests on that follows from marks."""
+    """Basis of a camera that is calibrated from marks."""
     return BY_HAND if all(one.by_hand for one in marks.all) else BY_HAND_TOO

@@ -1,12 +1,12 @@
-"""The journal of an editor: every change, on the disk before it is answered, so that nothing is lost.
+"""The journal of an editor: every change is written to the disk before it is confirmed, so that nothing is lost.
 
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
 saved (``{"saved": {name of a file: its size, time and digest}}``, with ``"frames": [ids]`` if not all), that this was
 taken back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were
 given (``{"format": name}``). Before files are replaced, the note that will follow is announced (``{"announced": note,
-"before": states}``): a process that ends in between is followed by one that goes on. Nothing is
-ever removed from the journal. An edit that cannot be is left out, as ``{"frame": id, "left_out": true}`` then says.
+"before": states}``); if the process ends in between, the next one completes the save. Nothing is ever removed from the
+journal. An impossible edit is left out when the journal is read, which ``{"frame": id, "left_out": true}`` then notes.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from fieldcalib.io.output_folder import FolderInUseError, locked_folder, output_
 
 JOURNAL = "edits.jsonl"
 NOTES = frozenset(("saved", "taken_back", "written"))  # keys of notes about files
-BEGINNINGS = tuple(f'{{"{kind}"'.encode() for kind in NOTES)  # of their lines
-NOTHING_WRITTEN: Mapping[str, Any] = {"written": {}}  # follows an announcement of which nothing came
+BEGINNINGS = tuple(f'{{"{kind}"'.encode() for kind in NOTES)  # first bytes of their lines
+NOTHING_WRITTEN: Mapping[str, Any] = {"written": {}}  # follows the announcement of a save that did not happen
 CHANGES = frozenset(("then", "undo", "redo", "left_out"))
 
 
 Check = Callable[[Edit], None]
-"""Raises a ValueError for an edit that cannot be."""
+"""Raises a ValueError for an impossible edit."""
 
 
 @dataclass
@@ -49,12 +49,12 @@ class FrameHistory:
     saved: Edit | None = None
     """The state that is in the files of the folder; None if there is none."""
     saved_before: Edit | None = None
-    """The one that was there before the last save."""
+    """The state that was in the files before the last save."""
     revision: int = 0
     base: Mapping[str, Any] | None = None
     """The camera that was found without a person, as `Calibration.to_dict` gives it."""
     left_out: int = 0
-    """Edits at the end of the history that were left out, as they cannot be."""
+    """Number of edits at the end of the history that were left out, as they are impossible."""
 
     @property
     def is_saved(self) -> bool:
@@ -70,7 +70,7 @@ class FrameHistory:
         self.saved = self.saved_before
 
     def change(self, line: Mapping[str, Any], check: Check) -> str:
-        """Repeat a change; returns what is wrong with an edit that is left out, else nothing."""
+        """Repeat a change from the journal; returns what is wrong with an edit that is left out, else ""."""
         wrong = ""
         if "left_out" in line:
             self.left_out = 0
@@ -97,20 +97,20 @@ def nothing() -> None:
 
 
 class Unfinished(NamedTuple):
-    """A save that was announced and not noted: the process ended in between."""
+    """A save that was announced but not yet noted as done; after a restart, the process had ended in between."""
 
     announced: Announced
     note: Mapping[str, Any]
-    """The line of the journal that is to follow."""
+    """The line of the journal that follows when it is done."""
     edits: Mapping[str, Edit]
-    """States of the frames that are saved by it, by id."""
+    """States of the frames that it saves, by id."""
     done: Callable[[], None] = nothing
-    """What is to be done when its files are there."""
+    """Called when its files are in place."""
 
 
 @dataclass
 class Replayed:
-    """What a journal says."""
+    """The contents of a journal."""
 
     check: Check
     frames: dict[str, FrameHistory] = attribute(default_factory=dict)
@@ -122,11 +122,11 @@ class Replayed:
     size: int = 0
     """Bytes of the journal."""
     left_out: list[str] = attribute(default_factory=list)
-    """What is wrong with edits that cannot be, each with its frame."""
+    """What is wrong with impossible edits, each with its frame."""
     unfinished: Unfinished | None = None
 
     def apply(self, line: dict[str, Any]) -> None:
-        """Repeat the change of a line; a ValueError if it is none."""
+        """Apply a line; a ValueError if it is not a valid one."""
         if "cuts" in line:
             self.cuts = [int(cut) for cut in line["cuts"]]
         elif "announced" in line:
@@ -141,13 +141,13 @@ class Replayed:
             self._change(line)
 
     def forget_saved(self) -> None:
-        """Take what a person has said for unsaved: a run has replaced the results."""
+        """Mark all edits by a person as unsaved, since a run has replaced the results."""
         for frame in self.frames.values():
             if not frame.history.present.automatic:
                 frame.saved = None
 
     def remarks(self, field: Field) -> list[str]:
-        """What is to be said of edits that are left out, and of labels that a field does not know."""
+        """Warnings about edits that are left out, and about labels that a field does not have."""
         marks = (one.history.present.marks for one in self.frames.values())
         unknown = ", ".join(map(repr, dict.fromkeys(label for one in marks for label in one.unknown_to(field))))
         said = [f"the field has no {unknown}: such marks are kept, and have no effect"] if unknown else []
@@ -197,7 +197,7 @@ class Replayed:
 
 
 def _noted(note: Mapping[str, Any]) -> dict[str, State]:
-    """The states of files in a note, which lie in the folder."""
+    """States of the files in a note, by their names in the folder."""
     (kind,) = NOTES & note.keys()
     return _states(note[kind])
 
@@ -212,7 +212,7 @@ def _states(record: Mapping[str, Any]) -> dict[str, State]:
 
 
 def read_journal(path: Path, check: Check = lambda edit: None) -> Replayed:
-    """What a journal says, without an incomplete last line.
+    """Read a journal, without an incomplete last line.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def read_journal(path: Path, check: Check = lambda edit: None) -> Replayed:
     Raises
     ------
     BrokenFileError
-        If another line is no change.
+        If another line is invalid.
     """
     found = Replayed(check)
     for number, text in enumerate(_lines(path), 1):
@@ -237,7 +237,7 @@ def read_journal(path: Path, check: Check = lambda edit: None) -> Replayed:
 
 
 def finish_save(folder: Path, versions: Versions) -> None:
-    """Go on with a save of a folder that was announced in its journal, and whose process has ended; if there is one.
+    """Complete a save that was announced in the journal of a folder, and whose process has ended; if there is one.
 
     Raises
     ------
@@ -268,9 +268,9 @@ def _lines(path: Path) -> Iterable[bytes]:
 
 
 class Journal:
-    """Appends changes to the journal of a folder, which is made with the first change.
+    """Appends changes to the journal of a folder; both are made with the first change.
 
-    From then on no other program writes results to the folder, until the journal is closed.
+    From then on no other program can write results to the folder, until the journal is closed.
     """
 
     def __init__(self, folder: Path, size: int = 0) -> None:
@@ -280,9 +280,9 @@ class Journal:
         self._log: LineLog | None = None
 
     def claim(self) -> str:
-        """Lock the folder, if it is there, so that no other program writes to it; returns in words why that fails.
+        """Lock the folder, if it exists, so that no other program writes to it; returns why that failed, or "".
 
-        A folder that only the journal makes is locked with its first change.
+        A folder that does not exist yet is locked with the first change, which makes it.
         """
         if self._log is None and not self._is_claimed and self._folder.is_dir():
             try:
@@ -293,19 +293,19 @@ class Journal:
         return self._refusal
 
     def _changed_elsewhere(self) -> str:
-        """Words that another program has changed the journal; empty if it has not."""
+        """Message that another program has changed the journal; empty if it has not."""
         path = self._folder / JOURNAL
         if sum(map(len, _lines(path))) == self._size:
             return ""
         return f"{path} was changed by another program: end this one and open the folder again"
 
     def begin(self, id: str, edit: Edit, base: Calibration | None) -> None:
-        """The state of a frame before its first change."""
+        """Write the state of a frame before its first change."""
         record = None if base is None else base.to_dict()
         self._append({"frame": id, "begin": edit_to_record(edit), "base": record})
 
     def change(self, id: str, before: History[Edit], after: History[Edit]) -> None:
-        """The change of a frame: a new edit, an undo or a redo."""
+        """Write the change of a frame: a new edit, an undo or a redo."""
         after = before.changed_to(after)
         if before.can_undo and after == before.undone:
             change: dict[str, Any] = {"undo": True}
@@ -316,11 +316,11 @@ class Journal:
         self._append({"frame": id, **change})
 
     def cuts(self, cuts: Iterable[int]) -> None:
-        """The first frames of the shots of a clip."""
+        """Write the first frames of the shots of a clip."""
         self._append({"cuts": list(cuts)})
 
     def announce(self, announced: Announced, kind: str, ids: Sequence[str] = ()) -> dict[str, Any]:
-        """A save that is about to be done; returns the note for `done`.
+        """Write that a save is about to be done; returns the note for `done`.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class Journal:
             Whether all changes of some frames so far are then in files of the folder, or the last save was taken back,
             or other files were written.
         ids : sequence of str
-            Those frames.
+            The frames that are saved or taken back.
         """
         note: dict[str, Any] = {kind: {name: list(state) for name, state in announced.states.items()}}
         note |= {} if kind == "written" else {"frames": list(ids)}
@@ -338,22 +338,22 @@ class Journal:
         return note
 
     def done(self, note: Mapping[str, Any]) -> None:
-        """The note of a save that was announced: its files are there."""
+        """Write the note of a save that was announced: its files are in place."""
         self._append(dict(note))
 
     def format(self, name: str) -> None:
-        """The format of labels that were given."""
+        """Write the format of labels that were given."""
         self._append({"format": name})
 
     def left_out(self, id: str) -> None:
-        """A note that the frame goes on without the edits that cannot be."""
+        """Write that a frame goes on without its impossible edits."""
         self._append({"frame": id, "left_out": True})
 
     def _append(self, line: dict[str, Any]) -> None:
         self.open().append(json.dumps(line, allow_nan=False))
 
     def open(self) -> LineLog:
-        """Make the folder and its journal, if they are not there; no other program may write there then.
+        """Make the folder and its journal, if they do not exist, and lock the folder against other programs.
 
         Raises
         ------
@@ -383,7 +383,7 @@ class Journal:
 
 
 def edit_to_record(edit: Edit) -> dict[str, Any]:
-    """An edit as a dict for `json.dumps`; the inverse is `edit_from_record`."""
+    """Convert an edit to a dict for `json.dumps`; the inverse is `edit_from_record`."""
     return {
         "marks": [[one.label, one.x, one.y, one.by_hand] for one in edit.marks.all],
         "known": asdict(edit.known),
@@ -392,12 +392,12 @@ def edit_to_record(edit: Edit) -> dict[str, Any]:
 
 
 def edit_from_record(record: dict[str, Any]) -> Edit:
-    """The edit of a dict of `edit_to_record`.
+    """Convert a dict of `edit_to_record` back to an edit.
 
     Raises
     ------
     ValueError
-        If it is none.
+        If it is not such a dict.
 
     Examples
     --------
@@ -415,7 +415,7 @@ def edit_from_record(record: dict[str, Any]) -> Edit:
 
 
 def _pixel(x: Any, y: Any) -> tuple[float, float]:
-    """A pixel of numbers that are finite."""
+    """Check that a pixel has finite coordinates."""
     for value in (x, y):
         if not is_number(value) or not abs(value) < FARTHEST:
             raise ValueError(f"expected pixels below {FARTHEST:g}, got {value!s:.40}")

@@ -1,7 +1,4 @@
-"""Files with the labels of a person, in the formats of SoccerNet and of other tools.
-
-Labels from annotation files as what a person has said of frames: an editor begins with them.
-"""
+"""Files with the labels of a person, in the formats of SoccerNet and of other tools: written by the editor, and read."""
 
 from __future__ import annotations
 
@@ -20,24 +17,24 @@ from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.run_folder.frame_source import FrameSource
 
 LABELS = "labels"  # folder of SoccerNet's files in a folder of results, and the first part of other names
-SOCCERNET, LABELME = "soccernet", "labelme"  # these have a file for each frame
+SOCCERNET, LABELME = "soccernet", "labelme"  # formats with a file for each frame
 
 MOST_NAMED = 5  # labels that the field does not have, in a message
 
 
 def label_file(id: str) -> str:
-    """The name of SoccerNet's file with the labels of a frame, in a folder of results."""
+    """Name of SoccerNet's file with the labels of a frame, in a folder of results."""
     return f"{LABELS}/{ANNOTATIONS.file_name(id)}"
 
 
 def soccernet_file(annotation: Annotation) -> bytes:
-    """The content of SoccerNet's file with the labels of a frame."""
+    """Content of SoccerNet's file with the labels of a frame."""
     assert annotation.image_size is not None
     return (ANNOTATIONS.write(annotation.pixels, annotation.image_size) + "\n").encode()
 
 
 def label_files(format: str, annotations: Sequence[Annotation]) -> tuple[str, dict[str, bytes]]:
-    """The contents of files in a format by their names, and the name of the file or of the folder of all.
+    """Write labels in a format: returns the name of the file or folder, and the contents of all files by name.
 
     Raises
     ------
@@ -65,14 +62,14 @@ def label_files(format: str, annotations: Sequence[Annotation]) -> tuple[str, di
 
 
 def saved_files(format: str, annotations: Sequence[Annotation], ids: Sequence[str]) -> dict[str, bytes | None]:
-    """The contents of the files in a format when some frames are saved; None removes one.
+    """Contents of the label files in a format to be written when some frames are saved; None to remove a file.
 
     Parameters
     ----------
     format : str
         One of `OTHER_ANNOTATIONS`.
     annotations : sequence of Annotation
-        Those of all labelled frames.
+        Labels of all labelled frames.
     ids : sequence of str
         The frames that are saved.
 
@@ -90,7 +87,7 @@ def saved_files(format: str, annotations: Sequence[Annotation], ids: Sequence[st
 
 
 class LabelWarning(UserWarning):
-    """Something of annotation files that an editor does not show."""
+    """Warns of labels or frames in annotation files that an editor does not show."""
 
 
 @dataclass(frozen=True)
@@ -98,17 +95,17 @@ class GivenLabels:
     """Marks of frames, and the format of their files."""
 
     marks: Mapping[int, Marks] = attribute(default_factory=dict)
-    """By the number of the frame."""
+    """Marks by number of the frame."""
     format: str | None = None
-    """As for `fieldcalib.editor.label_files.label_files`; None without labels."""
+    """Format, as for `fieldcalib.editor.label_files.label_files`; None without labels."""
     files: tuple[Path, ...] = ()
-    """Where they were read."""
+    """Files from which they were read."""
 
 
 def given_labels(path: Path, frames: FrameSource, field: Field) -> GivenLabels:
     """Read the labels of frames from annotations of SoccerNet, labelme, CVAT, Label Studio or COCO, by frame id.
 
-    What the field does not have is left out, with a `LabelWarning`; so are frames that the source does not have.
+    Labels that the field does not have, and frames that the source does not have, are left out with a `LabelWarning`.
 
     Raises
     ------
@@ -128,7 +125,7 @@ def given_labels(path: Path, frames: FrameSource, field: Field) -> GivenLabels:
         number = numbers[file.id]
         try:
             size = frames.size(number)
-        except BrokenFileError:  # it is said where the frame is looked at
+        except BrokenFileError:  # reported when the frame is opened
             continue
         with named_in_errors(file.path):
             pixels = parse_frame(file, size).pixels
@@ -145,12 +142,12 @@ def given_labels(path: Path, frames: FrameSource, field: Field) -> GivenLabels:
 
 
 def _format(file: FrameFile) -> str:
-    """The format of the file of a frame."""
+    """Format of the annotation file of a frame."""
     return tool_of(file.read(), file.path) if isinstance(file, AnnotatedFrame) else SOCCERNET
 
 
 def _nothing(path: Path, found: list[FrameFile], frames: FrameSource, others: list[str]) -> str:
-    """The message about annotations of which nothing is shown."""
+    """Message for annotations in which no label of the field is of a frame of the source."""
     if others:
         return f"{path}: expected labels of the field, got {_some(others)}: give the field, or rename the labels"
     came, expected = _some([one.id for one in found]), _some(list(frames.ids))

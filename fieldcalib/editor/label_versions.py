@@ -1,8 +1,8 @@
-"""Files of a folder that are replaced together: all of them or none, and only those that were written here before.
+"""Replacement of several files of a folder together: all or none, and only files that were written here before.
 
-New files are written into a folder beside the others (`STAGED`), then their names and states are announced, to be noted
-on the disk, and only then they are moved to their places: whatever ends the process in between, `Versions.finish` goes
-on from the note. What is replaced is kept in ``0001``, ``0002`` and so on.
+New files are first written into a folder beside the others (`STAGED`). Then their names and states are announced, to be
+noted on the disk, and only then they are moved to their places. If the process ends in between, `Versions.finish`
+completes the move from the note. Replaced files are kept in folders ``0001``, ``0002`` and so on.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from typing import NamedTuple
 
 from fieldcalib.io.files import write_bytes
 
-STAGED = ".fieldcalib-saving"  # folder of the files that are written, until all of them are there
+STAGED = ".fieldcalib-saving"  # folder in which files are written until all of them are complete
 DIGEST_BYTES = 16
 
 
 class State(NamedTuple):
-    """The state of a file: what tells whether its content is the same as before."""
+    """Size, time and digest of a file, by which a change of its content is recognised."""
 
     size: int
     """Bytes; -1 if there is no file."""
     time: int
-    """Of the last change, ns."""
+    """Time of the last change, ns."""
     digest: str = ""
-    """Of the content, hexadecimal; empty where it is not known."""
+    """Digest of the content, hexadecimal; empty if unknown."""
 
     @classmethod
     def of(cls, path: Path, *, with_digest: bool = False) -> State:
-        """The state of a file; that of a link is its own, not that of the file to which it leads."""
+        """Read the state of a file; for a link it is the link's own, not that of its target."""
         try:
             status = path.lstat()
         except (FileNotFoundError, NotADirectoryError):
@@ -42,7 +42,7 @@ class State(NamedTuple):
         return cls(status.st_size, status.st_mtime_ns, digest)
 
     def is_of(self, path: Path) -> bool:
-        """Whether a file has this content; by the digest where the time differs, as that of a copy does."""
+        """Whether a file has this content; if the time differs, as for a copy, the digest decides."""
         now = State.of(path)
         if (now.size, now.time) == (self.size, self.time):
             return not path.is_symlink()
@@ -68,28 +68,28 @@ class Kept(NamedTuple):
     """Files as they were before they were replaced."""
 
     folder: Path | None
-    """Where those are that were there; None if none was."""
+    """Folder with the old versions of the files that existed; None if none did."""
     names: tuple[str, ...]
-    """All of them; those that are not in that folder were not there."""
+    """Names of all files that were written or removed; those not in the folder did not exist before."""
 
 
 class ChangedFileError(ValueError):
-    """A file that would be replaced, and that was not written here, or was changed since."""
+    """Raised if a file would be replaced that was not written here, or was changed since."""
 
 
 class UnfinishedSaveError(OSError):
-    """Files that could not all be moved to their places; `Versions.finish` goes on."""
+    """Raised if files could not all be moved to their places; `Versions.finish` completes it."""
 
 
 class Staged:
-    """Files on their way into a folder.
+    """New files that wait to be moved into a folder together.
 
     Parameters
     ----------
     folder : Path
-        Where they are written, by their names in the folder for which they are.
+        Folder in which they are written, by their names in the final folder.
     there : Path
-        That folder.
+        The final folder.
     """
 
     def __init__(self, folder: Path, there: Path) -> None:
@@ -97,7 +97,7 @@ class Staged:
         self.removed: set[str] = set()
 
     def path(self, name: str) -> Path:
-        """Where to write a file."""
+        """Path at which to write a file."""
         path = self.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         self.removed.discard(name)
@@ -112,12 +112,12 @@ class Staged:
             self.removed.add(name)
 
     def has(self, name: str) -> bool:
-        """Whether the folder will have a file."""
+        """Whether the final folder will have a file."""
         return (self.folder / name).is_file() or (name not in self.removed and (self._there / name).is_file())
 
     @property
     def names(self) -> list[str]:
-        """Names of the files that are written."""
+        """Names of the files that wait."""
         return sorted(path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*") if path.is_file())
 
 
@@ -125,17 +125,17 @@ class Announced(NamedTuple):
     """Files that are about to be moved to their places."""
 
     states: Mapping[str, State]
-    """States that they will have, by name; `MISSING` of one that is removed."""
+    """New states by name; `MISSING` for a file that is removed."""
     before: Mapping[str, State]
-    """States of those that they replace; none of files that were not there."""
+    """States of the files that are replaced, by name; without files that did not exist."""
 
 
 Announce = Callable[[Announced], None]
-"""Notes announced files on the disk; what it raises leaves all files as they are."""
+"""Notes announced files on the disk; if it raises an error, all files stay as they are."""
 
 
 class Versions:
-    """Files of a folder by their names in it, and older versions of them elsewhere.
+    """The files of a folder that were written here, by name, with a history of older versions.
 
     Parameters
     ----------
@@ -150,14 +150,14 @@ class Versions:
         self.folder, self._history, self._replaces = folder, history, replaces
         self._known: dict[str, State] = {}
         self.kept: Kept | None = None
-        """What was replaced last."""
+        """The files that were replaced last."""
 
     def know(self, states: Mapping[str, State]) -> None:
-        """Take note of the states of files that were written here."""
+        """Register the states of files that were written here."""
         self._known |= states
 
     def read_now(self, names: Iterable[str]) -> None:
-        """Take note of the present states of files, which somebody has written on whose behalf they are replaced."""
+        """Register the present states of files that may be replaced, as a run wrote them."""
         self._known |= {name: State.of(self.folder / name) for name in names}
 
     def knows(self, name: str) -> bool:
@@ -165,11 +165,11 @@ class Versions:
         return self._known.get(name, MISSING) != MISSING
 
     def is_own(self, name: str) -> bool:
-        """Whether a file that is there was written here, and has not changed since."""
+        """Whether an existing file was written here, and has not changed since."""
         return self.knows(name) and self._known[name].is_of(self.folder / name)
 
     def foreign(self, names: Iterable[str]) -> list[str]:
-        """Those of some files that are there and may not be replaced."""
+        """Select the files that exist and may not be replaced."""
         there = [name for name in names if os.path.lexists(self.folder / name)]
         if self._replaces:
             return [name for name in there if (self.folder / name).is_symlink()]
@@ -177,15 +177,15 @@ class Versions:
 
     @contextmanager
     def replacing(self, announce: Announce, beside: Iterable[str] = ()) -> Iterator[Staged]:
-        """Write and remove files of the folder together, while the context lasts and at its end.
+        """Replace files together: they are staged while the context lasts, and moved to their places at its end.
 
-        Files are removed only if they were written here. `self.kept` then says what was replaced.
+        Files are removed only if they were written here. Afterwards `self.kept` has the replaced files.
 
         Parameters
         ----------
         announce : callable
         beside : iterable of str
-            Files whose present states are announced too: as long as these last, the others belong to them.
+            Files whose present states are announced too: if one of them changes, the announcement is void.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Versions:
         Returns
         -------
         bool
-            Whether all are there; not if one is lost, or its place was taken by another program meanwhile.
+            Whether all are in place; false if one is lost, or another program has written in its place meanwhile.
 
         Raises
         ------
@@ -259,7 +259,7 @@ class Versions:
         return is_done
 
     def _can_finish(self, announced: Announced) -> bool:
-        """Whether all announced files are there, and none has to replace a file that another program has written."""
+        """Whether all announced files are staged or in place, and none would replace another program's file."""
         for name, state in announced.states.items():
             path = self.folder / name
             if state.is_of(path):
@@ -270,14 +270,14 @@ class Versions:
         return True
 
     def _keep(self, names: list[str], removed: list[str]) -> Kept:
-        """Check files that are about to be replaced or removed, and keep their present versions."""
+        """Check files that are about to be replaced or removed, and copy their present versions to the history."""
         self._check_no_link([self._history])
         self.check([*names, *removed])
         there = [name for name in (*names, *removed) if (self.folder / name).is_file()]
         return Kept(self._copied(there), (*names, *removed))
 
     def check(self, names: Iterable[str]) -> None:
-        """Raise a ChangedFileError if one of some files is there and may not be replaced, or lies behind a link."""
+        """Raise a ChangedFileError if any of the files exists and may not be replaced, or lies behind a link."""
         names = list(names)
         self._check_no_link(names)
         if foreign := self.foreign(names):
@@ -288,7 +288,7 @@ class Versions:
             )
 
     def _check_no_link(self, names: Iterable[str]) -> None:
-        """Raise a ChangedFileError where a folder between this one and a file is a link: it may lead anywhere."""
+        """Raise a ChangedFileError if a folder between this one and a file is a link, which may lead anywhere."""
         for part in {part for name in names for part in (Path(name), *Path(name).parents)} - {Path()}:
             if (self.folder / part).is_symlink() and (self.folder / part).is_dir():
                 raise ChangedFileError(
@@ -317,7 +317,7 @@ class Versions:
         return version
 
     def restore(self, kept: Kept, announce: Announce) -> None:
-        """Put files back as they were, and remove those that were not there; the present versions are kept.
+        """Restore files, and remove those that did not exist before; their present versions go to the history.
 
         Raises
         ------

@@ -21,10 +21,10 @@ FOOT = 5.0  # px of such an image: radius of the ring around the foot
 
 
 class GroundPoint(NamedTuple):
-    """A place on the ground, from the centre mark, with its error relative to the markings in view."""
+    """A place on the ground, with its error relative to the markings in view."""
 
     X: Array | None
-    """(2,) metres; None above the horizon."""
+    """x and y from the centre mark, metres, (2,); None above the horizon."""
     sd: Array | None
     """Standard deviations (2,) of x and y, metres; None where they are not known."""
     rms: float | None
@@ -35,13 +35,13 @@ class Distance(NamedTuple):
     """The distance of two places on the ground."""
 
     metres: float | None
-    """None if one of them is above the horizon."""
+    """The distance; None if one of the places is above the horizon."""
     sd: float | None
-    """Its standard deviation, metres; None where it is not known."""
+    """Standard deviation of the distance, metres; None if unknown."""
 
 
 def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
-    """The place on the ground that is seen at a pixel, such as a foot.
+    """Find the place on the ground that is seen at a pixel, such as that of a foot.
 
     Raises
     ------
@@ -72,10 +72,10 @@ def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
 
 
 def distance(calibration: Calibration, first: ArrayLike, second: ArrayLike) -> Distance:
-    """The distance of the places on the ground that are seen at two pixels.
+    """Compute the distance of the places on the ground that are seen at two pixels.
 
-    With u the unit vector from one to the other and J the derivatives of both by the parameters of the camera, the
-    variance is ``u (J2 - J1) V (J2 - J1)^T u``: what both have in common does not count.
+    With u the unit vector from one place to the other, J1 and J2 their derivatives by the parameters of the camera, and
+    V the covariance of these, the variance is ``u (J2 - J1) V (J2 - J1)^T u``: errors that both have in common cancel.
 
     Raises
     ------
@@ -100,11 +100,11 @@ class AcrossLine(NamedTuple):
     x: float
     """Metres from the centre mark along the touchline."""
     curves: list[Array]
-    """Its parts in the picture, (N, 2) pixels, bent by the lens."""
+    """Parts of the line in the picture, pixels (N, 2), bent by the lens."""
 
 
 def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> AcrossLine | None:
-    """The line across the field at the place that is seen at a pixel; None above the horizon.
+    """Find the line across the field at the place that is seen at a pixel; None above the horizon.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> Across
 
 
 def draw_line_across(image: Image, calibration: Calibration, field: Field, xy: ArrayLike) -> Image:
-    """A copy of the picture with the line across the field at a foot, and a ring around the foot.
+    """Draw the line across the field at a foot, and a ring around the foot, into a copy of the picture.
 
     Raises
     ------

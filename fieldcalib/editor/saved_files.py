@@ -1,9 +1,9 @@
-"""The results in the folder of an editor: read as a run wrote them, and written so that other commands can go on.
+"""The results in the folder of an editor: read as a run wrote them, and written so that other commands can use them.
 
-Files are replaced together (`fieldcalib.editor.label_versions`), and what is replaced is kept in ``history/0001``,
-``0002`` and so on. Replaced are files that a run has written, as its record says, or that were written here, and that
-nobody has changed since. Of a clip ``clip.jsonl`` and ``tripods.json`` agree with ``cameras.jsonl``, or have a note
-that says where they do not.
+Files are replaced together (`fieldcalib.editor.label_versions`), and replaced files are kept in ``history/0001``,
+``0002`` and so on. Only files are replaced that a run has written, according to its record, or that were written here,
+and that nobody has changed since. The files of a clip, ``clip.jsonl`` and ``tripods.json``, agree with
+``cameras.jsonl``, or have a note that says where they do not.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ from fieldcalib.run_folder.results import (
 )
 
 HISTORY = "history"
-DRAWING = ".fieldcalib-drawing"  # folder of what is being drawn
+DRAWING = ".fieldcalib-drawing"  # folder for files that are being drawn
 COMMAND = "open"
 OF_CLIP = (TRIPODS, CLIP)
 SHARED = (LINES, SOLVER, TABLE, SUMMARY, *OF_CLIP)  # files of all frames
-DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # they show cameras: when these change they are moved to the history
+DRAWN = (OVERLAY, MOTION, WORST, REPORT)  # files that show cameras; when cameras change, they are moved to the history
 MOVED = {name: str(Finding(What.MOVED, name)) for name in DRAWN}
-"""Notes by the name of the file."""
+"""Notes that a file was moved to the history, by name of the file."""
 
 
 @dataclass(frozen=True)
@@ -74,24 +74,24 @@ class Saved:
     id: str
     calibration: Calibration
     basis: str
-    """What the camera rests on; empty if nothing is to be said."""
+    """Basis of the camera, as "labelled by hand"; empty if there is none to record."""
     files: Mapping[str, bytes | None]
-    """More files of it, by name in the folder; None removes one."""
+    """Contents of other files of the frame, by name in the folder; None to remove a file."""
 
 
 @dataclass(frozen=True)
 class LastSave:
-    """What is to be said of a save."""
+    """Report of a save."""
 
     replaced: Kept | None = None
-    """What it replaced, and where that is kept."""
+    """The files that it replaced, and where they are kept."""
     failed: Mapping[str, str] = attribute(default_factory=dict)
     """Reasons why frames could not be saved, by id."""
 
 
 @dataclass(frozen=True)
 class NewRun:
-    """What is recorded of results that no run has begun."""
+    """Values for ``run.json`` of results that no run has begun."""
 
     options: Mapping[str, Any]
     source: Sequence[Path] = ()
@@ -100,7 +100,7 @@ class NewRun:
     """Frames per second."""
 
     def record(self, folder: Path, frames: int) -> RunRecord:
-        """The record for ``run.json``."""
+        """Make the record for ``run.json``."""
         record = RunRecord.of(RunOptions(folder, self.options, COMMAND), [], unit=1, writes=[CAMERAS.file_name("<id>")])
         return replace(record, frames=frames, source=[str(path.absolute()) for path in self.source])
 
@@ -112,7 +112,7 @@ class Stored:
     ----------
     folder : Path
     overwrite : bool
-        Whether files may be replaced that neither a run nor a page has written.
+        Whether files may be replaced that were written neither by a run nor from the page.
 
     Raises
     ------
@@ -126,15 +126,15 @@ class Stored:
         self._file: ResultFile | None = None
         self._numbers: dict[str, int] = {}
         self.saves = 0
-        """How often cameras were saved here, or taken back."""
+        """How often cameras were saved here, or a save was taken back."""
         self.replaced: Kept | None = None
-        """What the last save replaced."""
-        with suppress(OSError):  # another program writes there, or there is no room yet: the next save goes on
+        """The files that the last save replaced."""
+        with suppress(OSError):  # another program writes there, or the disk is full: the next save completes it
             finish_save(folder, self.versions)
         self._read()
 
     def _read(self) -> None:
-        """Read the ids of the frames, and take note of the states of the files of all frames that a run has written."""
+        """Read the ids of the frames, and register the shared files that a run has written."""
         record = self.record
         if record is not None:
             self.versions.read_now((RECORD, *SHARED, *(DRAWN if record.command != COMMAND else ())))
@@ -143,7 +143,7 @@ class Stored:
         self._numbers = {id: number for number, id in enumerate(self.ids)}
 
     def know(self, written: Mapping[str, State]) -> bool:
-        """Take note of files that were written here; True if a run has replaced them since, all but the labels."""
+        """Register files that were written here; returns whether a run has replaced them since, except the labels."""
         record = written.get(RECORD, MISSING)
         is_replaced = record != MISSING and not record.is_of(self.folder / RECORD)
         known = {name: state for name, state in written.items() if not is_replaced or name.startswith(LABELS)}
@@ -152,7 +152,7 @@ class Stored:
         return is_replaced
 
     def _expect(self, id: str) -> None:
-        """Take note of a frame's files that a run has written: of its camera's file if it is that of its line."""
+        """Register the files of a frame that a run has written: the camera's only if it agrees with the frame's line."""
         record, camera, overlay = self.record, CAMERAS.file_name(id), OVERLAYS.file_name(id)
         if id not in self or record is None:
             return
@@ -165,7 +165,7 @@ class Stored:
                 self.versions.read_now([camera])
 
     def check_in_the_way(self, ids: Iterable[str], reads: Sequence[Path]) -> None:
-        """Check that saving frames would replace no files of others in a folder that was never used, nor given labels.
+        """Check that saving would replace neither given label files nor, in a folder without a run, files of others.
 
         Raises
         ------
@@ -204,12 +204,12 @@ class Stored:
 
     @property
     def record(self) -> RunRecord | None:
-        """The record of the run that wrote them."""
+        """Record of the run that wrote the results."""
         return RunRecord.read(self.folder)
 
     @property
     def is_begun_here(self) -> bool:
-        """Whether no run wrote them: then some frames have results, as far as they were looked at, and others none."""
+        """Whether the results were begun by the editor and not by a run: then only frames that were opened have any."""
         record = self.record
         return record is not None and record.command == COMMAND
 
@@ -221,18 +221,18 @@ class Stored:
         return self._file.calibration(number)
 
     def basis(self, id: str) -> str:
-        """What the camera of a frame rests on; empty where nothing is said."""
+        """Basis of the camera of a frame; empty if none is recorded."""
         number = self._numbers.get(id)
         return "" if self._file is None or number is None else str(self._file.main(number).get("basis", ""))
 
     @property
     def cuts(self) -> list[int]:
-        """First frames of the shots of a clip, counted from the first frame; empty where nothing says them.
+        """First frames of the shots of a clip, counted from the first frame; empty if they are not recorded.
 
         Raises
         ------
         BrokenFileError
-            If ``tripods.json`` is there and does not say them.
+            If ``tripods.json`` exists but does not have them.
         """
         path = self.folder / TRIPODS
         if not path.is_file():
@@ -244,14 +244,14 @@ class Stored:
             return [_first_frame(shot) for shot in shots]
 
     def clip(self) -> VideoCalibration | None:
-        """The calibration of the frames of a clip together; None if there is none that can be read."""
+        """Joint calibration of the frames of a clip; None if there is none that can be read."""
         try:
             return read_clip(self.folder / CLIP)[0]
         except (FileNotFoundError, BrokenFileError):
             return None
 
     def rows(self) -> Iterator[tuple[str, Row]]:
-        """What the table says about each frame."""
+        """Yield the id and the table's row of each frame."""
         for line in () if self._file is None else self._file.mains():
             yield line["id"], Row.of_line(line)
 
@@ -274,21 +274,21 @@ class Stored:
         order : sequence of str
             Ids of all frames, in the order of the lines.
         new : NewRun
-            For the record of a run, where there is none yet.
+            Values for the record, if there is none yet.
         announce : callable
             As of `Versions.replacing`.
         clip : VideoCalibration, optional
             The calibration of all frames of a clip together.
         more : mapping of str to bytes or None
-            Other files of all frames, as those of `Saved`.
+            Contents of other files, as in `Saved.files`.
         cuts : sequence of int, optional
             First frames of the shots, as a person has set them; of a clip that was not solved with them.
 
         Raises
         ------
         ChangedFileError
-            If a file would be replaced that neither a run nor a page has written, or that was changed since; then
-            nothing is written.
+            If a file would be replaced that was written neither by a run nor from the page, or that was changed since;
+            then nothing is written.
         UnfinishedSaveError
             If files could not be moved to their places after they were announced.
         OSError
@@ -325,12 +325,12 @@ class Stored:
                 self._write_summary(staged, file.mains(), new.options, None if clip is None else clip.remarks)
 
     def note_saved(self, replaced: Kept | None) -> None:
-        """Read again what was saved here, or taken back, and remember what that replaced."""
+        """Read the results again after a save, or after one was taken back, and remember the files it replaced."""
         self.saves, self.replaced = self.saves + 1, replaced
         self._read()
 
     def take_back(self, announce: Announce) -> None:
-        """Put back what the last save replaced.
+        """Restore the files that the last save replaced.
 
         Raises
         ------
@@ -341,7 +341,7 @@ class Stored:
         self.versions.restore(self.replaced, announce)
 
     def _has_changed(self, one: Saved) -> bool:
-        """Whether the camera or the status of a frame is another one than that in the files."""
+        """Whether the camera or the status of a frame differs from that in the files."""
         before = self.calibration(one.id)
         if before is None or before.status != one.calibration.status:
             return True
@@ -349,7 +349,7 @@ class Stored:
         return not (old is new or largest_move(old, new) < SAME)
 
     def _as_edited(self, has_changed: bool, cuts: Sequence[int] | None) -> VideoCalibration | None:
-        """The calibration of a clip with other shots, and a note if frames differ; None if nothing is to be written."""
+        """Update the stored clip: its cuts, and a finding if frames differ from it; None if nothing changes."""
         before = self.clip()
         if before is None:
             return None
@@ -359,13 +359,13 @@ class Stored:
         return None if (clip.shots, clip.findings) == (before.shots, before.findings) else clip
 
     def _draw_motion(self, staged: Staged, clip: VideoCalibration | None, rate: float) -> None:
-        """Draw the plot of a clip again, where it agrees with the clip."""
+        """Draw the plot of a clip again, if the frames agree with the clip."""
         is_gone = (MOTION in staged.removed and self.versions.knows(MOTION)) or MOTION in self.moved
         if is_gone and clip is not None and BESIDE not in clip.findings:
             staged.put(MOTION, encode_image(plot_sequence(clip, frames_per_second=rate), Path(MOTION).suffix))
 
     def _lines(self, changed: Mapping[str, int], texts: Spilled, order: Sequence[str]) -> Iterator[Texts]:
-        """The lines of all frames, as they are or changed: in their order, if all have one, else as given."""
+        """Yield the record of each frame, replaced where it changed; sorted by `order` if that names every frame."""
         ids = order if self._numbers.keys() <= set(order) else (*self.ids, *order)
         for id in dict.fromkeys(ids):
             if id in changed:
@@ -380,9 +380,9 @@ class Stored:
         options: Mapping[str, Any],
         notes: Sequence[str] | None = None,
     ) -> None:
-        """Write the summary: with the options and times of the run, and the counts of now.
+        """Write the summary, with the options and times of the run and the present counts.
 
-        The notes are those of the clip, None for those of before, and those of files that were moved to the history.
+        `notes` are those of the clip, None to keep the old ones; notes on files moved to the history are added.
         """
         before = self._summary
         moved = before.get("moved", [])
@@ -403,21 +403,21 @@ class Stored:
 
     @property
     def _summary(self) -> dict[str, Any]:
-        """The summary of a run or of this; empty if there is none."""
+        """Summary that a run or the editor has written; empty if there is none."""
         is_own = self.versions.knows(SUMMARY) and (self.folder / SUMMARY).is_file()
         return read_summary(self.folder) if is_own else {}
 
     @property
     def moved(self) -> list[str]:
-        """Files that show cameras and were moved to the history, as these have changed since."""
+        """Names of files that show cameras, and were moved to the history when cameras changed."""
         moved = self._summary.get("moved", [])
         return [name for name in DRAWN if name in moved and not (self.folder / name).is_file()]
 
     @contextmanager
     def drawing(self) -> Iterator[Path]:
-        """A folder for what is drawn, on the same disk, which is removed at the end of the context."""
+        """Provide a folder for drawings, on the same disk, which is removed at the end of the context."""
         folder = self.folder / DRAWING
-        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        shutil.rmtree(folder, ignore_errors=True)  # left by a process that was killed
         folder.mkdir()
         try:
             yield folder
@@ -425,7 +425,7 @@ class Stored:
             shutil.rmtree(folder, ignore_errors=True)
 
     def draw(self, drawn: Path, options: Mapping[str, Any], announce: Announce) -> None:
-        """Take files from a folder on the same disk, and write the summary, which no longer says that they are gone.
+        """Move drawn files here from a folder on the same disk, and remove the notes that they are missing.
 
         Raises
         ------
@@ -464,7 +464,7 @@ def _outcome(one: Saved) -> Outcome:
 
 
 def _texts(file: ResultFile, number: int) -> Texts:
-    """The lines of a frame in both files, which older folders do not have."""
+    """Lines of a frame for both files; those of older folders, which have one file, are split."""
     main, solver = file.texts(number)
     if solver:
         return main.rstrip(b"\n"), solver.rstrip(b"\n")
@@ -484,12 +484,12 @@ def _write_lines(folder: Path, lines: Iterator[Texts], *, as_table: bool) -> Non
 
 
 def source_of(folder: Path) -> list[Path]:
-    """The input that the record of a run names.
+    """Paths of the input, from the record of a run.
 
     Raises
     ------
     ValueError
-        If there is none, or it is no longer there.
+        If there is no record, or the input is no longer there.
     """
     record = RunRecord.read(folder)
     paths = [Path(one) for one in (() if record is None else record.source)]

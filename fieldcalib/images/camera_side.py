@@ -1,10 +1,10 @@
-"""The side of a field on which a camera of a picture is: by what the user says, else by convention.
+"""Which side of the field the camera of a picture stands on: as the user says, else the main side by convention.
 
-A field turned by 180 degrees about its centre mark is the same field, and so is its picture from a camera that is
-turned with it. A person's labels name the ends. Those of a network name them as seen from the main side
-(`fieldcalib.fields.sides`), and a search finds either camera. So a camera is on the main side, and the turned one is
-its alternative, unless the user says on which side it is: by name, by its position or rotation, or by a prior whose
-stands are all on one side.
+A field turned by 180 degrees about its centre mark is the same field, and a camera turned with it takes the same
+picture. A person's labels name the ends of the field and so decide between the two cameras. A network names the ends
+as seen from the main side (`fieldcalib.fields.sides`), and a search finds either camera. Such a camera is therefore
+placed on the main side, with the turned camera as its alternative, unless the user says on which side it is: by name,
+by its position or rotation, or by a prior whose stands are all on one side.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _F = CalibrationFlags
 
 
 def twin_of(camera: Camera, field: Field) -> Camera | None:
-    """The camera turned by 180 degrees about the centre mark; None where the field looks different from there.
+    """Turn a camera by 180 degrees about the centre mark; None if the field looks different from there.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def twin_of(camera: Camera, field: Field) -> Camera | None:
 
 
 def with_twin(calibration: Calibration, field: Field) -> Calibration:
-    """The calibration of a camera whose side nothing tells, the camera on the other side its first alternative."""
+    """Add the camera on the other side to a calibration as its first alternative."""
     if calibration.camera is None:
         return calibration
     twin = twin_of(calibration.camera, field)
@@ -61,7 +61,7 @@ def with_twin(calibration: Calibration, field: Field) -> Calibration:
 
 @dataclass(frozen=True)
 class TurnedNetwork:
-    """A network whose labels are those of the opposite side: the ends have changed their names."""
+    """A network that names the ends of the field as seen from the opposite side: left and right are exchanged."""
 
     network: Network
     field: Field
@@ -78,21 +78,21 @@ class TurnedNetwork:
 
 @dataclass(frozen=True)
 class CameraSide:
-    """The side on which the cameras of pictures are."""
+    """The side of the field that the cameras of pictures stand on."""
 
     side: Side | None
-    """None for an object without sides: it looks different once it is turned."""
+    """None for an object without sides: turned by 180 degrees it looks different."""
     is_said: bool
-    """Whether the user said so; otherwise it is the convention."""
+    """Whether the side follows from what the user gave; otherwise from the convention."""
 
     @classmethod
     def of(cls, task: Task, side: Side | None = None) -> CameraSide:
-        """The side that a person says, or that the camera of a task or its prior is on.
+        """Take the side that is named, else the side of the task's given camera or prior, else the main side.
 
         Raises
         ------
         ValueError
-            If `side` is none, contradicts the camera or the prior, or the object has no sides.
+            If `side` is not a side, contradicts the camera or the prior, or the object has no sides.
         """
         if side is not None and not (isinstance(side, str) and side in SIDES):
             raise ValueError(f"side must be {' or '.join(map(repr, SIDES))}, got {side!r}")
@@ -109,11 +109,11 @@ class CameraSide:
 
     @property
     def is_open(self) -> bool:
-        """Whether nothing tells the side: the camera on the other side is as likely."""
+        """Whether the side is unknown, so that the camera on the other side is as likely."""
         return self.side is not None and not self.is_said
 
     def task(self, task: Task) -> Task:
-        """The task for cameras on this side: a prior of all stands is of those of the main side, turned over there."""
+        """Restrict a task to this side; on the opposite side, the default prior is the main side's stands, turned."""
         field = task.field
         if self.side != OPPOSITE or task.prior != ALL or field is None:
             return replace(task, side=self.side)
@@ -121,16 +121,16 @@ class CameraSide:
         return replace(task, prior=stands, side=self.side)
 
     def network(self, network: Network, field: Field | None) -> Network:
-        """The network, with the names of the ends as seen from this side."""
+        """Rename the labels of a network to name the ends of the field as seen from this side."""
         return network if self.side != OPPOSITE or field is None else TurnedNetwork(network, field)
 
     def with_alternatives(self, calibration: Calibration, field: Field | None) -> Calibration:
-        """The calibration, with the camera on the other side as alternative where that is open."""
+        """Add the camera on the other side to a calibration as an alternative, if the side is unknown."""
         return calibration if field is None or not self.is_open else with_twin(calibration, field)
 
 
 def _told(field: Field, given: GivenCamera, flags: CalibrationFlags, prior: Prior) -> Side | None:
-    """The side of the given position or rotation, or of all stands of a prior; None if these do not tell it."""
+    """Side that the given position or rotation, or all stands of the prior, are on; None if they do not decide it."""
     if given.tvec is not None and flags & (_F.CALIB_FIX_POSITION | _F.CALIB_USE_EXTRINSIC_GUESS):
         return side_of(given.camera((2, 2)).C, field)
     if given.rvec is not None and flags & _F.CALIB_FIX_ROTATION:
@@ -142,7 +142,7 @@ def _told(field: Field, given: GivenCamera, flags: CalibrationFlags, prior: Prio
 
 
 def _side_looking(pan: float, field: Field) -> Side:
-    """The side of the stand whose cameras look most like one with this pan, radians."""
+    """Side of the stand whose range of pan fits a pan (radians) best."""
     stands: Sequence[CameraDistribution] = field.stands or tuple(field.named_stands.values())
     middle, half = (np.radians(values) for values in zip(*map(_pan_range, stands), strict=True))
     away: Array = np.abs(np.angle(np.exp(1j * (pan - middle)))) / half
@@ -150,5 +150,5 @@ def _side_looking(pan: float, field: Field) -> Side:
 
 
 def _pan_range(stand: CameraDistribution) -> tuple[float, float]:
-    """Middle and half of the range of a stand's pan, degrees."""
+    """Middle and half width of a stand's range of pan, degrees."""
     return (stand.pan[0] + stand.pan[1]) / 2.0, (stand.pan[1] - stand.pan[0]) / 2.0

@@ -1,10 +1,10 @@
-"""Calibration of images: pixels labelled by a network, a calibration, and its refinement on the image.
+"""Calibration of images: a network labels pixels, a camera is calibrated from them and refined on the image.
 
-Cameras from subsets of the segments, for an image whose segments are inconsistent.
-
-Hypothesise and verify, where a hypothesis is scored on the image (line support) instead of by its number of inliers: a
-network that mistakes a mowing pattern for a penalty area does so for several of its lines, which are then consistent
-with one another but have no line support.
+For an image whose labelled segments are inconsistent, cameras are calibrated from subsets of the segments (hypothesise
+and verify, as in RANSAC). A hypothesis is scored on the image, by its line support, instead of by its number of
+inliers: a network that mistakes a mowing pattern for a penalty area does so for several of its lines, which are then
+consistent with one another but have no line support. Without a network, or where its camera is rejected, the field is
+searched for (`images.search`).
 """
 
 from __future__ import annotations
@@ -52,19 +52,19 @@ from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
-HEAVIEST = 5  # segments with the largest weights, from which hypotheses are made
-PER_HYPOTHESIS = 3  # segments, the fewest that determine a camera: 10 hypotheses
+HEAVIEST = 5  # number of segments, those with the largest weights, from which hypotheses are made
+PER_HYPOTHESIS = 3  # segments of a hypothesis, the fewest that determine a camera: 10 hypotheses
 VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
 NO_MARKING = "no marking was found in the image"
 SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
 
-LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
-LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
+LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): segments below are mostly false detections
+LEAST_SEGMENTS = 3  # fewest that determine a camera; where fewer have the least weight, all segments are used
 # Line support of a camera in its image, and the share of the labels' weight that the camera explains. On broadcast
 # frames 1 in 80 refined cameras is wrong above SURE_SUPPORT, and 1 in 5 below.
 SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
-LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
+LEAST_SUPPORT_CHOSEN = 0.35  # of a camera chosen for its line support: the largest of several values is biased upwards
 # times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
 LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
 
@@ -89,7 +89,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> lis
     Returns
     -------
     list of Calibration
-        The one of the best supported hypothesis first; empty if there are too few segments for subsets.
+        One per hypothesis, that of the best supported one first; empty if there are too few segments for subsets.
 
     References
     ----------
@@ -110,7 +110,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> lis
 
 
 def label_weights(found: PixelTable) -> Array:
-    """Weights (L,) of the labels that a network found in an image; longer segments have more pixels and weigh more."""
+    """Weights (L,) of the labels found in an image: the sum of a label's pixel weights times its number of pixels."""
     count = len(found.labels)
     return np.asarray(np.bincount(found.label, found.weight, count) * np.bincount(found.label, minlength=count), float)
 
@@ -124,7 +124,7 @@ def calibrate_localized(task: Task, found: Sequence[PixelTable], size: tuple[int
 
 
 def _with_advice(calibration: Calibration) -> Calibration:
-    """The calibration; where a network labelled too few pixels, its message says what would help."""
+    """Replace the message of a calibration with too few labelled segments by one that says what would help."""
     if calibration.status is not Status.TOO_FEW_SEGMENTS:
         return calibration
     if not calibration.pixel_counts:
@@ -163,39 +163,39 @@ def calibrate_from_images(
     images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. They are taken in parts of `IMAGES_AT_ONCE`.
     network : Network, optional
-        Finds the markings, e.g. `SegmentationNetwork.load()`. Without one the field is searched for in each image
-        (`fieldcalib.images.find_courts`); then nothing of the camera may be given, cameras are
-        always refined, and the aspect is not estimated. With one it is searched for where the network's camera is
-        refused, if nothing of the camera is given and cameras are refined.
+        Finds the markings, e.g. `SegmentationNetwork.load()`. Without a network the field is searched for in each image
+        (`fieldcalib.images.find_courts`); then nothing of the camera may be given, cameras are always refined, and the
+        aspect is not estimated. With a network the field is searched for in images whose camera is rejected, if nothing
+        of the camera is given and cameras are refined.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
-        As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. Values
-        that flags fix are kept by the refinement too, to the last bit.
+        As in `calibrate_from_segments`, the same for all images; with `camera_matrix` all images must be of one size.
+        Values that flags fix are kept by the refinement too, to the last bit.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
     take_off_borders : bool
-        Whether black borders and what is around frames in windows (`fieldcalib.images.shape.picture_in_picture`) are
-        left out, where no `camera_matrix` is given: cameras are in pixels of the whole pictures, with the principal
-        point near the middle of what is shown.
+        Whether black borders, and the surroundings of frames shown in windows
+        (`fieldcalib.images.shape.picture_in_picture`), are left out; not with a `camera_matrix`. Cameras are in pixels
+        of the whole pictures, with the principal point near the middle of the part that shows the frame.
     estimate_aspect : bool
-        Whether pictures of another shape than 16:9 may have been squashed from it, as in `calibrate_from_segments`; not
-        without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
+        Whether pictures of another shape than 16:9 may have been squashed from 16:9, as in `calibrate_from_segments`;
+        not without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
     estimate_size : bool
         Whether an image that shows a field of another size than the given one is calibrated on a field of that size
-        (`Calibration.field`). Only where the size is not said to be known (`size_known`), cameras are refined, and
-        nothing of the camera is given.
+        (`Calibration.field`). Only if the size is not declared known (`size_known`), cameras are refined, and nothing
+        of the camera is given.
     may_be_enlarged : bool
         Whether pictures of the shape of a frame may be enlarged parts of larger ones (digital zoom), whose principal
         point is not in the middle (`fieldcalib.images.shape.enlarged`). Only with a network and a prior, where cameras
         are refined and nothing of the camera is given.
     place : Place, optional
-        Where the one camera stands that took all images (`fieldcalib.images.search.place_search.pooled_place`): courts
-        are searched for from there. Not with a network.
+        Position of the camera, if one camera took all images (`fieldcalib.images.search.place_search.pooled_place`):
+        the search considers cameras at this place only. Not with a network.
     side : {"main", "opposite"}, optional
         The side of the field that the camera is on, where this looks the same from both (`fieldcalib.fields.sides`):
-        "main" in front of the near touchline or behind the left end, "opposite" beyond the far one or behind the right
-        end. By default what a position, a rotation or a `prior` on one side tells, or else "main", and then the camera
-        on the other side is in `Calibration.alternatives`.
+        "main" in front of the near touchline or behind the left end, "opposite" beyond the far touchline or behind the
+        right end. By default the side that a given position, rotation or `prior` implies; if none does, "main", and the
+        camera on the other side is in `Calibration.alternatives`.
     executor : concurrent.futures.Executor, optional
         Works on the images, e.g. `Processes`, or the executor of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of the arguments. The results are the same.
@@ -244,7 +244,8 @@ def calibrate_from_images(
         of_part = partial(calibrate_alone, ImageTask(task, on.network(network, task.field), refine, estimate_size))
     by_network, without_matrix = network is not None, camera_matrix is None
     is_open = by_network and prior is not None  # the camera is found by the network, its principal point under a prior
-    # The steps that a picture passes on its way to `calibrate_alone` or to the search, the first one first.
+    # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone` or the search. The
+    # outermost step comes first.
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=object_segments, by_network=by_network)),
         (take_off_borders and without_matrix, without_borders),
@@ -265,7 +266,7 @@ def calibrate_from_images(
 
 
 def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequence[Image]) -> list[Calibration]:
-    """Courts that are searched for, from anywhere or from a place."""
+    """Calibrate images by searching for the field, with cameras anywhere or at a known place."""
     found = search_courts(task, images if place is None else [], estimate_size=estimate_size)  # raises what is wrong
     field = task.field
     assert field is not None
@@ -274,7 +275,7 @@ def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequ
 
 @dataclass(frozen=True, eq=False)
 class ImageTask:
-    """A calibration task for images."""
+    """How images are calibrated: the task, the network that labels pixels, and what is done beyond that."""
 
     task: Task
     network: Network
@@ -283,7 +284,7 @@ class ImageTask:
 
 
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
-    """The images; a ValueError if they are of several sizes, for which one camera matrix cannot hold."""
+    """Pass images on; a ValueError if they are of several sizes, for which one camera matrix cannot hold."""
     first: tuple[int, int] | None = None
     for image in images:
         size = size_of(image)
@@ -312,7 +313,7 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
 
 
 def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[PixelTable]) -> list[Calibration]:
-    """Calibrations of images of one size."""
+    """Calibrate images of one size; where a camera is not sure, also from subsets of the segments, the best is kept."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))
     calibrations = []
@@ -341,7 +342,10 @@ def _with_size_from_labels(how: ImageTask, image: Image, found: PixelTable, cali
 
 
 def _labels(object_segments: ObjectSegments, found: Localization, image_size: tuple[int, int]) -> PixelTable:
-    """Labels of an image without segments of low weight: most are false detections, and refinement finds the others."""
+    """Labels of an image without segments of low weight, which are mostly false; refinement finds the true ones again.
+
+    All segments are kept if fewer than `LEAST_SEGMENTS` would remain.
+    """
     strong = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
     if len(strong) >= LEAST_SEGMENTS:
         found = found.only(strong)
@@ -357,7 +361,7 @@ def _verified(
     calibrations: Sequence[Calibration],
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
-    """The refined calibrations of images of one size, judged, and whether each is sure."""
+    """Refine and judge the calibrations of images of one size; also return whether each is sure."""
     given = [
         ToRefine(image, calibration, part, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
@@ -379,7 +383,7 @@ def _judged(
 def _one_judged(
     calibration: Calibration, refined: Refined, explained: float, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
-    """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
+    """Mark a calibration "probably wrong" if its support or its probability is low; also return whether it is sure."""
     share = refined.support
     if calibration.camera is None or not refined.calibration.accepted:
         return calibration, False
@@ -407,7 +411,7 @@ def _one_judged(
 def _explained(
     object_segments: ObjectSegments, calibrations: Sequence[Calibration], found: Sequence[PixelTable]
 ) -> list[float]:
-    """Shares of the labels' weight that belong to labels near the projections of their segments; 0 without a camera."""
+    """Share of the labels' weight, for each image, on labels near their projected segments; 0 without a camera."""
     cameras = {t: one.camera for t, one in enumerate(calibrations) if one.camera is not None}
     shares = len(found) * [0.0]
     near = near_labels(object_segments, list(cameras.values()), [found[t] for t in cameras], max(SEARCH_RANGES))
@@ -429,7 +433,7 @@ def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Cal
 def with_second_opinion(
     calibrate: Method, images: Sequence[Image], *, task: Task, estimate_size: bool
 ) -> list[Calibration]:
-    """Calibrate pictures by a network; where its camera is refused, take the one that is found by search, if any."""
+    """Calibrate pictures by a network; where its camera is rejected, take an accepted camera of the search, if any."""
     found = calibrate(images)
     refused = [index for index, one in enumerate(found) if not one.accepted]
     searched = search_courts(task, [images[index] for index in refused], estimate_size=estimate_size)

@@ -1,8 +1,7 @@
 """Refinement of a camera on its image: it is fitted to lines that are detected near the projected markings.
 
-Lines are located with sub-pixel accuracy, including those that neither a network nor an annotator has labelled.
-
-The camera of an image on a field of the size that the image shows, where sizes vary.
+Lines are located with sub-pixel accuracy, including lines that neither a network nor an annotator has labelled. Where
+the size of fields varies (soccer), `on_field_as_seen` refines the camera on a field of the size that the image shows.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14
-SAME_LINES = 0.95  # share of the lines of the first search that the last one must find too, to leave out the first
+SAME_LINES = 0.95  # share of the lines of the wide search that the narrow one must find too, to leave the wide one out
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 
@@ -71,8 +70,8 @@ def refine_on_image(
 ) -> Calibration:
     """Refine a calibration on its image, or return it unchanged.
 
-    In two passes, lines are searched across the projected markings and the camera is calibrated from their places. The
-    result is returned if it is accepted, has enough line support (`line_support`) and not less than `calibration`.
+    In each of two passes, lines are searched for across the projected markings, and the camera is fitted to them. The
+    result is returned if it is accepted and has enough line support (`line_support`), no less than `calibration`.
 
     Parameters
     ----------
@@ -86,12 +85,12 @@ def refine_on_image(
         Labelled pixels; used for segments whose line is not found in the image. Lines of these segments that are too
         faint for single profiles are located by the contrast along the whole marking (`images.paint.detected_lines`).
     weights : mapping of str to float or (N,) array_like, optional
-        Weights of these.
+        Weights of the labelled pixels.
     flags, prior
         As in `calibrate_from_segments`.
     quick : bool
-        Leave out the first pass where nearly all lines that it would use are near enough for the second one: in a third
-        less time, with a camera that differs by about a tenth of a pixel, and is as accurate.
+        Skip the first pass if nearly all lines that it would use are near enough for the second one. This takes a third
+        less time; the camera differs by about a tenth of a pixel and is as accurate.
 
     Returns
     -------
@@ -150,16 +149,16 @@ def refine_homography_on_image(
         Blue, green, red.
     H : (3, 3) array_like
         Maps field points (x, y, 1) in metres, origin at the centre mark, y towards the main camera, to pixels of the
-        image; `ALIGNMENTS` translates the homographies of others.
+        image; `ALIGNMENTS` converts homographies with other field coordinates.
     flags, prior
         As in `calibrate_from_segments`.
 
     Returns
     -------
     Calibration
-        The refined calibration, or that of the homography with a message that it is not refined, where the image does
-        not support it: the markings must be within about 12 px of the lines in an image of 960x540. The message also
-        says if the image supports the homography with yards for metres.
+        The refined calibration. If the image does not support it, the calibration of the homography, with a message
+        that it is not refined: the markings must be within about 12 px of the lines in an image of 960x540. The message
+        also says if the image supports the homography when its units are yards.
 
     Raises
     ------
@@ -205,13 +204,13 @@ class ToRefine:
 
 @dataclass(frozen=True)
 class Refined:
-    """A calibration, refined or as it was, and its line support."""
+    """A calibration, refined or unchanged, and its line support."""
 
     calibration: Calibration
     support: float
-    """NaN where there is no camera."""
+    """Line support of the camera (`line_support`); NaN without a camera."""
     paint: PaintEvidence | None = None
-    """Paint of the markings in view; None where there is no camera or it was not looked for."""
+    """Paint of the markings in view; None without a camera, or if paint was not looked for."""
 
     @property
     def judged(self) -> Calibration:
@@ -220,7 +219,7 @@ class Refined:
 
     @property
     def paint_share(self) -> float:
-        """`paint_share` of the markings in view, 0 without any."""
+        """Share of the markings in view that lies on paint (`assess.paint_in_view.paint_share`), 0 without any."""
         return 0.0 if self.paint is None else paint_share(self.paint.markings)
 
 
@@ -232,10 +231,10 @@ def refine_all(
     *,
     quick: bool = False,
 ) -> list[Refined]:
-    """`refine_on_image` for images of one size, solved together.
+    """Refine the calibrations of several images of one size together; see `refine_on_image`.
 
-    Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
-    already need the last of the `search_ranges` only.
+    Where markings lie beside their paint, cameras fitted to that paint are refined too. For cameras that already fit
+    the lines, the last of the `search_ranges` is enough.
     """
     if not given:
         return []
@@ -251,7 +250,7 @@ def refine_all(
 def _moved_to_paint(
     task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:
-    """Fit cameras to the paint beside their markings too; keep those that bring more markings onto paint."""
+    """Fit cameras to the paint beside their markings and refine them again; keep those with more markings on paint."""
     cameras = [one.calibration.required_camera for one in refined]
     lines = [
         with_replaced(detected_lines(image.image, camera, markings)[0], one.paint.beside)
@@ -275,7 +274,10 @@ def _in_passes(
     *,
     quick: bool = False,
 ) -> list[Refined]:
-    """Fit cameras to the lines near their markings, in two passes, or keep them; and look for their paint."""
+    """Fit cameras to the lines near their markings, one pass per search range, and look for the paint of markings.
+
+    A camera is kept as it is unless its line support is enough and does not fall.
+    """
     images, size = [one.image for one in given], size_of(given[0].image)
     labelled = {t: {} if one.are_detected else one.labels.by_label(0) for t, one in enumerate(given)}
     labels = {t: one.labels for t, one in enumerate(given)}
@@ -317,7 +319,7 @@ def _in_passes(
 
 
 def _looked_at(refined: Refined, image: Image, markings: Markings) -> Refined:
-    """The result with the paint of its markings, where that was not looked for yet, and with the paint's width."""
+    """Add the paint of the markings, if it was not looked for yet, and the width of that paint."""
     camera, paint = refined.calibration.camera, refined.paint
     if camera is None:
         return refined
@@ -334,7 +336,7 @@ def _strips(
 
 
 def _is_settled(strips: Strips, markings: Markings, labelled: Mapping[str, Array]) -> bool:
-    """Whether nearly all lines that the first search finds, and some of each marking, are near enough for the last."""
+    """Whether the narrow search suffices: it reaches nearly all lines of the wide one, and half of each marking's."""
     first = _lines(strips, markings, labelled, SEARCH_RANGES[0])
     member, count = strips.profiles.member, len(markings.labels)
     found = np.bincount(member, np.isfinite(first), count)
@@ -345,9 +347,9 @@ def _is_settled(strips: Strips, markings: Markings, labelled: Mapping[str, Array
 def near_labels(
     object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[PixelTable], distance: float
 ) -> BoolArray:
-    """Whether the pixels of each label lie near its projected segment, in the root mean square, (B, L).
+    """Whether the rms distance of each label's pixels from its projected segment is below `distance`, (B, L).
 
-    The images are of one size, and the distance is in pixels of one of 960x540.
+    The images are of one size; `distance` is in pixels of an image of 960x540.
     """
     if not frames:
         return np.zeros((0, len(object_segments)), dtype=bool)
@@ -359,7 +361,7 @@ def near_labels(
 def _without_stray(
     object_segments: ObjectSegments, cameras: Mapping[int, Camera], labels: Mapping[int, PixelTable]
 ) -> dict[int, PixelTable]:
-    """Leave out segments that a network saw far from where cameras that fit the lines project them."""
+    """Drop the labels of a network that are far from where a camera that fits the lines projects their segments."""
     near = near_labels(object_segments, [cameras[t] for t in labels], list(labels.values()), STRAY)
     return {t: one.take(is_near[one.label]) for (t, one), is_near in zip(labels.items(), near, strict=True)}
 
@@ -367,19 +369,19 @@ def _without_stray(
 def _lines(
     strips: Strips, markings: Markings, labelled: Mapping[str, Array], search_range: float = SEARCH_RANGES[-1]
 ) -> Array:
-    """Signed distances (n,) of lines from the markings, NaN for none; those that a person labelled are traced."""
+    """Signed distances (n,) of lines from the markings, NaN for none; faint lines that a person labelled are traced."""
     return with_traced(strips, strips.lines(search_range), markings, labelled)
 
 
 def _support(strips: Strips, lines: Array, search_range: float = SEARCH_RANGES[-1]) -> float:
-    """`line_support` of the camera whose projected markings the strips cross, with lines (n,) that far from these."""
+    """Line support (see `line_support`) from the signed distances `lines` (n,) between lines and projected markings."""
     offset = lines[~strips.is_black]
     share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * strips.unit), 0.0)
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 
 def unrefined(markings: Markings, given: ToRefine) -> Refined:
-    """A calibration as it is, with its line support."""
+    """Wrap a calibration without refining it, with its line support."""
     camera = given.calibration.camera
     return Refined(given.calibration, np.nan if camera is None else line_support(given.image, camera, markings))
 
@@ -407,7 +409,7 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
 def on_field_as_seen(
     task: Task, image: Image, calibration: Calibration, found: PixelTable = NO_PIXELS
 ) -> Refined | None:
-    """The camera refined on a field of the size that its image determines; None if the given size is likely.
+    """Refine a camera on a field of the size that its image shows; None if the given size is likely.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The field that pictures show: all fields are tried, and the best one wins with a margin."""
+"""Recognition of the field that pictures show: every field is tried, and the best one must win by a margin."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.network_grid import classes_without_segment
 
-POINTS = 300  # of a field, at which a camera of the network is compared with stripes
-MARGIN = 0.8  # of the best score: a field that reaches it may be the one too
-LIKELY = 0.4  # of the best score before refinement: other fields are not searched for
-PROMISING = 0.5  # of the best score of the first picture: other fields are not searched for in further ones
+POINTS = 300  # of a field's markings, at which a camera from the network is compared with the stripes in the picture
+MARGIN = 0.8  # of the best score: a field that reaches it explains the pictures about as well
+LIKELY = 0.4  # of the best score before refinement: fields below are not searched for
+PROMISING = 0.5  # of the best score in the first picture: fields below are not searched for in further pictures
 NOTHING = "no field was found: name it"
 
 
 @dataclass(frozen=True)
 class WhichField:
-    """The field that pictures show, as far as they tell."""
+    """The field that pictures show, or the fields that explain them about equally well."""
 
     scores: Mapping[str, float]
-    """Log likelihood ratios of the accepted cameras by the name of their field, the best one first."""
+    """Log likelihood ratios of the accepted cameras by name of the field, best first; 0 without an accepted camera."""
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """Fields that explain the pictures about as well as the best one, that one first; () if there is none."""
+        """Names of the best field and of those that explain the pictures about as well; () if no field was found."""
         best = max(self.scores.values(), default=0.0)
         return tuple(name for name, score in self.scores.items() if score > 0.0 and score >= MARGIN * best)
 
     @property
     def name(self) -> str | None:
-        """Name of the field; None where none was found, or several explain the pictures."""
+        """Name of the field; None if none was found, or if several explain the pictures."""
         return self.alternatives[0] if len(self.alternatives) == 1 else None
 
     @property
     def reason(self) -> str:
-        """Why there is no name; empty if there is one."""
+        """Why there is no `name`; empty if there is one."""
         if not self.alternatives:
             return NOTHING
         return "" if self.name else f"{' and '.join(self.alternatives)} explain the pictures alike: name the field"
@@ -55,9 +55,9 @@ class WhichField:
 def which_field(
     images: Sequence[Image], names: Sequence[str] = tuple(FIELDS), network: Network | None = None
 ) -> WhichField:
-    """Search pictures for all fields, and compare how well accepted cameras explain them.
+    """Search pictures for every field, and compare how well the accepted cameras explain them.
 
-    Fields that explain the first picture badly, before cameras are refined or after, are left out.
+    A field that explains the first picture badly, before its cameras are refined or after, is dropped.
 
     Parameters
     ----------
@@ -66,8 +66,7 @@ def which_field(
     names : sequence of str
         Names of fields in the catalogue.
     network : Network, optional
-        Finds the fields that it knows; the others are found by search
-        (`fieldcalib.images.find_courts`).
+        Finds the fields whose labels it knows; the other fields are searched for (`fieldcalib.images.find_courts`).
 
     Examples
     --------
@@ -90,9 +89,9 @@ def which_field(
 
 
 def _likely(picture: PictureToSearch, names: Sequence[str], network: Network | None) -> tuple[str, ...]:
-    """Fields whose best camera, before it is refined, explains a picture about as well as the best one of any field.
+    """Fields whose best camera before refinement scores at least `LIKELY` times the best score of any field.
 
-    Those that a network knows are among them.
+    Fields that the network knows are always kept.
     """
     score: dict[str, float] = {}
     for name in names:

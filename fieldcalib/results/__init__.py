@@ -1,4 +1,4 @@
-"""Results of many frames: found by `fieldcalib.calibrate`, kept in a folder, read back by `fieldcalib.read`."""
+"""Results of many frames: computed by `fieldcalib.calibrate`, saved to a folder, read by `fieldcalib.read`."""
 
 import lazy_loader
 

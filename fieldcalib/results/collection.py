@@ -1,6 +1,6 @@
-"""Results of many frames: a mapping of their ids to calibrations, and what is asked of all of them.
+"""Results of many frames: a mapping of their ids to calibrations, with tables, plots and overlays of all of them.
 
-Results written to a folder, by the writer of the command line.
+Results are saved to a folder by the same writer that the command line uses.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ COLUMNS = (
 class Results(Mapping[str, Calibration]):
     """Calibrations by the ids of their frames, in the order of the input.
 
-    Frames whose files could not be read have none: they are in `broken`. Two results are equal if they have the same
-    frames with the same calibrations, and the same calibration of a clip. Frames of a folder are parsed when they are
-    asked for.
+    Frames whose files could not be read have no calibration: they are in `broken`. Two results are equal if they have
+    the same frames with the same calibrations, and the same calibration of a clip. Frames of a folder are parsed when
+    they are accessed.
 
     Examples
     --------
@@ -107,17 +107,17 @@ class Results(Mapping[str, Calibration]):
     """
 
     frames: FrameStore
-    """What is kept of each frame."""
+    """Data of each frame."""
     pictures: Pictures = attribute(default_factory=Pictures)
-    """Where the pictures of the frames are."""
+    """Sources of the pictures of the frames."""
     clip: Callable[[], tuple[VideoCalibration, float]] | None = None
-    """Gives the calibration of a clip, and its frames per second; None where frames were calibrated by themselves."""
+    """Returns the calibration of a clip and its frames per second; None if frames were calibrated by themselves."""
     command: str = "run"
-    """The command that writes such results: calibrate, of labelled pixels, or run."""
+    """The command that writes such results: "calibrate" for labelled pixels, or "run"."""
     options: Mapping[str, Any] = attribute(default_factory=dict)
-    """What they were calibrated with, for the record in their folder."""
+    """Options of the calibration, for the record in the folder."""
     folder: Path | None = None
-    """The folder that they were read from."""
+    """Folder from which they were read; None if they were not."""
 
     @cached_property
     def _numbers(self) -> dict[str, int]:
@@ -160,20 +160,20 @@ class Results(Mapping[str, Calibration]):
 
     @cached_property
     def is_side_open(self) -> bool:
-        """Whether nothing tells on which side of the field the cameras are.
+        """Whether it is unknown on which side of the field the cameras are, according to the first good frame.
 
-        Then each is on the main side by convention, and `Calibration.alternatives` has the one that is turned by 180
-        degrees about the centre mark. The first good frame tells it.
+        Then each camera is on the main side by convention, and `Calibration.alternatives` has the camera turned by 180
+        degrees about the centre mark.
         """
         good = next((id for id, verdict in self.verdicts.items() if verdict is Verdict.GOOD), None)
         if good is None or not self[good].alternatives:
             return False
-        found = self[good]  # of labels, which tell the side, only a camera on the opposite one has an alternative
+        found = self[good]  # from labels, which determine the side, only a camera on the opposite side has alternatives
         return found.field is not None and side_of(found.required_camera.C, found.field) == MAIN
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be known of all cameras, in words: of a clip its camera model too, where that is not the usual."""
+        """Notes that concern all cameras; for a clip also its camera model, if that is not a tripod."""
         if self.video is not None:
             return self.video.remarks
         return (UP_TO_SIDE,) if self.is_side_open else ()
@@ -194,12 +194,12 @@ class Results(Mapping[str, Calibration]):
 
     @property
     def lines(self) -> Sequence[Mapping[str, Any]]:
-        """Everything that is kept of each frame, broken ones included, by the keys of ``docs/reference/files.md``."""
+        """All data of each frame, broken ones included, by the keys of ``docs/reference/files.md``."""
         return LazyList(len(self.frames.ids), self.frames.line)
 
     @property
     def cameras(self) -> Mapping[str, Camera | None]:
-        """The best camera of each frame by id, whatever the verdict; None where there is none."""
+        """Best camera of each frame by id, whatever the verdict; None if there is none."""
         return Lazy(self._numbers, lambda number: self.frames.camera(number))
 
     @cached_property
@@ -209,7 +209,7 @@ class Results(Mapping[str, Calibration]):
 
     @property
     def basis(self) -> Mapping[str, str]:
-        """What the camera of each frame of a clip rests on, by id; empty texts for other frames."""
+        """Basis of the camera of each frame of a clip (lines, matches ...), by id; empty texts for other frames."""
         return Lazy(self._numbers, lambda number: str(self.frames.main(number).get("basis", "")))
 
     @cached_property
@@ -218,36 +218,36 @@ class Results(Mapping[str, Calibration]):
 
     @property
     def video(self) -> VideoCalibration | None:
-        """The calibration of a clip, with its shots and tripods; None where frames were calibrated by themselves."""
+        """Calibration of a clip, with its shots and tripods; None if frames were calibrated by themselves."""
         return self._clip[0]
 
     @property
     def frames_per_second(self) -> float | None:
-        """Frame rate of a clip; None for others."""
+        """Frame rate of a clip; None if there is no clip."""
         return self._clip[1]
 
     def image(self, id: str) -> Image:
-        """The picture of a frame, read from where it was.
+        """Read the picture of a frame again from the input.
 
         Raises
         ------
         ValueError
-            If it is not known where it is, or it is gone.
+            If its place is not known, or it is no longer there.
         BrokenFileError
             If it cannot be read.
         """
         return self.pictures.image(id)
 
     def overlay(self, frame: str | int | None = None, image: Image | None = None, *, show_paint: bool = False) -> Image:
-        """The picture of a frame with the projected field, as `fieldcalib run` draws it.
+        """Draw the projected field over the picture of a frame, as `fieldcalib run` does.
 
         Parameters
         ----------
         frame : str or int, optional
             The id of a frame, or its place in the order of the frames; may be left out if there is one only.
         image : (height, width, 3) uint8 array, optional
-            The picture; by default it is read again from the input. Where it cannot be, the field is drawn on a plain
-            ground.
+            The picture; by default it is read again from the input. If that is impossible, the field is drawn on a
+            plain ground.
         show_paint : bool
             Whether markings beside their paint are orange, and those without any grey.
 
@@ -261,7 +261,7 @@ class Results(Mapping[str, Calibration]):
         KeyError
             If there is no such frame, or it could not be read.
         ValueError
-            If no frame is named, and there are several; or if the image is none.
+            If no frame is named and there are several, or if the image is not valid.
         """
         id = self._id(frame)
         found = self[id]
@@ -270,7 +270,7 @@ class Results(Mapping[str, Calibration]):
         return draw_calibration(checked_image(image), found, self._field(found), show_paint=show_paint)
 
     def _id(self, frame: str | int | None) -> str:
-        """The id of a frame that a user names."""
+        """Find the id of a frame that a user names by id or number."""
         ids = list(self) if not isinstance(frame, str) else []
         if frame is None and len(ids) != 1:
             raise ValueError(f"say which frame: there are {len(ids)}, as {', '.join(map(repr, ids[:3]))}")
@@ -284,7 +284,7 @@ class Results(Mapping[str, Calibration]):
         return calibration.field or soccer()
 
     def plot(self) -> Image:
-        """A picture of all results: of a clip its cameras over time, else the frames to look at first.
+        """Plot all results: the cameras of a clip over time, or else the frames to look at first.
 
         Returns
         -------
@@ -311,8 +311,8 @@ class Results(Mapping[str, Calibration]):
         Returns
         -------
         mapping of str to FieldHomography
-            Of undistorted pixels (exact), of the pixels of the picture (nearest), and what the lens leaves of that in
-            pixels and metres; made when they are asked for.
+            Exact homographies of undistorted pixels, the closest homographies of the pixels of the picture, and the
+            errors of the latter due to the lens, in pixels and metres. They are computed when they are accessed.
         """
         numbers = {id: number for id, number in self._numbers.items() if self.cameras[id] is not None}
         return Lazy(numbers, lambda number: self._homography(self.frames.ids[number]))
@@ -323,15 +323,15 @@ class Results(Mapping[str, Calibration]):
         return field_homography(camera, self._field(self[id]))
 
     def to_pandas(self, *, everything: bool = False) -> pandas.DataFrame:
-        """A table with a row for each frame, broken ones included, indexed by id.
+        """Make a table with a row for each frame, broken ones included, indexed by id.
 
         Parameters
         ----------
         everything : bool
-            By default there are the columns of `COLUMNS` of this module: verdict and reason, the camera in
-            pixels, degrees and metres, its fit, and the size of the field. Otherwise all keys of
-            ``docs/reference/files.md`` without those that only serve to read results back; nested ones as
-            "angles_degrees.pan", matrices and lists in one cell.
+            By default the table has the columns `COLUMNS` of this module: verdict and reason, the camera in pixels,
+            degrees and metres, its fit, and the size of the field. Otherwise it has all keys of
+            ``docs/reference/files.md``, except those that only serve to read results back; nested keys become
+            "angles_degrees.pan" and the like, matrices and lists fill one cell.
 
         Raises
         ------
@@ -343,16 +343,16 @@ class Results(Mapping[str, Calibration]):
         return short_table(self.frames.mains())
 
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False, overlays: bool = True) -> None:
-        """Write the results to a folder as `fieldcalib run` (or `calibrate`, of labelled pixels) does.
+        """Write the results to a folder as `fieldcalib run` (or `calibrate`, for labelled pixels) does.
 
         Parameters
         ----------
         folder : path
-            It is made if it is not there.
+            The folder, which is made if it does not exist.
         overwrite : bool
             Whether results in it are replaced.
         overlays : bool
-            Whether pictures with the projected field are drawn, where the pictures can be read again.
+            Whether pictures with the projected field are drawn, if the pictures can be read again.
 
         Raises
         ------
@@ -365,11 +365,11 @@ class Results(Mapping[str, Calibration]):
         save(self, out, overwrite=truth(overwrite, "overwrite"), overlays=truth(overlays, "overlays"))
 
     def line(self, id: str) -> Mapping[str, Any]:
-        """Everything that is kept of a frame, see `lines`."""
+        """All data of a frame, see `lines`."""
         return self.frames.line(self._number(id))
 
     def _repr_html_(self) -> str:
-        """Verdicts, a picture where one can be made, and a table of some frames, for notebooks."""
+        """Show verdicts, a picture if one can be made, and a table of some frames in a notebook."""
         rows = {"frames": str(len(self.frames.ids)), "verdicts": self._counts()}
         if self.broken:
             rows["broken files"] = str(len(self.broken))
@@ -380,7 +380,7 @@ class Results(Mapping[str, Calibration]):
         return table(rows) + self._html_picture() + self._html_frames()
 
     def _html_frames(self) -> str:
-        """A table of some of the frames, broken ones included."""
+        """Format a table of some of the frames, broken ones included."""
         ids, rows = list(self.frames.ids), []
         for id in (ids[index] for index in spread(len(ids))):
             if id in self.broken:
@@ -404,19 +404,19 @@ class Results(Mapping[str, Calibration]):
 
 
 def _plain(calibration: Calibration) -> Image:
-    """A picture of one colour, of the size of the camera."""
+    """Make a picture of one colour, with the size of the camera's image."""
     width, height = (960, 540) if calibration.camera is None else calibration.camera.image_size
     return np.full((height, width, 3), GROUND, np.uint8)
 
 
 def short_table(lines: Iterable[Mapping[str, Any]]) -> pandas.DataFrame:
-    """The table of the lines of ``cameras.jsonl`` with one number or text in each cell."""
+    """Make a table of the lines of ``cameras.jsonl``, with one number or text in each cell."""
     pandas = imported("pandas", "pandas", "to_pandas")
     return pandas.DataFrame([_row(line) for line in lines], columns=["id", *COLUMNS]).set_index("id")
 
 
 def whole_table(lines: Iterable[Mapping[str, Any]]) -> pandas.DataFrame:
-    """The table of everything that is kept of frames; nested keys are joined as "angles_degrees.pan"."""
+    """Make a table of all data of frames; nested keys are joined as "angles_degrees.pan"."""
     pandas = imported("pandas", "pandas", "to_pandas")
     rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in lines]
     table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
@@ -424,7 +424,7 @@ def whole_table(lines: Iterable[Mapping[str, Any]]) -> pandas.DataFrame:
 
 
 def _row(line: Mapping[str, Any]) -> dict[str, Any]:
-    """The cells of a frame; what it does not have is missing."""
+    """Cells of a frame; values that it does not have are missing."""
     words = {name: line[name] for name in WORDS if name in line}
     row = {"id": line["id"], **words, "reason": line.get("reason", line["message"])}
     if line.get("field") is not None:
@@ -441,7 +441,7 @@ def _row(line: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | None:
-    """A number of JSON, where infinity is a text."""
+    """Convert a number from JSON, where infinity is a text."""
     return None if value is None else float(value)
 
 
@@ -463,7 +463,7 @@ def save(results: Results, out: Path, *, overwrite: bool, overlays: bool) -> Non
 
 @contextmanager
 def _python_words() -> Iterator[None]:
-    """Say of a folder that is used already what to give in Python."""
+    """Replace the error for a used folder by one that names the Python argument instead of the command line option."""
     try:
         yield
     except UsedFolderError as error:
@@ -475,7 +475,7 @@ def _used(found: str) -> FileExistsError:
 
 
 def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions, RunRecord]:
-    """The options and the record of the run that the results count as."""
+    """Make the options and the record of a run that would have had these results."""
     pictures = results.pictures
     options = json.loads(json.dumps({**results.options, "input": list(pictures.paths)}, default=str))
     run = RunOptions(out, options, results.command, overwrite=overwrite)
@@ -487,7 +487,7 @@ def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions
 
 @dataclass(frozen=True)
 class _Whole:
-    """How results of whole frames are written and drawn."""
+    """Writes and draws results of whole frames: the `FrameOptions` of `write_clip_results`."""
 
     results: Results
     draws = True
@@ -509,7 +509,7 @@ class _Whole:
 
 
 def _write_clip(results: Results, video: VideoCalibration, writer: ResultsWriter, *, overlays: bool) -> None:
-    """Write a clip, with its pictures where they can be read again."""
+    """Write a clip, with pictures if these can be read again."""
     options = _Whole(results)
     if overlays and results and results.pictures.has(next(iter(results))):
         write_clip_results(writer, ClipInput(results.pictures.frames(), progress=False), video, options)
@@ -522,7 +522,7 @@ def _write_clip(results: Results, video: VideoCalibration, writer: ResultsWriter
 
 
 def _write_frames(results: Results, writer: ResultsWriter, *, overlays: bool) -> None:
-    """Write frames that were calibrated one by one, with their pictures where they can be read again."""
+    """Write frames that were calibrated one by one, with pictures if these can be read again."""
     options, writer.notes = _Whole(results), results.notes
     if overlays and results.pictures.is_video:
         path, source = writer.out / OVERLAY, results.pictures.frames()
@@ -543,7 +543,7 @@ def _write_frames(results: Results, writer: ResultsWriter, *, overlays: bool) ->
 
 
 def _broken(results: Results, id: str) -> Outcome:
-    """The outcome of a frame that could not be read, which is no news."""
+    """Make the outcome of a frame that could not be read, without a complaint, as that was reported before."""
     return Outcome({"id": id, "status": "broken file", "message": results.broken[id]})
 
 

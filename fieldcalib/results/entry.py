@@ -1,7 +1,4 @@
-"""`fieldcalib.calibrate`: whatever shows a field to its cameras.
-
-Results of a folder, read back.
-"""
+"""The entry points `fieldcalib.calibrate`, from any input to its cameras, and `fieldcalib.read`, for saved results."""
 
 from __future__ import annotations
 
@@ -82,10 +79,10 @@ def calibrate(
           `read_annotations` returns;
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
     field : str or Field
-        The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file of a field of one's own, a `Field`, or
+        The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file with a field of one's own, a `Field`, or
         ``"auto"``: all sports are tried on some of the pictures, and the best one is taken if no other explains them
-        about as well (`fieldcalib.images.which_field`). The
-        size of a field in pictures is estimated from them, unless it is said to be known (`Field.size_known`).
+        about as well (`fieldcalib.images.which_field`). The size of a field in pictures is estimated from them, unless
+        it is declared known (`Field.size_known`).
     start, end : str or float, optional
         The first frame, and the one after the last: seconds, ``"1:30"``, or the number of a frame, ``"750f"``.
     step : int
@@ -93,7 +90,7 @@ def calibrate(
     clip : bool, optional
         Whether pictures are a clip whose frames are calibrated together. By default a video is one, pictures are not.
     image_size : (int, int), optional
-        Width and height of the pictures that pixels were labelled in, where these do not say it.
+        Width and height of the pictures in which pixels were labelled, if the labels do not have it.
     network : Network, optional
         Finds the markings in pictures; by default the one that comes with the package, for soccer. Courts of other
         fields are found by search (`fieldcalib.images.find_courts`).
@@ -139,12 +136,12 @@ def calibrate(
 
 
 def _field(field: object) -> Field:
-    """The field that a user gives.
+    """Find the field that a user gives.
 
     Raises
     ------
     ValueError
-        If it is neither a field, nor the name or the file of one.
+        If it is neither a field nor the name or the file of a field.
     """
     if isinstance(field, Field):
         return field
@@ -158,7 +155,7 @@ def _position(time: str | float) -> Position:
 
 
 def _cut(start: Time, end: Time, step: int) -> Cut:
-    """The part of the input that is asked for; a ValueError if it is none."""
+    """Part of the input that a user asks for; a ValueError if it is invalid."""
     if not is_number(step) or not 1 <= step < float("inf") or step != int(step):
         raise ValueError(f"step must be a whole number from 1, got {step!r}")
     first = Position(frame=0) if start is None else _position(start)
@@ -166,13 +163,13 @@ def _cut(start: Time, end: Time, step: int) -> Cut:
 
 
 def read(folder: str | os.PathLike[str]) -> Results:
-    """The results that `fieldcalib run`, `fieldcalib calibrate` or `Results.save` wrote to a folder.
+    """Read the results that `fieldcalib run`, `fieldcalib calibrate` or `Results.save` wrote to a folder.
 
     Parameters
     ----------
     folder : path
-        With a ``cameras.jsonl`` or ``cameras.parquet``; or the path of that file. Its frames are parsed when they are
-        asked for: an hour of video opens in a second.
+        A folder with a ``cameras.jsonl`` or ``cameras.parquet``, or the path of that file. Its frames are parsed when
+        they are accessed, so that an hour of video opens in a second.
 
     Returns
     -------
@@ -186,8 +183,8 @@ def read(folder: str | os.PathLike[str]) -> Results:
     ImportError
         If it is a ``cameras.parquet`` and pyarrow is not installed.
     BrokenFileError
-        If a line is no result, or of another version; the message begins with file and line. Lines that begin as they
-        should are read, and errors in them raised, when they are asked for.
+        If a line is no result, or of another version; the message begins with file and line. Only the beginnings of
+        lines are checked at once; errors in the rest are raised when the frame is accessed.
 
     Examples
     --------
@@ -217,7 +214,7 @@ def read(folder: str | os.PathLike[str]) -> Results:
 
 
 def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
-    """Where the pictures of a run are."""
+    """Find the pictures of a run from its record."""
     start, end = (record.options.get(name) for name in ("start", "end"))
     try:
         begin, stop = Position.parse(start or "0f"), None if end is None else Position.parse(end)

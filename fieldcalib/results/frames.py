@@ -1,4 +1,4 @@
-"""The frames of results: calibrated now and in memory, or in the files of a run."""
+"""Storage of the frames of results: in memory if they were just calibrated, or in the files of a run."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.results import BROKEN, ResultFile, split_line
 from fieldcalib.run_folder.frame_record import calibration_line
 
-EQ3 = "loss_ndc_eq3"  # key of the paper's loss
-MOST_OPEN = 1000  # frames whose calibrations are kept as they are
-SHOWN, MOST_COMPARED = 3, 2000  # ids that errors name, and that are compared with the one that was asked for
-CACHED = 256  # calibrations that are kept once they were made or parsed: up to 100 kB each
+EQ3 = "loss_ndc_eq3"  # key of TVCalib's loss
+MOST_OPEN = 1000  # frames whose calibrations are kept as objects; further ones are packed
+SHOWN, MOST_COMPARED = 3, 2000  # number of ids that errors list, and that are compared with an unknown id
+CACHED = 256  # calibrations that are cached once they were computed or parsed: up to 100 kB each
 
 Value = TypeVar("Value")
 
 
 class FrameStore(Protocol):
-    """Frames by their numbers."""
+    """Access to the data of frames by their numbers."""
 
     @property
     def ids(self) -> Sequence[str]:
@@ -49,11 +49,11 @@ class FrameStore(Protocol):
         """The calibration of a frame that is not broken."""
 
     def camera(self, number: int) -> Camera | None:
-        """The best camera of such a frame; None where there is none."""
+        """Best camera of a frame that is not broken; None if there is none."""
 
 
 class Cached(Generic[Value]):
-    """A function of the numbers of frames whose last `CACHED` values are kept; a pickle has none of them."""
+    """Function of the numbers of frames whose last `CACHED` values are cached; they are left out of pickles."""
 
     def __init__(self, function: Callable[[int], Value]) -> None:
         self._function, self._cached = function, lru_cache(CACHED)(function)
@@ -67,16 +67,16 @@ class Cached(Generic[Value]):
 
 
 class KeptFrames:
-    """Frames that were calibrated now.
+    """Frames in memory, as they were calibrated.
 
     Parameters
     ----------
     ids : sequence of str
-        Of all frames in order.
+        Ids of all frames in order.
     calibrations : sequence of Calibration or bytes
-        Of the frames that could be read, in order; as bytes those that are `packed`.
+        Calibrations of the frames that could be read, in order; bytes if `packed`.
     broken : mapping of str to str
-        Problems of the others, by id.
+        Problems of the other frames, by id.
     details : mapping of str to mapping
         More keys of the lines of frames, by id.
     """
@@ -129,19 +129,19 @@ class KeptFrames:
 
 
 def packed(id: str, calibration: Calibration, details: Mapping[str, Any] = MappingProxyType({})) -> bytes:
-    """The line of a frame in some kilobytes: a calibration has a hundred in memory."""
+    """Compress the line of a frame to some kilobytes; a calibration takes a hundred in memory."""
     more = dict(details)
     line = calibration_line(id, calibration, more.pop(EQ3, None)) | more
     return zlib.compress(json.dumps(line).encode(), level=1)
 
 
 def unpacked(content: bytes) -> dict[str, Any]:
-    """The inverse of `packed`, as it is read from a file."""
+    """Unpack a line: the inverse of `packed`, with the values that reading from a file would give."""
     return json.loads(zlib.decompress(content))  # type: ignore[no-any-return]
 
 
 class Collected:
-    """Calibrations of frames one after the other; from `MOST_OPEN` on they are packed, so that memory hardly grows."""
+    """Collects calibrations of frames one after the other; after `MOST_OPEN` they are packed, to save memory."""
 
     def __init__(self) -> None:
         self.ids: list[str] = []
@@ -163,12 +163,12 @@ class Collected:
         self.broken[id] = problem
 
     def frames(self) -> KeptFrames:
-        """All of them."""
+        """All frames that were added."""
         return KeptFrames(self.ids, self._calibrations, self.broken, self._details)
 
 
 class StoredFrames:
-    """Frames in the files of a run, parsed when they are asked for."""
+    """Frames in the files of a run, parsed when they are accessed."""
 
     def __init__(self, file: ResultFile) -> None:
         self.file, self.ids = file, file.ids
@@ -201,7 +201,7 @@ class StoredFrames:
 
 
 class NoFrameError(KeyError):
-    """Error on asking for a frame that is not there: it says which ones are, and which may be meant."""
+    """Raised for a frame that does not exist: it says which ids there are, and which one may be meant."""
 
     def __init__(self, id: object, known: Collection[str], broken: Mapping[str, str] = MappingProxyType({})) -> None:
         super().__init__(id)
@@ -224,14 +224,14 @@ class NoFrameError(KeyError):
 
 
 class ById(dict[str, Value]):
-    """A dict by the ids of frames, which says what ids there are when another one is asked for."""
+    """Dict by the ids of frames, which raises a `NoFrameError` for an unknown id."""
 
     def __missing__(self, id: object) -> Value:
         raise NoFrameError(id, self.keys())
 
 
 class Lazy(Mapping[str, Value]):
-    """A mapping of ids to values that are made when they are asked for."""
+    """Mapping of ids to values that are computed when they are accessed."""
 
     def __init__(self, numbers: Mapping[str, int], value: Callable[[int], Value]) -> None:
         self._numbers, self._value = numbers, value
@@ -256,7 +256,7 @@ class Lazy(Mapping[str, Value]):
 
 
 class LazyList(Sequence[Value]):
-    """A sequence of values that are made when they are asked for."""
+    """Sequence of values that are computed when they are accessed."""
 
     def __init__(self, count: int, value: Callable[[int], Value]) -> None:
         self._count, self._value = count, value

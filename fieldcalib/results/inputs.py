@@ -1,4 +1,4 @@
-"""What `fieldcalib.calibrate` takes, and how each kind of input is calibrated."""
+"""The kinds of input that `fieldcalib.calibrate` takes, and how each is calibrated."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class Method:
-    """How frames are calibrated, whatever they come from."""
+    """Options for the calibration of frames, whatever their source."""
 
     field: Field
     given: GivenCamera
@@ -84,11 +84,11 @@ class Method:
 
     @property
     def of_camera(self) -> dict[str, Any]:
-        """Keyword arguments of all functions that calibrate: what is known of the camera."""
+        """Keyword arguments common to all functions that calibrate: the known values of the camera, flags and prior."""
         return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
 
     def placement(self, image: Image) -> Placement:
-        """The placement of a whole frame."""
+        """Placement of an image that is a whole frame."""
         return whole_frame(image)
 
     def keywords(self, frame_size: tuple[int, int]) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class Method:
         return {**self.of_camera, "side": self.side}
 
     def loaded(self) -> Network | None:
-        """The network that is given, or the one of the package; None where that does not know the field."""
+        """Load the given network, or else that of the package; None if that does not know the field."""
         network = SegmentationNetwork.load() if self.network is None else self.network
         is_unknown = self.network is None and classes_without_segment(network.classes, self.field)
         return None if is_unknown else network
@@ -112,14 +112,14 @@ class Method:
 
 
 class Input(Protocol):
-    """Something that can be calibrated."""
+    """Input that can be calibrated."""
 
     def calibrate(self, method: Method) -> Results:
-        """Calibrate all of it."""
+        """Calibrate the whole input."""
 
 
 def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
-    """The input that a source is, in the words of `fieldcalib.calibrate`; a ValueError if it is none."""
+    """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
     labels = _labels_in(source)
     if labels is not None:
         if cut != WHOLE or clip is not None:
@@ -148,7 +148,7 @@ def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
 
 
 def pictures_of(input: Input) -> Pictures:
-    """The pictures of an input that can be read several times; a ValueError for another one."""
+    """Pictures of an input, if they can be read several times; otherwise a ValueError."""
     if isinstance(input, Clip) or (isinstance(input, OneByOne) and input.iterator is None):
         return input.pictures
     raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
@@ -168,7 +168,7 @@ def _labels_in(source: object) -> dict[str, Labels] | None:
 
 
 def _paths(source: str | os.PathLike[str]) -> list[Path]:
-    """The paths that a path or a pattern means."""
+    """Expand a path or a pattern to paths."""
     if not os.fspath(source):
         raise ValueError("the path is empty: expected that of a picture, a folder or a video; '.' is this folder")
     path = file_path(source, "a picture, a folder or a video")
@@ -181,7 +181,7 @@ def _paths(source: str | os.PathLike[str]) -> list[Path]:
 
 
 def _files(paths: Sequence[Path], cut: Cut, clip: bool | None) -> Input:
-    """The clip or the pictures at some paths, as `fieldcalib run` takes them."""
+    """Make the input from some paths, a clip or pictures, as `fieldcalib run` does."""
     found = [Path(str(part)) for path in paths for part in videos_in(path)]
     videos = [path for path in found if is_video(path)]
     if videos and len(found) > 1:
@@ -194,7 +194,7 @@ def _files(paths: Sequence[Path], cut: Cut, clip: bool | None) -> Input:
 
 
 def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
-    """Pictures in memory."""
+    """Make the input from pictures in memory."""
     if not len(images):
         raise ValueError(f"{EXPECTED}, got nothing")
     checked_image(images[0])
@@ -204,7 +204,7 @@ def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Labelled pixels by id, each frame by itself."""
+    """Labelled pixels by id; each frame is calibrated by itself."""
 
     labels: Mapping[str, Labels]
 
@@ -232,7 +232,7 @@ class Labelled:
 
     @staticmethod
     def _frame(id: str, labels: Labels, method: Method) -> tuple[Pixels, tuple[int, int]]:
-        """The checked pixels of a frame, and the size of its picture."""
+        """Check the pixels of a frame; also returns the size of its picture."""
         pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
         size = size if method.image_size is None else checked_image_size(method.image_size)
         if size is None:
@@ -249,7 +249,7 @@ class OneByOne:
 
     pictures: Pictures
     iterator: Iterable[Image] | None = None
-    """Images that can be read once only."""
+    """Images that can be read only once; None if `pictures` has them."""
 
     def calibrate(self, method: Method) -> Results:
         """Calibrate all of it."""
@@ -273,7 +273,7 @@ class OneByOne:
         return Results(collected.frames(), self.pictures)
 
     def _frames(self) -> tuple[Iterator[Frame], int | None]:
-        """The frames, and how many there are."""
+        """Open the frames; also returns how many there are, None if unknown."""
         if self.iterator is not None:
             numbers = self.pictures.cut.numbers()
             chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
@@ -287,7 +287,7 @@ class OneByOne:
 
 
 def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
-    """Message about the first of files none of which can be read."""
+    """Message if none of the files can be read, about the first one."""
     id, problem = next(iter(broken.items()))
     names = {file.id: file.path.name for file in pictures.files}
     others = f"; nor can the other {len(broken) - 1} be read" if len(broken) > 1 else ""
@@ -314,7 +314,7 @@ class Clip:
 
 
 def _with_rate(found: VideoCalibration, frames_per_second: float) -> tuple[VideoCalibration, float]:
-    """`Results.clip` of a clip that was calibrated now; a function of a module, so that results can be pickled."""
+    """Return both arguments: `Results.clip` for a clip in memory, as a module's function so that it can be pickled."""
     return found, frames_per_second
 
 
@@ -352,6 +352,6 @@ def _warn(message: str) -> None:
 
 
 def _warn_of(message: str) -> None:
-    """Warn the caller, unless there is nothing to say."""
+    """Warn the caller, unless the message is empty."""
     if message:
         _warn(message)

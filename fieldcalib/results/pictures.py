@@ -1,6 +1,7 @@
-"""Where the pictures of results are, to be read again: files, a video, or arrays.
+"""Sources of the pictures of results, to read them again: files, a video, or arrays.
 
-The field of pictures that a user does not name: that of the first ones, or of some frames of the first seconds.
+If the user does not name the field (`auto_field`), it is recognised in the first pictures, or in some frames of the
+first seconds of a clip.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut
 
-MOST = 3  # pictures that are searched
-STEP = 100  # frames of a clip from one to the next
+MOST = 3  # pictures that are searched for the field
+STEP = 100  # frames of a clip from one searched frame to the next
 
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Pictures by the ids of their frames."""
+    """Access to pictures by the ids of their frames."""
 
     paths: Sequence[Path] = ()
     images: Sequence[Image] = ()
@@ -42,7 +43,7 @@ class Pictures:
 
     @property
     def is_video(self) -> bool:
-        """Whether they are the frames of a video."""
+        """Whether the pictures are the frames of a video."""
         return bool(self.paths) and VIDEOS.recognises(self.paths[0])
 
     @cached_property
@@ -54,12 +55,12 @@ class Pictures:
 
     @cached_property
     def _found(self) -> Sequence[FrameFile]:
-        """Files of pictures, those outside the cut included."""
+        """Files of pictures, including those outside the cut."""
         found = IMAGES.find(self.paths) if self.paths else []
         return in_order(found) if self.is_clip else found
 
     def beyond(self) -> str:
-        """Message if the end of the cut lies beyond the last picture; empty otherwise, and for a video."""
+        """Message if the end of the cut lies beyond the last picture; empty otherwise, and always for a video."""
         count = 0 if self.is_video else len(self.images) or len(self._found)
         said = self.cut.beyond(count) if count else ""
         return f"the input {said}" if said else ""
@@ -81,12 +82,12 @@ class Pictures:
             return False
 
     def image(self, id: str) -> Image:
-        """The picture of a frame.
+        """Read the picture of a frame.
 
         Raises
         ------
         ValueError
-            If it is not known where it is.
+            If its place is not known, or it is no longer there.
         BrokenFileError
             If it cannot be read.
         """
@@ -109,7 +110,7 @@ class Pictures:
         return VideoFrames(self.paths[0], tell=ignored)
 
     def frames(self, tell: Callable[[str], object] = ignored) -> FrameSource:
-        """The pictures one after the other, again and again; `tell` gets a message about lost frames of a video."""
+        """Open the pictures for reading, repeatedly; `tell` is called with a message about lost frames of a video."""
         if len(self.images):
             return ArrayFrames(self.images, self.cut)
         if self.is_video:
@@ -118,12 +119,12 @@ class Pictures:
 
 
 def auto_field(pictures: Pictures) -> str:
-    """Name of the field that pictures show.
+    """Recognise the field that pictures show; returns its name.
 
     Raises
     ------
     ValueError
-        If they show none, or several fields explain them alike.
+        If they show no field, or several fields explain them equally well.
     """
     step = STEP if pictures.is_clip or pictures.is_video else 1
     frames = islice(pictures.frames(), 0, (MOST - 1) * step + 1, step)

@@ -1,4 +1,4 @@
-"""Runs over many frames: reading their files, working on them in units, writing and resuming the folder of results."""
+"""Runs over many frames: reading files, processing them in units, writing and resuming the folder of results."""
 
 import lazy_loader
 

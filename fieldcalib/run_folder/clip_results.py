@@ -1,4 +1,4 @@
-"""What is written of a clip: its frames, its overlay and plots, the whole calibration, and its tripods in words."""
+"""Files of a clip's results: its frames, overlay and plots, the whole calibration, and its tripods in words."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ClipInput, Frame
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
 
-SHEET_FRAMES = 12  # in the contact sheet of the worst frames
+SHEET_FRAMES = 12  # frames in the contact sheet of the worst ones
 
 WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; others are coefficients of the lens
     "x": "position_x_m",
@@ -56,7 +56,7 @@ WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; othe
 }
 
 
-_Written = tuple[Frame, Calibration | None, Image | None]  # None is a frame that cannot be read, and one not drawn
+_Written = tuple[Frame, Calibration | None, Image | None]  # no calibration: cannot be read; no image: not drawn
 
 
 class FrameOptions(Protocol):
@@ -64,7 +64,7 @@ class FrameOptions(Protocol):
 
     @property
     def draws(self) -> bool:
-        """Whether there are pictures."""
+        """Whether pictures are drawn."""
 
     def placement(self, image: Image) -> Placement:
         """Placement of an image in its frame."""
@@ -73,15 +73,15 @@ class FrameOptions(Protocol):
         """The outcome of a frame; `more` are keywords of `Outcome.of`."""
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
-        """An overlay of a calibration on its image."""
+        """Draw a calibration over its image."""
 
 
 def write_clip_results(
     results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None = None
 ) -> str:
-    """Write everything of a clip that is calibrated; returns a note about the overlay video, if there is one.
+    """Write all results of a calibrated clip; returns a note about the overlay video, if there is one.
 
-    `threads` are for drawing, and as many for decoding and for encoding; by default as many as there are cores.
+    `threads` is the number of threads for drawing, and again for decoding and encoding; by default the number of cores.
     """
     out, rate = results.out, clip.source.frames_per_second
     results.notes = found.remarks
@@ -107,7 +107,7 @@ def _write_frames(
         for index, (frame, calibration, picture) in enumerate(frames):
             results.check_restored(index, frame.id)
             if calibration is None:
-                if index >= done:  # its problem was told when it was read first
+                if index >= done:  # its problem was reported when it was first read
                     results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
                 continue
             if index >= done:
@@ -124,7 +124,7 @@ def _write_frames(
 def _drawn(
     clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions, threads: int | None
 ) -> Generator[_Written, None, None]:
-    """All frames in order with their overlays: read in a thread, and drawn in others while earlier ones are encoded."""
+    """Yield all frames in order with their overlays; reading, drawing and encoding run in parallel threads."""
     rest = iter(calibrations)
 
     def draw(item: tuple[Frame, Calibration | None]) -> _Written:
@@ -137,7 +137,7 @@ def _drawn(
         return frame, None if frame.image is None else options.placement(frame.image).from_frame(next(rest))
 
     count = threads or os.cpu_count() or 1
-    if count == 1:  # it computes, and nothing else does
+    if count == 1:  # frames are drawn in this thread
         yield from map(draw, map(placed, read_ahead(clip.frames())))
         return
     with ThreadPoolExecutor(count, "drawing") as pool:
@@ -147,7 +147,7 @@ def _drawn(
 def _listed(
     clip: ClipInput, calibrations: Sequence[Calibration], options: FrameOptions
 ) -> Generator[_Written, None, None]:
-    """All frames in order, without reading them again."""
+    """Yield all frames in order without overlays, and without reading them again."""
     placement, broken = clip.placement(), clip.source.broken
     rest = iter(calibrations)
     for id in clip.ids:
@@ -158,14 +158,15 @@ def _listed(
 
 
 def caption(id: str, calibration: Calibration | None) -> str:
-    """The words below a frame in the sheet of the worst ones."""
+    """Caption of a frame in the sheet of the worst frames."""
     return id if calibration is None else f"{id}: {calibration.status}, {calibration.message}"
 
 
 def write_clip(out: Path, found: VideoCalibration, frames_per_second: float) -> None:
-    """Write ``clip.jsonl``, from which `read_clip` makes the calibration again, and ``tripods.json``.
+    """Write ``clip.jsonl``, from which `read_clip` reads the calibration, and ``tripods.json``.
 
-    The first line has what is of all frames, and each other one a tripod: no more than one is in memory as text.
+    The first line has the data common to all frames, and each other line a tripod, so that only one is in memory as
+    text.
     """
     record = found.to_dict()
     tripods = record.pop("tripods")
@@ -177,12 +178,12 @@ def write_clip(out: Path, found: VideoCalibration, frames_per_second: float) -> 
 
 
 def read_clip(path: Path) -> tuple[VideoCalibration, float]:
-    """The calibration in a ``clip.jsonl``, and its frames per second.
+    """Read the calibration in a ``clip.jsonl``, and its frames per second.
 
     Raises
     ------
     BrokenFileError
-        If the file is none; the message begins with its path.
+        If the file is not valid; the message begins with its path.
     """
     try:
         with open_regular_file(path) as file:
@@ -200,7 +201,7 @@ def _rate(head: Mapping[str, Any]) -> float:
 
 
 def tripods_in_words(found: VideoCalibration, frames_per_second: float = DEFAULT_RATE) -> dict[str, Any]:
-    """Content of ``tripods.json``: the shots, and what the frames of each tripod share, with units in the names."""
+    """Content of ``tripods.json``: shots, and the shared parameters of each tripod, with units in their names."""
     return {
         "format": FORMAT,
         "frames_per_second": frames_per_second,
@@ -222,6 +223,6 @@ def _in_words(tripod: SequenceCalibration) -> Iterator[tuple[str, Any]]:
 
 
 def _reference(tripod: SequenceCalibration) -> float | None:
-    """The focal length at which the shared principal point and lens hold; None if they do not depend on it."""
+    """Focal length at which the shared principal point and lens hold; None if they do not depend on it."""
     law = None if tripod.layout is None else tripod.layout.zoom_law
     return None if law is None else float(np.exp(law.reference))

@@ -1,10 +1,11 @@
-"""The way from frames to cameras, for results in memory (`fieldcalib.calibrate`) and in a folder (`fieldcalib run`).
+"""Calibration of frames, for results in memory (`fieldcalib.calibrate`) and in a folder (`fieldcalib run`).
 
     frames one by one    `calibrate_images`
     frames of a clip     `calibrate_clip`, all together
     frames of a stream   `live_tracker`, each when it comes
 
-Images lie in whole frames with square pixels (`Placement`): these are calibrated, and the cameras are of the images.
+Each image lies in a whole frame with square pixels (`Placement`). The frames are calibrated, and their cameras are
+converted to pixels of the images.
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ NO_SIZE = (0, 0)
 
 
 class How(Protocol):
-    """How frames are calibrated, by the command line or in Python."""
+    """Options for the calibration of frames, from the command line or from Python."""
 
     @property
     def field(self) -> Field:
-        """The field that they show."""
+        """The field that the frames show."""
 
     @property
     def camera(self) -> Mount:
-        """What a clip is taken by."""
+        """How the camera of a clip is carried."""
 
     @property
     def refine(self) -> bool:
@@ -55,11 +56,11 @@ class How(Protocol):
 
     @property
     def declared(self) -> Declared:
-        """What is declared of the pictures."""
+        """Whether the user has declared the shape of the pictures."""
 
     @property
     def depends_on_size(self) -> bool:
-        """Whether keywords depend on the size of the frames."""
+        """Whether the result of `keywords` depends on the size of the frames."""
 
     def placement(self, image: Image) -> Placement:
         """Placement of an image in its frame."""
@@ -71,7 +72,7 @@ class How(Protocol):
 def calibrate_images(
     how: How, network: Network | None, images: Sequence[Image], place: Place | None = None
 ) -> list[Calibration]:
-    """Calibrate images one by one, each from the `place` of their camera if that is known."""
+    """Calibrate images one by one, from the `place` of their camera if that is known."""
     placements = [how.placement(image) for image in images]
     frames = [placement.image_in_frame(image) for placement, image in zip(placements, images, strict=True)]
     found = calibrate_frames(how, network, frames, place)
@@ -99,14 +100,14 @@ def calibrate_frames(
 
 
 def clip_keywords(how: How, clip: ClipInput) -> dict[str, Any]:
-    """Keywords for the frames of a clip; a BrokenFileError if what is known of the camera cannot hold for them."""
+    """Keywords for the frames of a clip; a BrokenFileError if the known values of the camera cannot hold for them."""
     return how.keywords(clip.frame_size() if how.depends_on_size else NO_SIZE)
 
 
 def calibrate_clip(
     how: How, network: Network | None, clip: ClipInput, parts: PartStore | None = None, progress: Progress = True
 ) -> VideoCalibration:
-    """Calibrate the frames of a clip together; `parts` keep those that are done."""
+    """Calibrate the frames of a clip together; `parts` keeps the parts that are done."""
     with solving(SOLVING, progress):
         return calibrate_video(
             how.field,
@@ -123,9 +124,9 @@ def calibrate_clip(
 def live_tracker(
     how: How, network: Network, stream: Stream, reader: StreamReader
 ) -> Generator[tuple[Iterator[Frame], Tracker]]:
-    """The frames of a stream as they come, and the tracker that calibrates them (`tracked`)."""
+    """Open a stream: its frames as they come, and the tracker that calibrates them (`tracked`)."""
     frames, size = checked_frames(stream, reader, how.placement), NO_SIZE
-    if how.depends_on_size:  # which the first frame tells
+    if how.depends_on_size:  # the size is that of the first frame
         first = list(islice(frames, 1))
         size = next((how.placement(frame.image).frame_size for frame in first if frame.image is not None), NO_SIZE)
         frames = chain(first, frames)

@@ -1,6 +1,7 @@
-"""The outcome of a frame: its line in cameras.jsonl and its files.
+"""The outcome of a frame, its line in cameras.jsonl and its files; and the list of frames to look at.
 
-Frames of a run that a user should look at: the first few with their reasons, and where to find the others.
+The list (`ToLookAt`) is printed at the end of a run: the first few frames whose verdict is not good, with their
+reasons, and where to find the others.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
 
-NAMED = 5  # number of stretches that are named
+NAMED = 5  # number of stretches of frames that are listed
 
 
 class Item(Protocol):
@@ -50,9 +51,9 @@ class Outcome:
     line: Mapping[str, Any]
     """The frame's line of cameras.jsonl; it has the keys id and status."""
     squashed: bool = False
-    """Whether the labels say that the pixels are not square."""
+    """Whether there is a finding that the pixels are not square."""
     files: Mapping[str, bytes] = attribute(default_factory=dict)
-    """Content by name."""
+    """Contents of the files of the frame, by name."""
     complaint: str = ""
     """A line for stderr: which file is broken, and why."""
     picture: Image | None = None
@@ -67,7 +68,7 @@ class Outcome:
 
     @classmethod
     def broken(cls, item: Item, problem: str) -> Outcome:
-        """The outcome of a frame that cannot be read."""
+        """Make the outcome of a frame that cannot be read."""
         return cls({"id": item.id, "status": BROKEN, "message": problem}, complaint=f"{item.path}: {problem}")
 
     @classmethod
@@ -82,9 +83,9 @@ class Outcome:
         files: Mapping[str, bytes] = MappingProxyType({}),
         picture: Image | None = None,
     ) -> Outcome:
-        """The outcome of a calibration; its camera, if it has one, gets a file if `keeps`.
+        """Make the outcome of a calibration; its camera, if it has one, gets a file if `keeps`.
 
-        `eq3` is the paper's loss, `details` are more keys of the line.
+        `eq3` is TVCalib's loss, `details` are more keys of the line.
         """
         written = dict(files)
         if keeps and calibration.camera is not None:
@@ -94,7 +95,7 @@ class Outcome:
 
 
 def kind_of(line: Mapping[str, Any]) -> tuple[str, str]:
-    """What is most against the camera of a frame's line, and which marking it is about; its status if nothing is."""
+    """Most serious finding in a frame's line, and the marking it is about; without findings the status and ""."""
     first: Mapping[str, str] = next(iter(line.get("findings", ())), {})
     return first.get("what", line["status"]), first.get("about", "")
 
@@ -110,12 +111,12 @@ def is_squashed(line: Mapping[str, Any]) -> bool:
 
 
 def has_finding(line: Mapping[str, Any], *what: What) -> bool:
-    """Whether a frame's line of cameras.jsonl has one of some findings; lines of earlier versions have none."""
+    """Whether a frame's line of cameras.jsonl has any of some findings; lines of earlier versions have none."""
     return any(one.get("what") in what for one in line.get("findings", ()))
 
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
-    """The line of a frame in cameras.jsonl."""
+    """Make the line of a frame in cameras.jsonl."""
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     line |= {"verdict": str(calibration.verdict), "reason": calibration.reason, "remedy": calibration.remedy}
     line["findings"] = [one.to_dict() for one in calibration.findings]
@@ -132,7 +133,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
 
 
 def _estimated_size(calibration: Calibration) -> dict[str, Any]:
-    """The size of the field, where it was estimated from the frame."""
+    """Size of the field with standard deviations, if it was estimated from the frame; else empty."""
     layout = None if calibration.solved is None else calibration.uncertainty.layout
     if calibration.field is None or layout is None or not np.any(layout.free[layout.field_size_block]):
         return {}
@@ -152,13 +153,13 @@ def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    """A number for JSON, which has neither infinity nor NaN."""
+    """Convert a number for JSON, which has neither infinity nor NaN: these become None."""
     return float(value) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Consecutive frames with the same reason, up to its numbers."""
+    """Consecutive frames whose reasons differ at most in their numbers."""
 
     first: str
     """Id of the first frame."""
@@ -166,7 +167,7 @@ class Stretch:
     reason: str
     """Reason of the first frame."""
     kind: str = ""
-    """What is against the camera, without numbers: frames with the same are told together."""
+    """Kind of the reason, without numbers; successive frames of one kind make a stretch."""
     count: int = 1
 
     def __str__(self) -> str:
@@ -199,13 +200,13 @@ class ToLookAt:
     """
 
     stretches: list[Stretch] = attribute(default_factory=list)
-    """The first stretches of such frames."""
+    """First stretches of frames that are not good."""
     count: int = 0
-    """Number of all such frames."""
+    """Number of all frames that are not good."""
     named: int = 0
     """Number of frames in `stretches`."""
     remedies: dict[Remedy, dict[str, None]] = attribute(default_factory=dict)
-    """Remedies of the frames in `stretches`, in their order, with the first frames of these stretches."""
+    """Remedies of the frames in `stretches`, in order, each with the first frames of its stretches."""
     _is_next: bool = False
 
     def add(
@@ -230,7 +231,7 @@ class ToLookAt:
             self.remedies.setdefault(Remedy(remedy, tuple(advice)), {})[self.stretches[-1].first] = None
 
     def message(self, *where: str) -> str:
-        """Message with the frames, and where all are to be found; empty if all are good."""
+        """Format the list of frames, and where to find all of them; empty if all are good."""
         if not self.count:
             return ""
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"

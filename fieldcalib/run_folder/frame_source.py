@@ -1,8 +1,7 @@
-"""Where frames come from: a video, files of images, or arrays; in order as often as wanted, or one by its number.
+"""Sources of frames: a video, files of images, or arrays; read in order any number of times, or one by its number.
 
-A live stream is none: its frames come once (`fieldcalib.io.streams`).
-
-What an input is of: a video, a stream, or images; and whether its frames are calibrated together.
+A live stream is no such source, as its frames come only once (`fieldcalib.io.streams`). The module also decides whether
+an input is a video, a stream or images, and whether its frames are calibrated together (`is_clip`).
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.work_units import read_each
 
-PASSES = ("looking", "matching", "finding lines")  # of the frames while a clip is calibrated, in this order
-AGAIN, DRAWING = "finding lines again", "drawing"  # further ones
-SOLVING = "solving the clip"  # between them
+PASSES = ("looking", "matching", "finding lines")  # names of the passes over the frames of a clip, in this order
+AGAIN, DRAWING = "finding lines again", "drawing"  # names of further passes
+SOLVING = "solving the clip"  # name of the work between passes
 REPLACED = "the frames are not those that were read before: was the input replaced in the meantime? Run it again"
-MOST_BYTES = 256_000_000  # of the file of an image
+MOST_BYTES = 256_000_000  # largest file of an image
 CACHE_BYTES = 64_000_000  # of the images in memory: 10 of 1920 x 1080
 
 T = TypeVar("T")
@@ -60,12 +59,12 @@ def accepted(image: Image) -> None:
 
 
 def ignored(message: str) -> None:
-    """Tell nobody."""
+    """Ignore a message."""
 
 
 @dataclass(frozen=True)
 class ReadImage:
-    """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
+    """Reads images from files; `check` may raise a BrokenFileError for an image. Frames of a video pass through."""
 
     most_bytes: float = MOST_BYTES
     most_pixels: float = MOST_PIXELS
@@ -79,13 +78,13 @@ class ReadImage:
         return Frame(item.id, found.get(item.id), broken.get(item.id, ""), item.path)
 
     def image(self, file: FrameFile) -> Image:
-        """The image of a file; a BrokenFileError or MemoryError if it cannot be read."""
+        """Read the image of a file; a BrokenFileError or MemoryError if it cannot be read."""
         image = IMAGES.read(file.read(self.most_bytes), self.most_pixels)
         self.check(image)
         return image
 
     def sized(self, file: FrameFile, size: tuple[int, int] | None = None) -> tuple[Image, tuple[int, int]]:
-        """The image of a file, and its size or another one that is given."""
+        """Read the image of a file; also returns its size, or the given one."""
         image = self.image(file)
         return image, size or size_of(image)
 
@@ -94,19 +93,19 @@ READ = ReadImage()
 
 
 class FrameSource(ABC):
-    """Frames in order, each time from the first one; and one by its number among them, from 0.
+    """Frames that can be iterated over repeatedly, each time from the first, or read one by its number, from 0.
 
-    Reading by number is safe from several threads, and the images last read are kept.
+    Reading by number is safe from several threads, and the images last read are cached.
     """
 
     files: Sequence[FrameFile] = ()
-    """Files that they are read from."""
+    """Files from which the frames are read."""
     loss: str = ""
-    """Message about frames that the input announced and does not have; known when it was read to its end."""
+    """Message about frames that the input announced but does not have; known once it was read to its end."""
 
     def __init__(self) -> None:
         self.broken: dict[str, str] = {}
-        """Problems of frames that cannot be read, by id; known when they were read in order."""
+        """Problems of frames that cannot be read, by id; known once the frames were read in order."""
         self._kept: OrderedDict[int, Image] = OrderedDict()
         self._sizes: dict[int, tuple[int, int]] = {}
         self._lock = Lock()
@@ -118,12 +117,12 @@ class FrameSource(ABC):
 
     @property
     def frames_per_second(self) -> float:
-        """Frame rate, of pictures the usual one."""
+        """Frame rate; for pictures the default rate."""
         return DEFAULT_RATE if self.rate is None else self.rate
 
     @property
     def count(self) -> int:
-        """Number of frames that are announced; 0 if it is not known."""
+        """Number of frames that the input announces; 0 if unknown."""
         return len(self)
 
     @property
@@ -143,7 +142,7 @@ class FrameSource(ABC):
         return len(self.ids)
 
     def number(self, number: int) -> int:
-        """The number of a frame, checked.
+        """Check the number of a frame.
 
         Raises
         ------
@@ -155,7 +154,7 @@ class FrameSource(ABC):
         return int(number)
 
     def image(self, number: int) -> Image:
-        """The image of a frame; do not write to it.
+        """Read the image of a frame, which must not be written to.
 
         Raises
         ------
@@ -176,13 +175,13 @@ class FrameSource(ABC):
             return image
 
     def size(self, number: int) -> tuple[int, int]:
-        """Width and height of a frame, pixels; errors as those of `image`."""
+        """Width and height of a frame, pixels; raises as `image`."""
         if number not in self._sizes:
             self._sizes[number] = size_of(self.image(number))
         return self._sizes[number]
 
     def each(self, begin: int, end: int) -> Iterator[Image]:
-        """The images of frames from `begin` to `end`, one after the other, without keeping them."""
+        """Yield the images of frames from `begin` up to `end`, without caching them."""
         for number in range(begin, end):
             with self._lock:
                 image = self._kept.get(number)
@@ -190,7 +189,7 @@ class FrameSource(ABC):
             yield image
 
     def name(self, number: int) -> str:
-        """The name of a frame in annotations of other tools."""
+        """Name of a frame in annotations of other tools."""
         return self.ids[number]
 
     def close(self) -> None:  # noqa: B027 - pictures and arrays have nothing to close
@@ -222,9 +221,9 @@ class ArrayFrames(FrameSource):
 
 
 class FileFrames(FrameSource):
-    """Images in files, or in zips; `tell` gets what is wrong with one, once.
+    """Images in files, or in zips; `tell` is called once for each that cannot be read.
 
-    Those of a clip must be of one size.
+    Images of a clip must be of one size.
     """
 
     def __init__(
@@ -278,13 +277,13 @@ class VideoFrames(FrameSource):
     cut : Cut
         Which frames are read in order.
     read : ReadImage
-        The most pixels of a frame, and the check of each.
+        Largest number of pixels of a frame, and the check of each frame.
     threads : int, optional
-        Of the decoder.
+        Number of threads of the decoder.
     tell : function
-        Gets a message about announced frames that cannot be read, once.
+        Called once with a message about announced frames that cannot be read.
     numbers : sequence of int, optional
-        Numbers in the video of the frames that are read by number; all by default.
+        Numbers in the video of the frames that can be read by number; all by default.
 
     Raises
     ------
@@ -359,7 +358,7 @@ class VideoFrames(FrameSource):
         return self._decoded(self._numbers[number])
 
     def frame(self, wanted: int) -> Image:
-        """Read a frame by its number in the video, whether it is one of `numbers` or not; it is not kept.
+        """Read a frame by its number in the video, whether it is one of `numbers` or not, without caching it.
 
         Raises
         ------
@@ -393,9 +392,9 @@ def frames_of_files(
     *,
     is_clip: bool = False,
 ) -> FrameSource:
-    """The frames of a video, or of files of images; those of a clip are in the order of the numbers in their names.
+    """Open a video, or files of images; images of a clip are in the order of the numbers in their names.
 
-    Files in folders and zips that are no images are named on stderr.
+    Files in folders and zips that are not images are named on stderr.
 
     Raises
     ------
@@ -421,7 +420,7 @@ def in_cut(images: Sequence[T], cut: Cut, tell: Callable[[str], object]) -> Sequ
     Raises
     ------
     ValueError
-        If there is none, or the cut is one of times.
+        If no image is left, or the cut is given by times.
     """
     numbers = cut.numbers()
     found = images[numbers.start : numbers.stop : numbers.step]
@@ -433,9 +432,9 @@ def in_cut(images: Sequence[T], cut: Cut, tell: Callable[[str], object]) -> Sequ
 
 
 def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:
-    """The frames of a video, whose ids are their numbers with six digits.
+    """Yield the frames of a video, checked; their ids are their numbers with six digits.
 
-    A BrokenFileError of `check` gets the name of the video.
+    A BrokenFileError raised by `check` gets the name of the video.
     """
     frames = reader.numbered()
     with named_in_errors(name):
@@ -449,12 +448,12 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
 
 
 def whole_frame(image: Image) -> Placement:
-    """The placement of an image that is a whole frame."""
+    """Placement of an image that is a whole frame."""
     return Placement(size_of(image), size_of(image), None)
 
 
 class ClipInput:
-    """The images of a clip as parts of their frames; they can be read several times, with progress."""
+    """The frames of a clip, in which its images lie; they can be read several times, with progress."""
 
     def __init__(
         self, source: FrameSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
@@ -465,23 +464,23 @@ class ClipInput:
         self._passes = iter(PASSES)
 
     def frame_size(self) -> tuple[int, int]:
-        """Width and height of the frames, by the first one that can be read."""
+        """Width and height of the frames, from the first one that can be read."""
         placement = self.placement()
         return (0, 0) if placement is None else placement.frame_size
 
     def placement(self) -> Placement | None:
-        """Where the images lie in their frames, by the first one that can be read; None if there is none."""
+        """Placement of the images in their frames, from the first one that can be read; None if there is none."""
         first = next((frame.image for frame in self.source if frame.image is not None), None)
         return None if first is None else self._placement(first)
 
     def __iter__(self) -> Iterator[Image]:
-        """The images that can be read, as parts of their frames."""
+        """Yield the frames, for the images that can be read."""
         for frame in self.frames(next(self._passes, AGAIN)):
             if frame.image is not None:
                 yield self._placement(frame.image).image_in_frame(frame.image)
 
     def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
-        """The images as they are; `stage` is shown."""
+        """Yield the images as they are, with progress under the name `stage`."""
         ids: list[str] = []
         count = len(self.ids) or self.source.count or None
         with progress_bar(desc=stage, total=count, unit="frame", progress=self._progress) as progress:
@@ -514,14 +513,14 @@ def is_clip(first: Input, *, together: bool = False, alone: bool = False) -> boo
 
 
 def files_read(inputs: Sequence[Path]) -> list[Path]:
-    """The files that are read of images, or of one video: of a zip the zip itself."""
+    """Files on the disk that are read for images or for one video; images in a zip count as the zip itself."""
     if VIDEOS.recognises(inputs[0]):
         return list(inputs)
     return [file.on_disk for file in IMAGES.find(inputs)]
 
 
 def videos_in(one: Input) -> list[Input]:
-    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    """List the videos of a folder that has videos and no images; otherwise the input itself."""
     if isinstance(one, Stream) or not one.is_dir():
         return [one]
     files = sorted(path for path in one.iterdir() if path.is_file())
@@ -531,7 +530,7 @@ def videos_in(one: Input) -> list[Input]:
 
 
 def say_note(path: Path, video: VideoWriter) -> None:
-    """Print the note of a video that was written, if it has one, on stderr."""
+    """Print the note about a video that was written on stderr, if there is one."""
     if video.note:
         say(f"{path} {video.note}")
 
@@ -539,7 +538,7 @@ def say_note(path: Path, video: VideoWriter) -> None:
 def outcomes_of(
     frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
 ) -> list[Outcome]:
-    """The outcomes of frames, from results for those that could be read."""
+    """Make the outcomes of frames, from the results for the frames that could be read."""
     rest = iter(results)
     return [
         Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))

@@ -1,4 +1,4 @@
-"""Annotated frames calibrated by any method, with the results in a folder."""
+"""Calibration of annotated frames by any method, with the results written to a folder."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from fieldcalib.run_folder.work_units import (
 )
 from fieldcalib.solve.batch import compute_errors
 
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses from thresholds of the user; such cameras are not written
 RUN_FILES = frozenset({LINES, SOLVER, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # number of skipped files of each kind that are named
 CAMERA_FILES = (CAMERAS.file_name("<id>"),)
@@ -50,19 +50,19 @@ class AnnotationReader:
 
     field: Field
     image_size: tuple[int, int] | None
-    """Size of the images; None if the files have it."""
+    """Size of the images; None if the files give it."""
     labels: Labels = attribute(default_factory=dict)
     """Names of the field's segments by labels in the files."""
     most_bytes: float = MOST_BYTES
 
     def find(self, inputs: Sequence[Path]) -> list[FrameFile]:
-        """Find the frames of annotations in folders and zips; what else is there is named on stderr.
+        """Find the frames of annotations in folders and zips; other files there are named on stderr.
 
         Raises
         ------
         ValueError
-            If the size of the images is not given, and there are files of SoccerNet, which do not say it; or if labels
-            are mapped to what the field does not have.
+            If the size of the images is not given, and there are files of SoccerNet, which do not have it; or if labels
+            are mapped to labels that the field does not have.
         """
         files = ANNOTATIONS.find(inputs)
         name_skipped(inputs, files)
@@ -94,14 +94,14 @@ def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int
 
 
 def check_labels(labels: Labels, field: Field) -> None:
-    """Raise a ValueError if labels are mapped to what the field does not have."""
+    """Raise a ValueError if labels are mapped to labels that the field does not have."""
     wrong = [ours for ours in labels.values() if ours is not None and ours not in {*field, *UNKNOWN_LABELS}]
     if wrong:
         raise ValueError(f"--labels maps to {wrong[0]!r}, which is no label; {nearest_label(wrong[0], field)}")
 
 
 def name_left_out(found: FramesFound, field: Field) -> None:
-    """Say on stderr which labels and shapes of other tools are left out, each once."""
+    """Print on stderr which labels and shapes of other tools are left out, each once."""
     for label, count in found.unknown.items():
         hint = f"{nearest_label(label, field)}; --labels says what it is called here"
         say(f"{label!r} in {counted(count, 'frame')} is left out: unknown; {hint}")
@@ -114,9 +114,9 @@ def name_left_out(found: FramesFound, field: Field) -> None:
 
 
 def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
-    """Name unused files in folders and zips on stderr, in one line: how many of each kind, and the first.
+    """Name unused files in folders and zips on stderr, in one line: how many of each kind, and the first few.
 
-    A misnamed frame may be among them.
+    A frame with a wrong name may be among them.
     """
     by_suffix: dict[str, list[Path]] = {}
     for path in files_beside(inputs, used):
@@ -131,7 +131,7 @@ def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
 
 
 def _first(paths: Sequence[Path]) -> str:
-    """The names of a few of several files."""
+    """Names of the first few of several files."""
     names = [path.name for path in paths[:NAMED]]
     return ", ".join([*names, "..."] if len(paths) > NAMED else names)
 
@@ -144,12 +144,12 @@ class CalibratedFrame:
     details: Mapping[str, Any] = attribute(default_factory=dict)
     """More keys of its line in cameras.jsonl."""
     files: Mapping[str, bytes] = attribute(default_factory=dict)
-    """Content by name."""
+    """Contents of its files, by name."""
     message: str = ""
     """Line for stdout."""
 
     def outcome(self, id: str, eq3: float | None = None) -> Outcome:
-        """The outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
+        """Make the outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
         keeps = self.calibration.status not in WITHHELD
         return Outcome.of(id, self.calibration, keeps=keeps, eq3=eq3, details=self.details, files=self.files)
 
@@ -165,10 +165,10 @@ class FromFiles(Generic[Seen]):
     """Calibrates frames from their files; other processes get a copy."""
 
     read: Callable[[FrameFile], tuple[Seen, Size]]
-    """Reads what is seen in a frame, and the size of its image."""
+    """Reads the labelled pixels, image or homography of a frame, and the size of its image."""
     method: Method[Seen]
     losses: Callable[[dict[str, Seen], Sequence[Calibration]], Mapping[str, float]] | None = None
-    """Gives the paper's loss (eq. 3) of frames by id."""
+    """Returns TVCalib's loss (eq. 3) of frames by id."""
 
     def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the files and calibrate."""
@@ -209,8 +209,8 @@ def calibrate_folder(
 ) -> int:
     """Read annotations, calibrate by `method`, write to the folder of the run; returns the exit code.
 
-    `method`, which can be pickled, gets `at_once` frames, or those of these that are of one size. `writes` are the
-    names of the files that a frame may get. `more` is what the results depend on beside the options, as JSON.
+    `method`, which can be pickled, gets up to `at_once` frames of one size at a time. `writes` are the names of the
+    files that a frame may get. `more` is JSON of anything else that the results depend on, for the record.
     """
     files = reader.find(inputs)
     sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}
@@ -247,13 +247,13 @@ def calibrate_files(
 
 
 def _first_broken(read: Callable[[FrameFile], object], files: tuple[FrameFile, ...]) -> str:
-    """The first broken file and what is wrong with it; empty if there is none."""
+    """Message about the first broken file; empty if there is none."""
     _, broken = read_each(files, read)
     return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
 
 
 def paper_losses(field: Field, frames: Mapping[str, Pixels], calibrations: Sequence[Calibration]) -> dict[str, float]:
-    """The paper's loss (eq. 3) of the frames that have a camera, each on its own field; computes all errors first."""
+    """TVCalib's loss (eq. 3) of the frames that have a camera, each on its own field; computes all errors first."""
     compute_errors(calibrations)
     of = dict(zip(frames, calibrations, strict=True))
     cameras = {id: one.camera for id, one in of.items() if one.camera is not None}

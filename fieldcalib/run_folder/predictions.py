@@ -1,4 +1,4 @@
-"""Predictions and ground truth of frames: cameras or homographies of any tool, and annotations to score them by."""
+"""Reading of predictions and ground truth: cameras or homographies of any tool, and annotations to score them."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.labelled_frames import name_left_out
 from fieldcalib.run_folder.work_units import read_each, units_of
 
-OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
-LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
-READ_AT_ONCE = 256  # files, by one of several processes
+OFF_CENTRE = 0.1  # of the image's size: if the sizes differ by more, the camera was made for images of another size
+LARGEST_SIZE = 100_000  # px: a principal point beyond does not indicate the size of an image
+READ_AT_ONCE = 256  # files that one process reads at a time
 MOST_PIXELS = 20_000  # of an annotation: their distances to projected segments take 200 MB
 SEVERAL_SIZES = "the predictions are for images of several sizes: say by --size which one the annotations have"
 
@@ -50,15 +50,15 @@ class Predictions:
 
     by_frame: Mapping[str, Prediction]
     size: tuple[int, int]
-    """Size of the images that they are scored on."""
+    """Size of the images for which they are scored."""
     files: Sequence[FrameFile] = ()
-    """Files that they were read from, in folders and zips."""
+    """Files in folders and zips from which they were read."""
     made_for: tuple[int, int] | None = None
-    """Size of the images that they were calibrated on, if a run has recorded it."""
+    """Size of the images from which they were calibrated, if a run has recorded it."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
-        """Sizes of images that cameras were made for and that differ from `size`."""
+        """Sizes of images for which cameras were made, as far as they differ from `size`."""
         cameras = [p for p in self.by_frame.values() if isinstance(p, Camera)]
         made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
         size = np.array(self.size)
@@ -66,7 +66,7 @@ class Predictions:
 
 
 def natural_size(camera: Camera) -> tuple[int, int] | None:
-    """Size of the image whose centre is the principal point, even numbers: a camera file has no other size."""
+    """Size of the image whose centre is the principal point, in even numbers; a camera file has no size of its own."""
     centre = camera.K[:2, 2]
     if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
         return None
@@ -76,10 +76,10 @@ def natural_size(camera: Camera) -> tuple[int, int] | None:
 
 @dataclass(frozen=True)
 class FileReader:
-    """Reads files, by several processes if there is an executor; messages about broken ones are collected."""
+    """Reads files, by several processes if there is an executor, and collects messages about broken ones."""
 
     broken: list[str]
-    """Gets a message for each file that cannot be read."""
+    """Messages about files that cannot be read, added by reading."""
     most_bytes: float = MOST_BYTES
     executor: Executor | None = None
 
@@ -105,15 +105,15 @@ def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: fl
 def read_predictions(
     reader: FileReader, path: Path, size: tuple[int, int] | None = None, *, homographies: bool = False
 ) -> Predictions:
-    """Read cameras of a folder, a zip or a TVCalib output; homographies if asked for or if there are no cameras.
+    """Read cameras of a folder, a zip or a TVCalib output; homographies if requested or if there are no cameras.
 
-    Cameras are taken as they are, homographies are scaled to `size` where it is known which images they are for. Frames
-    whose files are broken have no prediction.
+    Cameras are taken as they are. Homographies are scaled to `size` if the size of their images is known. Frames whose
+    files are broken have no prediction.
 
     Raises
     ------
     ValueError
-        If there is no prediction, or no size is given and they do not agree on one.
+        If there is no prediction, or if no size is given and the predictions do not agree on one.
     """
     files: Sequence[FrameFile] = ()
     size_of_run = None
@@ -135,7 +135,7 @@ def read_predictions(
 
 
 def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
-    """Files of a format; none if there are none in a folder or zip that exists."""
+    """Find files of a format; [] if an existing folder or zip has none."""
     try:
         return form.find([path])
     except FileNotFoundError:
@@ -145,7 +145,7 @@ def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
 
 
 def _size_of_run(path: Path) -> tuple[int, int] | None:
-    """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
+    """Size of the images of a run whose cameras are in a folder; None if there is no run, or several sizes."""
     if not lines_file(path).is_file():
         return None
     lines = ResultFile(lines_file(path)).mains()
@@ -153,7 +153,7 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
 
 
 def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
-    """Files of homographies, which were asked for or are all that there may be."""
+    """Find files of homographies, if these are requested or there are no cameras."""
     files = HOMOGRAPHIES.find([path]) if homographies else _files(HOMOGRAPHIES, path)
     if not files:
         raise FileNotFoundError(
@@ -166,7 +166,7 @@ def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
 def _read_tvcalib(
     reader: FileReader, path: Path, size: tuple[int, int] | None, *, homographies: bool
 ) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
-    """Predictions of a per_sample_output.json, and the size of their images."""
+    """Read the predictions of a per_sample_output.json, and the size of their images."""
     lines: list[str] = []
     with named_in_errors(path):
         records = RECORDS.read(read_regular_file(path, reader.most_bytes), broken=lines)
@@ -182,7 +182,7 @@ def _read_tvcalib(
 
 
 def _scaled(record: TVCalibRecord, size: tuple[int, int] | None) -> Array:
-    """The homography of a record for images of another size, where its own is known."""
+    """Scale the homography of a record to images of another size, if the size of its own images is known."""
     assert record.homography is not None
     if size is None or record.image_size is None:
         return record.homography
@@ -190,7 +190,7 @@ def _scaled(record: TVCalibRecord, size: tuple[int, int] | None) -> Array:
 
 
 def _only(sizes: set[tuple[int, int] | None]) -> tuple[int, int] | None:
-    """The size that all agree on, None if they do not."""
+    """The only one of some sizes; None if there are several, or none."""
     return sizes.pop() if len(sizes) == 1 else None
 
 
@@ -202,7 +202,7 @@ class GroundTruth:
     homographies: Mapping[str, Array]
     """Homographies from the field to the image, of the frames that have one."""
     share: float = 1.0
-    """Share of the data set's frames that these are, broken ones included."""
+    """Share of the data set's frames that were chosen, broken ones included."""
     files: Sequence[FrameFile] = ()
     """All files of the data set, also frames of other camera types."""
 
@@ -212,7 +212,7 @@ def read_ground_truth(
 ) -> GroundTruth:
     """Read annotations of a folder or a zip, and homographies that lie beside them.
 
-    With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
+    With `camera_type`, only frames from cameras of this type, according to match_info_cam_gt.json.
     """
     found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=reader.most_bytes)
     name_left_out(found, field)

@@ -1,9 +1,10 @@
-"""The record of a run, run.json: its options and its input, written before the work, for a run that resumes it.
+"""The record of a run, run.json, with its options and its input: it is written before the work, to resume the run later.
 
-A record may have been changed, or come from others: it is checked when it is read. The names of files in it, by which
-a run that is replaced is removed and shards are joined, are those that runs write, and lead to no other folder.
+A record may have been edited, or come from others, so it is checked when it is read. The names of files in it decide
+which files are removed when a run is replaced, and which are joined from shards. So only names that runs write are
+accepted, which cannot lead to another folder.
 
-Options of a run: where and how it writes, and which part of the work it does.
+`RunOptions` are the options of a run: where and how it writes, and which part of the work it does.
 """
 
 from __future__ import annotations
@@ -31,24 +32,25 @@ ESTIMATED = "estimated"  # value of options: a size or shape is estimated from t
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 RECORD = "run.json"
-ID = "<id>"  # in the names of files, where the id of a frame comes
-ONE_FILE_NAME = "localized"  # of the file of all frames that localize writes in some formats, without its ending
-WRITTEN = frozenset(  # names of files in records
+ID = "<id>"  # placeholder for the id of a frame in the names of files
+ONE_FILE_NAME = "localized"  # name, without ending, of the one file that localize writes in some formats
+WRITTEN = frozenset(  # allowed names of files in records
     [CAMERAS.file_name(ID), OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
     + [form.file_name(name) for form in OTHER_ANNOTATIONS.values() for name in (ID, ONE_FILE_NAME)]
 )
 MOST_IN_UNIT = 1_000_000  # frames
 TEXT, WHOLE_NUMBER, TEXTS = "a text", "a whole number from 0", "a list of texts"
-KINDS = {  # of the values of a record, by name
+KINDS = {  # kinds of the values of a record, by name
     **dict.fromkeys(("command", "names", "contents", "version", "network"), TEXT),
     **dict.fromkeys(("frames", "unit", "format"), WHOLE_NUMBER),
     **dict.fromkeys(("writes", "source"), TEXTS),
 }
-OPTIONS = {  # that are read from records, by name
+OPTIONS = {  # kinds of the options that are read from records, by name
     **dict.fromkeys(("start", "end", "format", "field"), TEXT),
     "step": WHOLE_NUMBER,
 }
-NOT_COMPARED = frozenset({"input", "threads"})  # options: the input is recorded by its digests, threads change nothing
+# options that are not recorded: the input is recorded by its digests, threads do not change results
+NOT_COMPARED = frozenset({"input", "threads"})
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Parse "K/N"; a ValueError if it is none.
+        """Parse "K/N"; a ValueError if it is invalid.
 
         Examples
         --------
@@ -80,21 +82,21 @@ class Shard:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of everything that writes a folder of results."""
+    """Options of a command that writes a folder of results."""
 
     out: Path
     recorded: Mapping[str, Any]
-    """All options that change results, as JSON: for run.json and summary.json."""
+    """All options that affect results, as JSON, for run.json and summary.json."""
     command: str = ""
     field_file: Path | None = None
     """The field's file, if it is the user's own."""
     format: str = JSON_LINES
     jobs: int = 1
-    """Processes, each with one thread; the results are the same."""
+    """Number of processes, each with one thread; results do not depend on it."""
     shard: Shard | None = None
-    """The part of the work that is done, for several machines."""
+    """The part of the work to do, if it is shared among several machines."""
     resume: bool = False
-    """Whether to go on with the run in the folder."""
+    """Whether to resume the run in the folder."""
     overwrite: bool = False
     """Whether to remove the results of an earlier run first."""
     strict: bool = False
@@ -102,16 +104,16 @@ class RunOptions:
 
     @property
     def writes_table(self) -> bool:
-        """Whether cameras.parquet is written in the place of cameras.jsonl."""
+        """Whether cameras.parquet is written instead of cameras.jsonl."""
         return self.format == PARQUET
 
     def changed(self, out: Path, **options: Any) -> RunOptions:
-        """The run with another folder and other recorded options."""
+        """Change the folder and some recorded options."""
         return replace(self, out=out, recorded={**self.recorded, **as_json(options)})
 
 
 def as_json(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as JSON; other values as their texts."""
+    """Convert options to JSON; values that JSON does not have become texts."""
     return json.loads(json.dumps(options, default=str))  # type: ignore[no-any-return]
 
 
@@ -127,7 +129,7 @@ class RunRecord:
     names: str
     """Digest of the names of the input's files."""
     contents: str
-    """Digest of their sizes and times."""
+    """Digest of the sizes and times of the input's files."""
     unit: int
     """Number of frames in a unit."""
     shard: str | None
@@ -138,9 +140,9 @@ class RunRecord:
     format: int = FORMAT
     """Version of the files that are written."""
     source: Sequence[str] = ()
-    """Paths of the input, from which its frames can be read again; empty if it is no file."""
+    """Paths of the input, from which its frames can be read again; empty if it is not in files."""
     network: str = ""
-    """Digest of the network of one's own; empty if it was that of the package, or none."""
+    """Digest of the user's own network; empty if it was that of the package, or none."""
 
     @classmethod
     def of(
@@ -153,7 +155,7 @@ class RunRecord:
         more: Any = None,
         network: str = "",
     ) -> RunRecord:
-        """Record a run on some files; `more` is what its results depend on beside the options, as JSON."""
+        """Record a run on some files; `more` is JSON of anything else that its results depend on."""
         kept = {name: value for name, value in run.recorded.items() if name not in NOT_COMPARED}
         names = _digest([file.id for file in files])
         field = None if run.field_file is None else FrameFile(str(run.field_file), run.field_file).state
@@ -171,7 +173,7 @@ class RunRecord:
         Raises
         ------
         BrokenFileError
-            If the file is no record; the message begins with its path.
+            If the file is not a valid record; the message begins with its path.
         """
         path = folder / RECORD
         if not path.exists():
@@ -180,15 +182,15 @@ class RunRecord:
             record = parse_json_object(read_regular_file(path), "a run")
             _check(record)
             return cls(**{"format": OLD_FORMATS[0], **record, "writes": tuple(record["writes"])})
-        except (BrokenFileError, KeyError, TypeError) as error:  # of keys that are missing, or unknown
+        except (BrokenFileError, KeyError, TypeError) as error:  # the latter two from missing or unknown keys
             raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
 
     def files_of(self, id: str) -> list[str]:
-        """Names of the files that a frame may have; none if its id cannot be part of a file's name."""
+        """Names of the files that a frame may have; [] if its id cannot be part of a file's name."""
         return [name.replace(ID, id) for name in self.writes] if can_name_files(id) else []
 
     def write(self, folder: Path) -> None:
-        """Write it to a folder."""
+        """Write the record to a folder."""
         write_text(folder / RECORD, json.dumps(asdict(self), indent=2) + "\n")
 
     def differences(self, other: RunRecord, *, of_shards: bool = False) -> str:
@@ -219,7 +221,7 @@ class RunRecord:
 
 
 def _check(record: Mapping[str, Any]) -> None:
-    """Raise a BrokenFileError if a value of a record is not what it should be."""
+    """Raise a BrokenFileError if a value of a record is invalid."""
     _check_kinds(record, KINDS)
     if not isinstance(record.get("options", {}), dict):
         raise BrokenFileError(f"'options': expected an object, got {record['options']!s:.100}")

@@ -1,8 +1,8 @@
 """The folder of results of a run, written frame by frame, so that a run that ends at any time can be resumed.
 
-``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``solver.jsonl``, that in
-``cameras.jsonl``, and then its files. So a frame has all of its files if another line follows; the last one is done
-again. And no file is without a line, which says what belongs to the run.
+``run.json`` is written first and ``summary.json`` last. In between each frame gets its line in ``solver.jsonl``, then
+its line in ``cameras.jsonl``, and then its files. So a frame has all of its files if another line follows, and only the
+last frame has to be done again. And every file of a frame has a line, which shows that it belongs to the run.
 """
 
 from __future__ import annotations
@@ -43,28 +43,28 @@ from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, pars
 from fieldcalib.run_folder.frame_record import Outcome, ToLookAt, has_finding, is_squashed, kind_of
 from fieldcalib.run_folder.record import ESTIMATED, PARQUET, RECORD, RunOptions, RunRecord
 
-SUMMARY = "summary.json"  # of a run that is finished
+SUMMARY = "summary.json"  # only finished runs have one
 MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"
 LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
 REPORT = "report.html"
-SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY, REPORT)  # files that are of no single frame
-WITHOUT_PICTURES = frozenset({"calibrate", "localize"})  # commands that write no other one of these than the summary
+SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, CLIP, OVERLAY, REPORT)  # files that do not belong to a single frame
+WITHOUT_PICTURES = frozenset({"calibrate", "localize"})  # commands that write only the summary of these
 PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
-# Least number and share of frames with pixels that are not square, to warn of them. Of 728 annotated frames none has
-# such pixels, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.
+# Least number and share of frames found to have pixels that are not square, for a warning. Of 728 annotated frames none
+# is found so, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
 # Width / height of pictures that were probably squashed or cropped: broadcasts have 4:3 and more.
 NEARLY_SQUARE = 0.9, 1.3
 DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
-GIVEN = (*DECLARATIONS, "position", "rotation")  # options that, if they are wrong, leave no camera
-ASPECT = "aspect"  # as does this one, unless its value is "estimated"
+GIVEN = (*DECLARATIONS, "position", "rotation")  # options that, if they are wrong, lead to rejected cameras
+ASPECT = "aspect"  # option that declares the shape of pictures too, unless its value is "estimated"
 OBJECT = "an object"
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
 class UsedFolderError(FileExistsError):
-    """The folder of results has some already: what they are, and which options of the command line go on from there."""
+    """Raised if the folder has results already; says which, and by which command line options to go on."""
 
     def __init__(self, found: str, options: str) -> None:
         super().__init__(f"{found}: {options}")
@@ -78,11 +78,11 @@ class ResultsWriter:
     out: Path
     log: LineLog
     solver: LineLog | None = None
-    """The second file of lines; None where there is only one."""
+    """The second file of lines; None if there is only one."""
     done: int = 0
-    """Frames that are written."""
+    """Number of frames that are written."""
     restored: list[str] = attribute(default_factory=list)
-    """Ids of those that an earlier part of the run has written, in order."""
+    """Ids of the frames that an earlier part of the run has written, in order."""
     statuses: Counter[str] = attribute(default_factory=Counter)
     verdicts: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
@@ -90,14 +90,14 @@ class ResultsWriter:
     squashed: int = 0
     nearly_square: int = 0
     calibrated: int = 0
-    """Frames that were calibrated now, not in an earlier part of the run."""
+    """Number of frames that were calibrated now, not in an earlier part of the run."""
     calibrating: float = 0.0
-    """Seconds that these took, without files and pictures."""
+    """Seconds that their calibration took, without reading and writing files and pictures."""
     notes: Sequence[str] = ()
     """Notes about the camera of a clip."""
 
     def add(self, outcome: Outcome) -> None:
-        """Write the line of the next frame, and its files; a complaint is printed on stderr."""
+        """Write the line of the next frame and its files, and print its complaint, if any, on stderr."""
         if outcome.complaint:
             say(outcome.complaint)
         self._append(outcome.line)
@@ -147,7 +147,7 @@ class ResultsWriter:
         return 1 if self.statuses[BROKEN] else 0
 
     def summary(self, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
-        """Content of summary.json; `seconds` is how long everything took."""
+        """Content of summary.json; `seconds` is the total time."""
         return {
             "frames": self.done,
             "cameras": self.cameras,
@@ -162,7 +162,7 @@ class ResultsWriter:
         }
 
     def say(self, options: Mapping[str, Any]) -> None:
-        """Print how many cameras there are; on stderr the frames to look at, and doubts about the options."""
+        """Print the number of cameras; on stderr also the frames to look at, and doubts about the options."""
         statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
@@ -175,7 +175,7 @@ class ResultsWriter:
             say(f"{counted(others, 'camera')} in {self.out} {verb} not of this run")
 
     def _ask_about_shape(self, options: Mapping[str, Any]) -> None:
-        """Ask on stderr whether the pictures were squashed or cropped, if they look so and the options do not say."""
+        """Ask on stderr whether the pictures were squashed or cropped, if they look so and no option declares it."""
         frames = counted(self.done, "frame")
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {frames} show pixels that are not square"
@@ -191,7 +191,7 @@ class ResultsWriter:
             )
 
     def _say_what_to_look_at(self, options: Mapping[str, Any]) -> None:
-        """Name the first frames that are not good on stderr, and where all are to be seen."""
+        """Print on stderr the first frames that are not good, and where to find all of them."""
         where = [self.out / (TABLE if options.get("format") == PARQUET else LINES)]
         if (self.out / WORST).exists():
             where.append(self.out / WORST)
@@ -209,9 +209,9 @@ class ResultsWriter:
 def open_camera_folder(
     run: RunOptions, record: RunRecord, began: float, files: Sequence[FrameFile] = ()
 ) -> Iterator[ResultsWriter]:
-    """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
+    """Open the folder of results for cameras, frame by frame; it gets its summary.json if no error is raised.
 
-    `began` is the value of `time.perf_counter` at the start, `files` are those of `open_run_folder`.
+    `began` is the value of `time.perf_counter` at the start; `files` as in `open_run_folder`.
     """
     if run.writes_table and run.shard is not None:
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
@@ -223,7 +223,7 @@ def open_camera_folder(
 
 
 def write_table(run: RunOptions) -> None:
-    """Replace ``cameras.jsonl`` by a table, if that is asked for."""
+    """Replace ``cameras.jsonl`` by a table, if the options ask for it."""
     if run.writes_table:
         with output_folder(run.out):
             write_parquet(whole_line_pairs(run.out), run.out / TABLE)
@@ -237,16 +237,16 @@ def open_run_folder(
 ) -> Iterator[ResultsWriter]:
     """Lock the folder of results and restore a run that is resumed; `lines` is the name of its log.
 
-    `files` are read by the run; those that are of one frame name its results.
+    `files` are the files that the run reads; the files of its results are named after their ids.
 
     Raises
     ------
     UsedFolderError
         If the folder holds the results of a run and neither --resume nor --overwrite is given.
     FileExistsError
-        If a file would be written over that is read, or that no run has written.
+        If a file would be overwritten that is read, or that no run has written.
     BrokenFileError
-        If the record or a line of the run to be resumed is none; the message begins with its file.
+        If the record or a line of the run to be resumed is invalid; the message begins with its file.
     ValueError
         If the run to be resumed had other options, or another input.
     """
@@ -264,7 +264,7 @@ def open_run_folder(
             if earlier is None:
                 record.write(out)
             if run.resume and is_finished(out) and _frames_told(out) > count:
-                (out / SUMMARY).unlink()  # lines are gone since
+                (out / SUMMARY).unlink()  # lines have been lost since
             kept = count if is_finished(out) else max(count - 1, 0)
             with ExitStack() as logs:
                 log = logs.enter_context(LineLog(out / lines, kept))
@@ -284,7 +284,7 @@ def open_run_folder(
 
 
 def _check_targets(run: RunOptions, record: RunRecord, lines: str, files: Sequence[FrameFile]) -> None:
-    """Check the files that a run writes, or removes before, see `fieldcalib.io.output_folder.check_targets`."""
+    """Check the files that a run will write, or remove before, see `fieldcalib.io.output_folder.check_targets`."""
     out, earlier = run.out, _record_or_none(run.out)
     of_run = {RECORD, lines, *((SOLVER, TABLE) if lines == LINES else ()), *shared_files(run.command)}
     of_frames = {name: file.id for file in files for name in record.files_of(file.id)}
@@ -323,7 +323,7 @@ def _restore(results: ResultsWriter, lines: str) -> None:
 
 
 def _restore_lines(run: RunOptions) -> None:
-    """Write the lines of a run that is resumed or replaced from the table that it has left; ``cameras.jsonl`` last."""
+    """Restore the lines of a run that is resumed or replaced from its table; ``cameras.jsonl`` is written last."""
     table = lines_file(run.out)
     if (run.resume or run.overwrite) and table.name == TABLE:
         for index, name in ((1, SOLVER), (0, LINES)):
@@ -338,12 +338,12 @@ def finish(out: Path, summary: Mapping[str, Any]) -> None:
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """The summary of a run that is finished, checked.
+    """Read and check the summary of a finished run.
 
     Raises
     ------
     BrokenFileError
-        If it cannot be read or is none; the message begins with its path.
+        If it cannot be read or is invalid; the message begins with its path.
     """
     path = folder / SUMMARY
     with named_in_errors(path):
@@ -360,12 +360,12 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a folder holds the results of a run that has come to its end."""
+    """Whether a folder holds the results of a finished run."""
     return (folder / SUMMARY).is_file()
 
 
 def _frames_told(folder: Path) -> int:
-    """Number of frames of a finished run by its summary; 0 if that is none."""
+    """Number of frames of a finished run according to its summary; 0 if that is invalid."""
     try:
         frames = read_summary(folder).get("frames")
     except BrokenFileError:
@@ -374,12 +374,12 @@ def _frames_told(folder: Path) -> int:
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Whether a folder holds the results of a run that has not come to its end."""
+    """Whether a folder holds the results of an unfinished run."""
     return (folder / RECORD).is_file() and not is_finished(folder)
 
 
 def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
-    """The record of the run in a folder that is resumed, None if there is none."""
+    """Read the record of the run to be resumed; None if the folder has no results."""
     earlier = RunRecord.read(out)
     if earlier is None:
         if _used(out):
@@ -403,7 +403,7 @@ def _used(out: Path) -> bool:
 
 
 def _count(out: Path, lines: str) -> int:
-    """Number of frames that have all of their lines."""
+    """Number of frames whose lines are complete."""
     if not (out / lines).exists():
         return 0
     return sum(1 for _ in (whole_line_pairs(out) if lines == LINES else whole_lines(out / lines)))
@@ -418,12 +418,12 @@ def _record_or_none(out: Path) -> RunRecord | None:
 
 
 def shared_files(command: str) -> tuple[str, ...]:
-    """Names of the files of no single frame that a command may write."""
+    """Names of the files that a command may write and that do not belong to a single frame."""
     return (SUMMARY,) if command in WITHOUT_PICTURES else SHARED_FILES
 
 
 def _files_of_run(out: Path, record: RunRecord | None) -> Iterator[Path]:
-    """The files of frames and of all frames that the run in a folder has written; without a record, by their names."""
+    """Yield all files that the run in a folder has written; without a record they are found by their names."""
     if record is not None:
         yield from _files_of_frames(out, record)
     else:
@@ -432,13 +432,13 @@ def _files_of_run(out: Path, record: RunRecord | None) -> Iterator[Path]:
 
 
 def _files_of_frames(out: Path, record: RunRecord) -> Iterator[Path]:
-    """The files of the frames in the logs of a run."""
+    """Yield the files of the frames in the logs of a run."""
     ids = (id for log in (LINES, LOCALIZED) for id in _ids(out / log))
     return (out / name for id in ids for name in record.files_of(id))
 
 
 def _clear(out: Path) -> None:
-    """Remove the results of an earlier run; the names of its frames and its record go last."""
+    """Remove the results of an earlier run; the lines of its frames and its record are removed last."""
     earlier = _record_or_none(out)
     (out / SUMMARY).unlink(missing_ok=True)
     if earlier is not None:
@@ -460,7 +460,7 @@ def _forget(out: Path) -> None:
 
 
 def _ids(log: Path) -> Iterator[str]:
-    """The frames in a log; what is no line of a frame is passed over."""
+    """Yield the ids of the frames in a log; invalid lines are skipped."""
     for text in whole_lines(log) if log.is_file() else ():
         with suppress(BrokenFileError):
             id = parse_json_object(text, "a frame").get("id")
@@ -469,7 +469,7 @@ def _ids(log: Path) -> Iterator[str]:
 
 
 def is_nearly_square(line: Mapping[str, Any]) -> bool:
-    """Whether the picture of a line of cameras.jsonl is nearly square, as no broadcast is, and was not found squashed.
+    """Whether a line of cameras.jsonl is of a nearly square picture, unlike broadcasts, that was not found squashed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Frames in units for several processes: units, and so results, do not depend on the number of processes."""
+"""Division of frames into units for several processes; units, and so results, do not depend on their number."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class UnitResult:
 def read_each(
     files: Iterable[FrameFile], read: Callable[[FrameFile], Member]
 ) -> tuple[dict[str, Member], dict[str, str]]:
-    """Read the files of frames: returns their contents, and the problems of broken ones, by frame id."""
+    """Read the files of frames; returns the contents, and the problems of broken files, by frame id."""
     found: dict[str, Member] = {}
     broken: dict[str, str] = {}
     for file in files:
@@ -53,7 +53,7 @@ def read_each(
 
 
 def grouped(items: Iterable[Member], key: Callable[[Member], Key]) -> dict[Key, list[Member]]:
-    """Collect the items of each key in a list.
+    """Group items by key, in lists.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def in_groups(
 
 
 def unit_size(frames: int) -> int:
-    """Number of frames that are worked on together: many are quicker, and processes need some to share.
+    """Number of frames in a unit: large units are faster, but there must be enough units for several processes.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def unit_size(frames: int) -> int:
 
 
 def units_of(items: Iterable[Member], size: int, shard: Shard | None = None) -> Iterator[tuple[Member, ...]]:
-    """Split items into units of a size, of which the last may be smaller; a shard gets every n-th unit.
+    """Split items into units of a size, the last of which may be smaller; a shard gets every n-th unit.
 
     Examples
     --------
@@ -120,7 +120,7 @@ def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
 
 
 def executor_of(jobs: int) -> AbstractContextManager[Executor | None]:
-    """Start processes that work on units; None for one job, whose work is done here."""
+    """Start processes that work on units; None for one job, which works in this process."""
     return nullcontext() if jobs == 1 else Processes(jobs)
 
 
@@ -133,10 +133,10 @@ def work(
     total: int,
     write: Callable[[Outcome], None] | None = None,
 ) -> None:
-    """Apply a function to units of `size` items and write the outcomes in order; those that are done are left out.
+    """Apply a function to units of `size` items and write the outcomes in order, without frames that are done already.
 
-    `write`, if given, gets the outcomes of all items instead. A frame whose process ends is written as broken; the
-    others of its unit are done.
+    If `write` is given, it is called with the outcomes of all items instead. A frame whose process ends is written as
+    broken; the other frames of its unit are done.
     """
     done = results.done if write is None else 0
     with (
@@ -157,7 +157,7 @@ def work(
 
 
 def _checked(units: Iterable[tuple[ItemT, ...]], results: ResultsWriter) -> Iterator[tuple[ItemT, ...]]:
-    """The units, whose first frames must be those that an earlier part of the run has written."""
+    """Yield the units, checking that the first frames are those that an earlier part of the run has written."""
     number = 0
     for unit in units:
         for item in unit:
@@ -167,9 +167,9 @@ def _checked(units: Iterable[tuple[ItemT, ...]], results: ResultsWriter) -> Iter
 
 
 def _rest(units: Iterable[tuple[Member, ...]], done: int) -> tuple[Iterable[tuple[Member, ...]], int]:
-    """The units that are not done, and the number of frames of the first of them that are.
+    """Find the units that are not done, and how many frames of the first of them are.
 
-    The first one is worked on as a whole again, for the same results.
+    That unit is processed again as a whole, so that the results are the same.
     """
     left = iter(units)
     for unit in left:
@@ -185,7 +185,7 @@ def _rescued(
     unit: tuple[ItemT, ...],
     _: ProcessEndedError,
 ) -> UnitResult:
-    """The result of a unit whose process has ended: tried once more as a whole, then frame by frame."""
+    """Process a unit whose process has ended: once more as a whole, then frame by frame."""
     try:
         return executor.submit(function, unit).result()
     except ProcessEndedError as error:
@@ -197,7 +197,7 @@ def _rescued(
 
 
 def joined(parts: Sequence[UnitResult]) -> UnitResult:
-    """The results of parts of a unit as one."""
+    """Join the results of parts of a unit."""
     outcomes = [outcome for part in parts for outcome in part.outcomes]
     message = "\n".join(part.message for part in parts if part.message)
     return UnitResult(outcomes, sum(part.seconds for part in parts), message)

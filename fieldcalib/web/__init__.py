@@ -1,4 +1,4 @@
-"""The page that shows, mends and labels frames: its server, and reports of one file."""
+"""The page on which frames are viewed, labelled and corrected: its server; and reports in a single file."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""The application behind the page: addresses, and what each answers. It needs the extra ``web``.
+"""The web application behind the page: its addresses and their answers (`Page`). It needs the extra ``web``.
 
-Edits of a frame as the page sends them: checked, and applied to the editor.
+Edits of a frame are checked as the page sends them, and applied to the editor (`apply`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from fieldcalib.web.jobs import ClipJob, Worker
 from fieldcalib.web.pictures import LARGEST, ShownPictures
 from fieldcalib.web.records import error_map, field_record, frames_state
 
-MOST_MARKS = 2000  # of a frame
+MOST_MARKS = 2000  # largest number of marks of a frame
 KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect")
 
 TYPES = {
@@ -49,7 +49,7 @@ TYPES = {
     ".woff2": "font/woff2",
 }
 INDEX = "index.html"
-ENDING = 5.0  # seconds in which threads may finish what they are at
+ENDING = 5.0  # seconds in which threads may finish their work at the end
 
 Answer = Callable[[Request], Awaitable[Response]]
 
@@ -60,9 +60,9 @@ def apply(editor: Editor, number: int, body: Mapping[str, Any]) -> None:
     Raises
     ------
     ValueError
-        If it is no edit, or cannot be applied.
+        If it is not an edit, or cannot be applied.
     StaleEdit
-        If the frame was changed since the revision that it is of.
+        If the frame was changed since the revision on which the edit is based.
     """
     revision = body.get("revision")
     if not isinstance(revision, int) or isinstance(revision, bool):
@@ -138,7 +138,7 @@ def _label(body: Mapping[str, Any]) -> str:
 
 
 def _points(value: Any) -> Any:
-    """Checked pixels (N, 2)."""
+    """Check pixels (N, 2)."""
     try:
         xy = np.array(value, dtype=float)
     except (TypeError, ValueError):
@@ -170,7 +170,7 @@ class Json(Response):
 
 
 def page_files() -> dict[str, bytes]:
-    """The files of the page in the package, by name: nothing else is ever sent from the disk."""
+    """Read the files of the page from the package, by name: no other file is ever sent from the disk."""
     return {
         one.name: one.read_bytes()
         for one in files("fieldcalib.web").joinpath("static").iterdir()
@@ -250,7 +250,7 @@ class Page:
         return Response(content, headers={"content-type": kind})
 
     async def project(self, request: Request) -> Response:
-        """What is opened."""
+        """State of the editor as a whole: title, kind, folder, counts, cuts."""
         editor = self.editor
         return Json(
             {
@@ -270,7 +270,7 @@ class Page:
         )
 
     async def table(self, request: Request) -> Response:
-        """All frames."""
+        """The table of all frames."""
         return Json(frames_state(self.editor))
 
     async def field(self, request: Request) -> Response:
@@ -285,7 +285,7 @@ class Page:
         return await asyncio.wrap_future(self.worker.state(number))
 
     async def edit(self, request: Request) -> Response:
-        """Change a frame; the answer has what is drawn, and the verdict only where there is no camera."""
+        """Change a frame; the answer has what the page draws, and the verdict only if there is no camera."""
         number, body = self._number(request), await _body(request)
         try:
             await run_in_threadpool(apply, self.editor, number, body)
@@ -349,12 +349,12 @@ class Page:
         return Json({"saved": saved, "by_hand": by_hand, **said})
 
     def _history(self) -> str:
-        """Where files are kept that the last save replaced, in the folder of results; empty if it replaced none."""
+        """Folder, within the folder of results, of the files that the last save replaced; empty if it replaced none."""
         replaced = self.editor.last_save.replaced
         return "" if replaced is None or replaced.folder is None else f"{HISTORY}/{replaced.folder.name}"
 
     async def likely(self, request: Request) -> Response:
-        """Labels for a pixel, the likely ones first."""
+        """Labels for a pixel, the likeliest first."""
         one = await self._fitted(request)
         return Json({"labels": one.likely_labels((_real(request, "x"), _real(request, "y")))})
 
@@ -367,11 +367,11 @@ class Page:
         return Json({"file": name, "history": self._history()})
 
     async def job_report(self, request: Request) -> Response:
-        """Where the solution of the clip stands."""
+        """Progress of the solution of the clip."""
         return Json(await run_in_threadpool(self.job.report))
 
     async def next_to_mend(self, request: Request) -> Response:
-        """The frame to mend next; null if all are good."""
+        """Number of the frame to mend next; null if all are good."""
         return Json({"number": await run_in_threadpool(self.editor.next_to_mend)})
 
     async def proposed(self, request: Request) -> Response:
@@ -387,13 +387,13 @@ class Page:
         return Json(self.job.report())
 
     async def cancel(self, request: Request) -> Response:
-        """End the solution, or drop it."""
+        """Cancel the solution of the clip, or discard it."""
         await _body(request)
         self.job.cancel()
         return Json(self.job.report())
 
     async def draw(self, request: Request) -> Response:
-        """Begin to draw files again that show older cameras."""
+        """Begin to redraw the files that show older cameras."""
         await _body(request)
         self.job.draw()
         return Json(self.job.report())
@@ -404,7 +404,7 @@ class Page:
         return Json({"saved": await run_in_threadpool(self.job.keep)})
 
     async def undo_keep(self, request: Request) -> Response:
-        """Take the solution back that was kept last."""
+        """Undo the last `keep`."""
         await _body(request)
         await run_in_threadpool(self.job.undo_keep)
         return Json(await run_in_threadpool(self.job.report))
@@ -438,11 +438,11 @@ class Page:
 
 
 class NoSuchFrame(ValueError):
-    """A frame that does not exist."""
+    """Raised if a frame does not exist."""
 
 
 def answered(answer: Answer) -> Answer:
-    """Turn what a request has wrong into an answer that says so."""
+    """Turn errors of a request into answers with the status and the message."""
 
     async def safely(request: Request) -> Response:
         try:
@@ -468,7 +468,7 @@ def answered(answer: Answer) -> Answer:
 
 
 def problem(status: int, message: str) -> Response:
-    """An answer that says what is wrong."""
+    """Answer with an error message."""
     return Json({"error": message}, status)
 
 
@@ -480,7 +480,7 @@ async def _png(image: Image, name: str) -> Response:
 
 
 def _rounded(value: Any) -> Any:
-    """Metres to millimetres; None stays."""
+    """Round metres to millimetres; None stays None."""
     return None if value is None else to_json(np.round(value, 3))
 
 
@@ -489,7 +489,7 @@ async def _not_found(request: Request, error: Exception) -> Response:
 
 
 async def _body(request: Request) -> Mapping[str, Any]:
-    """The JSON object that a request has."""
+    """Parse the body of a request, a JSON object."""
     try:
         body = json.loads(await request.body())
     except TooLargeError:
@@ -502,7 +502,7 @@ async def _body(request: Request) -> Mapping[str, Any]:
 
 
 def _real(request: Request, name: str) -> float:
-    """A finite number of the query."""
+    """Parse a finite number of the query."""
     try:
         value = float(request.query_params.get(name, ""))
     except ValueError:
@@ -513,7 +513,7 @@ def _real(request: Request, name: str) -> float:
 
 
 def _whole(request: Request, name: str, default: int | None = None) -> int:
-    """A whole number of the query."""
+    """Parse a number of the query and round it; `default` if it is missing."""
     if default is not None and name not in request.query_params:
         return default
     return round(_real(request, name))

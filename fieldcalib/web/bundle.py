@@ -1,7 +1,8 @@
-"""The page's modules as one script, and one HTML file with everything in it.
+"""Bundling of the page's JavaScript modules into one script, and of all its parts into one HTML file.
 
-Modules of `fieldcalib.web` keep to a few forms: ``import { a, b as c } from "./other.js";`` and ``export`` before a
-function, a class or a constant. Each becomes a function that is called once and returns what it exports.
+The JavaScript modules of `fieldcalib.web` use only these forms: ``import { a, b as c } from "./other.js";``, and
+``export`` before a function, a class or a constant. Each module becomes a function that is called once and returns its
+exports.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ PAGE = """<!doctype html>
 
 
 def bundled(entry: str) -> str:
-    """A module of the page and those that it imports, as one script.
+    """Bundle a module of the page, and the modules that it imports, into one script.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def bundled(entry: str) -> str:
 
 
 def _add(name: str, parts: dict[str, str], importers: tuple[str, ...]) -> None:
-    """Add a module after those that it imports."""
+    """Add a module after the modules that it imports."""
     if name in importers:
         raise ValueError(f"modules import each other: {' -> '.join((*importers, name))}")
     if name in parts:
@@ -79,7 +80,7 @@ def _taken(found: re.Match[str]) -> str:
 
 
 def styles(*names: str) -> str:
-    """Style sheets of the page as one, with the pictures that they name in it."""
+    """Join style sheets of the page, with their pictures inlined."""
     text = "\n".join((STATIC / f"{name}.css").read_text(encoding="utf-8") for name in names)
     return PICTURE.sub(_inlined, text)
 
@@ -98,7 +99,7 @@ def _variable(module: str) -> str:
 
 
 def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> str:
-    """An HTML file with its style, its script and data in it, which may fetch nothing.
+    """Make an HTML file that contains its style, script and data, and may fetch nothing.
 
     Parameters
     ----------
@@ -106,7 +107,7 @@ def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> st
     style, script : str
         CSS and JavaScript.
     data : mapping of str to JSON
-        Values by the ids of the elements that they are read from.
+        Values by the ids of the HTML elements from which the script reads them.
 
     Examples
     --------
@@ -131,5 +132,5 @@ def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> st
 
 
 def as_json(value: Any) -> str:
-    """JSON that may stand in HTML: no tag and no comment can begin in it."""
+    """Format JSON so that it may stand in HTML: no tag and no comment can begin in it."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

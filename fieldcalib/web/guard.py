@@ -1,8 +1,9 @@
-"""Who may ask: only pages of this server, by a secret in the address, from names that stand for this machine.
+"""Access control: only requests from pages of this server are answered.
 
-A page of another site can send requests to this machine. It does not know the token in the address, it cannot give
-itself the name of this machine (the Host header, against DNS rebinding; an address in numbers is no name that can be
-given), and its requests say where they come from (the Origin header, which must be the Host).
+Any web page that is open in the browser can send requests to this machine. Three checks keep pages of other sites out.
+The address contains a secret token, which they do not know. The Host header must be a name of this machine or a numeric
+address, which another site cannot take on by DNS rebinding. And the Origin header, by which browsers state where a
+request comes from, must agree with the Host.
 
 Starlette's middleware for hosts compares no ports, and cannot tell addresses from names.
 """
@@ -22,9 +23,9 @@ Receive: TypeAlias = Callable[[], Awaitable[Message]]
 Send: TypeAlias = Callable[[Message], Awaitable[None]]
 Application: TypeAlias = Callable[[Message, Receive, Send], Awaitable[None]]
 
-MOST_BYTES = 1_000_000  # of the body of a request
-LONGEST_PATH = 300
-HTTP = 80  # the port that addresses do not name
+MOST_BYTES = 1_000_000  # largest body of a request
+LONGEST_PATH = 300  # characters
+HTTP = 80  # the default port, which addresses leave out
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -53,7 +54,7 @@ class Hosts:
     """Names and addresses of the server."""
     port: int
     any_address: bool = False
-    """Whether every address in numbers is one of the server: it listens at all that the machine has."""
+    """Whether every numeric address is accepted, as the server listens at all addresses of the machine."""
 
     def __contains__(self, host: object) -> bool:
         name = str(host).removesuffix(f":{self.port}")
@@ -63,7 +64,7 @@ class Hosts:
 
 
 def _is_address(host: str) -> bool:
-    """Whether a host is an address in numbers; one of IPv6 is in brackets."""
+    """Whether a host is a numeric address; IPv6 addresses are in brackets."""
     inner = host.removeprefix("[").removesuffix("]")
     try:
         return bracketed(str(ip_address(inner))) == host
@@ -72,7 +73,7 @@ def _is_address(host: str) -> bool:
 
 
 def bracketed(host: str) -> str:
-    """A host as an address has it.
+    """Format a host for an address: IPv6 addresses get brackets.
 
     Examples
     --------
@@ -91,7 +92,7 @@ class Guard:
     Parameters
     ----------
     application : callable
-        An ASGI application; paths that it gets are without the token.
+        An ASGI application; it gets paths without the token.
     token : str
         The first part of the path of every address.
     hosts : container of str
@@ -130,7 +131,7 @@ class Guard:
             self._answering.discard(task)
 
     def end(self) -> None:
-        """End the requests that are being answered: their clients may send nothing more, or wait for long work."""
+        """Cancel the requests that are being answered, whose clients may be silent, or wait for long work."""
         self._is_ended = True
         for task in self._answering:
             if task is not None:
@@ -173,11 +174,11 @@ def _is_own(origin: bytes, host: str) -> bool:
 
 
 class TooLargeError(ValueError):
-    """A body that is larger than it may be."""
+    """Raised if the body of a request is too large."""
 
 
 class _Body:
-    """Receives a request's body up to its largest size."""
+    """Receives the body of a request up to the largest size."""
 
     def __init__(self, receive: Receive) -> None:
         self._receive = receive
@@ -192,7 +193,7 @@ class _Body:
 
 
 def _headers(scope: Message) -> dict[bytes, bytes]:
-    """The headers of a request; one that is given twice is empty, which nothing accepts."""
+    """Headers of a request; a header that is given twice becomes empty, which every check refuses."""
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         found[name] = b"" if name in found else value

@@ -1,10 +1,11 @@
-"""The thread that fits cameras, so that the page never waits for one. Of the edits of a frame the last wins.
+"""Background threads of the page: fitting and searching of cameras, and solving and drawing of a clip.
 
-What a person waits for comes first: frames that are looked at, the last one first; frames of a folder that nobody has
-looked at yet are calibrated when there is nothing else to do. After an edit the new markings are drawn first: the
-verdict on their camera is computed when the page asks for the whole state, or a little later.
+`Worker` fits the cameras of frames. Frames that a person waits for come first, the last requested one before all;
+further frames of a folder are calibrated when there is nothing else to do. If a frame is edited several times in the
+meantime, only its last state is fitted. After an edit the new markings are sent first; the verdict on their camera is
+computed when the page asks for the whole state, or a little later. `Searches` searches frames for the court.
 
-A clip that is solved or drawn in the background, its progress, and its solution until it is kept or discarded.
+`ClipJob` solves or draws a clip, reports the progress, and holds the solution until it is kept or discarded.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from fieldcalib.web.records import broken_state, calibration_record, drawn_state
 
 LOG = logging.getLogger("fieldcalib")
 
-PAUSE = 0.5  # seconds after which frames that were drawn get their verdicts, if no page has asked for them
+PAUSE = 0.5  # seconds after which frames that were drawn get their verdicts, if the page has not asked for them
 
 
 class _Cancelled(Exception):
-    """The work is to end."""
+    """Raised to end cancelled work."""
 
 
 @dataclass
@@ -47,7 +48,7 @@ class _Status:
 
 @dataclass(frozen=True)
 class _Task:
-    """Work that is to be done."""
+    """Work that waits to be done."""
 
     status: _Status
     work: Callable[[Progress], Proposal | None]
@@ -55,7 +56,7 @@ class _Task:
 
 
 class ClipJob:
-    """Solves or draws the clip of an editor in a thread, one after the other."""
+    """Solves or draws the clip of an editor in a thread, one job at a time."""
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
@@ -69,7 +70,7 @@ class ClipJob:
         self._start(self._editor.solve, "solving the clip")
 
     def draw(self) -> None:
-        """Begin to draw files again that show older cameras; a ValueError if the clip is being solved or drawn."""
+        """Begin to redraw the files that show older cameras; a ValueError if the clip is being solved or drawn."""
         self._start(self._drawn, "drawing the clip")
 
     def _drawn(self, progress: Progress) -> None:
@@ -92,7 +93,7 @@ class ClipJob:
             self._do(task.status, task.work, task.name)
 
     def _taken(self) -> _Task | None:
-        """Take what is to be done next; the thread ends if that is nothing."""
+        """Take the next work; without any the thread ends."""
         with self._lock:
             task, self._next = self._next, None
             if task is None:
@@ -110,25 +111,25 @@ class ClipJob:
             status.state = "none" if status.is_cancelled or status.proposal is None else "ready"
         except _Cancelled:
             status.state = "none"
-        except Exception as error:  # it is said on the page
+        except Exception as error:  # the page shows it
             LOG.exception("%s failed", what)
             status.error, status.state = f"{what} failed: {error}", "failed"
 
     def cancel(self) -> None:
-        """End the work as soon as possible, or drop its solution."""
+        """End the work as soon as possible, or discard its solution."""
         with self._lock:
             self._status.is_cancelled = True
             self._status, self._next = _Status(), None
 
     def keep(self) -> int:
-        """Take the solution; a ValueError if there is none."""
+        """Keep the solution; a ValueError if there is none."""
         with self._lock:
             count = self._editor.keep(self.proposal)
             self._status = _Status()
         return count
 
     def undo_keep(self) -> None:
-        """Take the solution back that was kept last, which may be kept again; a ValueError if there is none."""
+        """Undo the last `keep`; its solution may be kept again. A ValueError if there is none."""
         with self._lock:
             if self._status.state == "running":
                 raise ValueError("the clip is being solved or drawn: wait, or cancel that")
@@ -143,7 +144,7 @@ class ClipJob:
         return proposal
 
     def report(self) -> dict[str, Any]:
-        """Where the work stands, for the page."""
+        """Report state and progress of the work to the page."""
         status = self._status
         changes = None
         if status.state == "ready" and status.proposal is not None:
@@ -166,7 +167,7 @@ class ClipJob:
         }
 
     def proposed(self, number: int) -> dict[str, Any]:
-        """The camera of a frame in the solution, for the page; a ValueError if there is none."""
+        """Camera of a frame in the solution, for the page; a ValueError if there is none."""
         calibration = self.proposal.calibrations.get(number)
         if calibration is None:
             raise ValueError("this frame is not in the solution")
@@ -181,7 +182,7 @@ class ClipJob:
 
 @dataclass(frozen=True, eq=False)
 class _Wanted:
-    """A frame that somebody waits for."""
+    """A frame whose state somebody waits for."""
 
     number: int
     done: Future[dict[str, Any]]
@@ -196,8 +197,8 @@ class Worker:
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
         self._searches = Searches(editor)
-        self._wanted: dict[tuple[int, bool], _Wanted] = {}  # by frame and extent, those wanted last at the end
-        self._drawn: dict[int, None] = {}  # frames without their verdict
+        self._wanted: dict[tuple[int, bool], _Wanted] = {}  # by frame and whether whole; the last requested at the end
+        self._drawn: dict[int, None] = {}  # frames that were drawn and have no verdict yet
         self._last: tuple[tuple[int, int, int], dict[str, Any]] | None = None  # a state, by frame, revision and version
         self._rest: Iterator[int] = iter(range(0 if editor.is_clip else len(editor)))
         self._changed = Condition()
@@ -206,11 +207,11 @@ class Worker:
         self._thread.start()
 
     def state(self, number: int) -> Future[dict[str, Any]]:
-        """The state of a frame, as soon as its camera follows from what was said before the fit began."""
+        """Future of the state of a frame, whose camera follows from all edits made before its fit begins."""
         return self._want(number, is_whole=True)
 
     def drawn(self, number: int) -> Future[dict[str, Any]]:
-        """What is drawn over a frame, as `state`, without waiting for the verdict."""
+        """Future of what is drawn over a frame: as `state`, without waiting for the verdict."""
         return self._want(number, is_whole=False)
 
     def _want(self, number: int, *, is_whole: bool) -> Future[dict[str, Any]]:
@@ -221,7 +222,7 @@ class Worker:
             return wanted.done
 
     def end(self) -> list[Thread]:
-        """Let the threads end after what they are at; the rest is dropped. Returns those that are still at work."""
+        """Let the threads end after their present work; the rest is dropped. Returns the threads still at work."""
         with self._changed:
             self._is_closed = True
             for wanted in self._wanted.values():
@@ -233,7 +234,7 @@ class Worker:
         while (wanted := self._next()) is not None:
             try:
                 state = self._state_of(wanted)
-            except Exception as error:  # it is raised where the state is waited for
+            except Exception as error:  # raised again for those who wait for the state
                 if not wanted.done.cancelled():
                     wanted.done.set_exception(error)
             else:
@@ -270,7 +271,7 @@ class Worker:
         return self._whole_state(number, start)
 
     def _whole_state(self, number: int, start: float) -> dict[str, Any]:
-        """The state with its verdict; the last one is kept, as pages that hear of their own change ask again."""
+        """State with its verdict; the last one is cached, as pages ask again when they are told of their own change."""
         editor, revision = self._editor, self._editor.revision(number)
         if self._last is not None and self._last[0] == (number, revision, editor.version):
             return self._last[1]
@@ -278,23 +279,23 @@ class Worker:
         version = editor.version
         self._drawn.pop(number, None)
         state = frame_state(editor, number, one, 1e3 * (time.perf_counter() - start))
-        if state["revision"] == revision and state["by_hand"]:  # others change when a search ends
+        if state["revision"] == revision and state["by_hand"]:  # other states change when a search ends
             self._last = (number, revision, version), state
         return state
 
 
 class Searches:
-    """Searches frames of an editor, those first that somebody looks at."""
+    """Searches frames of an editor for the court in a thread, opened frames first."""
 
     def __init__(self, editor: Editor) -> None:
         self._editor = editor
-        self._wanted: dict[int, None] = {}  # the next one at the end
+        self._wanted: dict[int, None] = {}  # frames to search, the next one at the end
         self._changed = Condition()
         self._is_closed = False
         self._thread: Thread | None = None
 
     def want(self, number: int, *, first: bool) -> None:
-        """Search a frame, if it is to be searched: before all others, or after them."""
+        """Schedule a frame, if it still has to be searched: `first`, or after all others."""
         if not self._editor.is_to_search(number):
             return
         with self._changed:
@@ -307,7 +308,7 @@ class Searches:
             self._changed.notify()
 
     def end(self) -> list[Thread]:
-        """Let the thread end after the search that it is at; returns it, if there is one."""
+        """Let the thread end after its present search; returns it, if there is one."""
         with self._changed:
             self._is_closed = True
             self._changed.notify()
@@ -317,7 +318,7 @@ class Searches:
         while (number := self._next()) is not None:
             try:
                 self._editor.search(number)
-            except BrokenFileError:  # it is said where the frame is looked at
+            except BrokenFileError:  # reported when the frame is opened
                 pass
             except Exception:  # the page goes on without this camera
                 LOG.exception("searching frame %s failed", self._editor.ids[number])

@@ -1,6 +1,7 @@
-"""Images for the page: whole pictures at the size that is shown, and parts of them at full resolution, as JPEG.
+"""JPEG images of frames: for the page, whole or in part (`ShownPictures`); and small ones for a report (`Thumbnails`).
 
-Small pictures of frames, as many and as large as a budget of bytes allows.
+The page shows whole pictures at reduced size, and parts of them at full resolution. The number and size of thumbnails
+are limited by a budget of bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ THUMBNAIL_QUALITY = 82  # of JPEG
 
 
 class ShownPictures:
-    """JPEGs of the frames of an editor; those that were asked for last are kept."""
+    """JPEGs of the frames of an editor; the last used ones are cached."""
 
     def __init__(self, frames: FrameSource) -> None:
         self._frames = frames
@@ -35,11 +36,11 @@ class ShownPictures:
         self._lock = Lock()
 
     def whole(self, number: int, width: int) -> bytes:
-        """A frame, at most `width` pixels wide."""
+        """JPEG of a frame, at most `width` pixels wide."""
         return self._jpeg((number, width), lambda image: image, width)
 
     def crop(self, number: int, corner: tuple[int, int], size: tuple[int, int], width: int) -> bytes:
-        """The part of a frame from a corner (x, y) on, at most `width` pixels wide.
+        """JPEG of the part of a frame with the upper left `corner` (x, y), at most `width` pixels wide.
 
         Raises
         ------
@@ -73,7 +74,7 @@ class ShownPictures:
 
 
 def jpeg(image: Image, width: int) -> bytes:
-    """An image as JPEG, at most `width` pixels wide."""
+    """Encode an image as JPEG, at most `width` pixels wide."""
     import cv2
 
     _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
@@ -82,7 +83,7 @@ def jpeg(image: Image, width: int) -> bytes:
 
 @dataclass
 class Thumbnails:
-    """Pictures of some frames as JPEG, made smaller as they become more, so that they never need more than a budget.
+    """Pictures of some frames as JPEG, which are made smaller as their number grows, to stay within a budget of bytes.
 
     Examples
     --------
@@ -100,7 +101,7 @@ class Thumbnails:
     jpegs: dict[str, bytes] = attribute(default_factory=dict)
     """Pictures by id."""
     width: int = WIDTHS[0]
-    """Largest width of a picture now, px."""
+    """Present largest width of a picture, px."""
 
     def __post_init__(self) -> None:
         self._ranks = {id: rank for rank, id in enumerate(self.wanted)}
@@ -111,7 +112,7 @@ class Thumbnails:
         return sum(map(len, self.jpegs.values()))
 
     def add(self, id: str, image: Image) -> None:
-        """Take the image of a frame, if it is a wanted one."""
+        """Add the image of a frame, if it is wanted."""
         if id not in self._ranks:
             return
         self.jpegs[id] = _jpeg(image, self.width)
@@ -145,7 +146,7 @@ def _image(jpeg: bytes) -> Image:
 
 
 def frames_to_show(count: int, worst: Sequence[int], most: int = PICTURES) -> list[int]:
-    """Numbers of the frames that get a picture: by turns one of the worst, and one of those spread over all.
+    """Choose the frames that get a picture: alternately one of the worst, and one of frames spread over all.
 
     Parameters
     ----------

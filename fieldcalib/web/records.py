@@ -1,8 +1,6 @@
-"""What the page and the report show of a field and of a calibration, as dicts for JSON.
+"""Data for the page and the report, as dicts for JSON: fields, calibrations, and the states of frames.
 
 Pixels and metres are rounded to what can be seen.
-
-What the page is told about a frame and about all frames: values for JSON.
 """
 
 from __future__ import annotations
@@ -32,10 +30,10 @@ from fieldcalib.io.image import size_of
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 from fieldcalib.solve.solver_options import LENS_FLAGS
 
-MARGIN = 0.06  # share of the field's diagonal that its map shows around it
-FARTHEST = 2.0  # diagonals of the field from the camera: ground beyond is not shown
-BORDER = 24  # places along each side of the image whose ground is traced
-BEYOND = 1e6  # m: points of the ground that far off lie on the horizon
+MARGIN = 0.06  # margin around the field on its map, as a share of its diagonal
+FARTHEST = 2.0  # diagonals of the field from the camera, beyond which ground is not shown
+BORDER = 24  # points along each side of the image that are traced to the ground
+BEYOND = 1e6  # m: points of the ground this far off lie on the horizon
 AZIMUTHS = 721  # directions in which the horizon is traced
 
 ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
@@ -43,7 +41,7 @@ NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "v
 
 
 def field_record(field: Field) -> dict[str, Any]:
-    """A field as a map: its size in metres, and the polylines of its segments.
+    """Convert a field to a map: its size in metres, and the polylines of its segments.
 
     Examples
     --------
@@ -68,7 +66,7 @@ def field_record(field: Field) -> dict[str, Any]:
 
 
 def short_keys(labels: Iterable[str]) -> dict[str, str]:
-    """One or two letters for each label, from its own letters where they are free.
+    """Choose a short key for each label, of letters of the label where they are free.
 
     Examples
     --------
@@ -90,17 +88,17 @@ def _candidates(label: str) -> Iterator[str]:
     yield from (first[0] + letter for word in (*reversed(rest), first[1:]) for letter in word)
     yield from (first[0] + letter for letter in ascii_lowercase)
     yield from map("".join, product(ascii_lowercase, repeat=2))
-    for count in range(3, 99):  # never of a field that a person labels: 676 pairs are enough
+    for count in range(3, 99):  # not needed for fields that a person labels, for which 676 pairs are enough
         yield from map("".join, product(ascii_lowercase, repeat=count))
 
 
 def calibration_record(calibration: Calibration, field: Field) -> dict[str, Any]:
-    """A calibration as shown on its image: camera, verdict and reason, and what the camera projects and sees."""
+    """Convert a calibration: camera, verdict and reason, projected markings, and the ground in view."""
     return judgement_record(calibration) | projection_record(calibration, field)
 
 
 def judgement_record(calibration: Calibration) -> dict[str, Any]:
-    """The camera of a calibration with its errors, verdict and reason."""
+    """Convert the camera of a calibration with its errors, verdict and reason."""
     return {
         "status": str(calibration.status),
         "message": calibration.message,
@@ -114,7 +112,7 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
 
 
 def projection_record(calibration: Calibration, field: Field) -> dict[str, Any]:
-    """What the camera of a calibration projects and sees, which does not wait for its verdict."""
+    """Projected markings, ground in view and horizon of a calibration, which are known before its verdict."""
     camera, of_field = calibration.camera, calibration.field or field
     if camera is None:
         return {"curves": [], "view": [], "horizon": None}
@@ -126,7 +124,7 @@ def projection_record(calibration: Calibration, field: Field) -> dict[str, Any]:
 
 
 def camera_record(calibration: Calibration) -> dict[str, Any]:
-    """The camera of a calibration, with standard deviations where they are known; angles in degrees."""
+    """Convert the camera of a calibration, with standard deviations if known; angles in degrees."""
     camera, field = calibration.required_camera, calibration.field
     _, _, _, dist = camera.to_opencv()
     pan, tilt, roll = np.degrees(camera.angles).tolist()
@@ -172,10 +170,10 @@ def _probability(calibration: Calibration) -> dict[str, float] | None:
 
 
 def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = ()) -> list[dict[str, Any]]:
-    """The projected markings of a field as polylines, bent by the lens, each with the state of its paint.
+    """Project the markings of a field to polylines, bent by the lens, each with the state of its paint.
 
-    The state is "beside" where paint lies beside the marking, "unseen" where there is none, "paint" where it lies on
-    paint, and "plain" where none was looked for.
+    The state is "paint" if the marking lies on paint, "beside" if its paint lies beside it, "unseen" if it shows no
+    paint, and "plain" if paint was not looked for.
     """
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
     return [
@@ -187,15 +185,15 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
 
 
 def _is_in_view(curve: Array, image_size: tuple[int, int]) -> bool:
-    """Whether the box around a curve meets the image."""
+    """Whether the bounding box of a curve meets the image."""
     return bool(np.all(np.max(curve, axis=0) >= 0.0) and np.all(np.min(curve, axis=0) <= image_size))
 
 
 def view_of(camera: Camera, field: Field, places: int = BORDER) -> list[list[float]]:
-    """Corners (X, Y), metres, of the ground that a camera sees; empty where that is nothing.
+    """Polygon (X, Y), metres, of the ground that a camera sees; empty if it sees none.
 
-    The border of the image, `places` on each side, is traced to the ground. Rays that meet it more than two
-    diagonals of the field away, or not at all, are lowered until they meet it there.
+    Points on the border of the image, `places` on each side, are traced to the ground. Rays that meet the ground more
+    than two diagonals of the field away, or not at all, are lowered until they meet it at that distance.
 
     Examples
     --------
@@ -223,7 +221,7 @@ def view_of(camera: Camera, field: Field, places: int = BORDER) -> list[list[flo
 
 
 def horizon_of(camera: Camera) -> list[list[float]] | None:
-    """The horizon across an image as a polyline of pixels, bent by the lens; None where it is not in view.
+    """Horizon in an image as a polyline of pixels, bent by the lens; None if it is not in view.
 
     Examples
     --------
@@ -249,7 +247,7 @@ def _rounded(values: Array, digits: int) -> list[Any]:
 
 
 def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
-    """All that the page shows of a frame."""
+    """State of a frame: everything that the page shows of it."""
     return {
         **drawn_state(editor, number, one, milliseconds),
         "judged": True,
@@ -260,7 +258,7 @@ def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 
 def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
-    """What the page draws over the picture of a frame, before the verdict on its camera is known."""
+    """Part of the state of a frame that the page draws over its picture, before the verdict is known."""
     width, height = size_of(one.image)
     return {
         "number": number,
@@ -284,7 +282,7 @@ def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 
 def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
-    """What the page is told of a frame whose image cannot be read."""
+    """State of a frame whose image cannot be read."""
     said = {
         "status": "broken file",
         "message": problem,
@@ -316,10 +314,11 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
 
 
 def _marks(one: FrameEditor) -> list[dict[str, Any]]:
-    """The marks of a frame, each with its distance from its marking, and whether the others contradict its label.
+    """Marks of a frame, each with its distance from the projected marking, and whether it is suspect or left out.
 
-    Those whose label the field does not know are suspects. Marks of a network that lie beside it are left out of the
-    camera: pixels are only fitted where they agree with it.
+    A mark is suspect if other marks contradict its label, if the field does not have the label, or if a person set it
+    far from its marking. Marks of a network that lie beside their marking are left out, as the camera was not fitted
+    to them.
     """
     calibration, marks = one.calibration, one.marks
     suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}
@@ -343,7 +342,7 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
 
 
 def _errors(one: FrameEditor, calibration: Calibration) -> Array:
-    """Distances (N,) of the marks from their markings, pixels; NaN without a camera, or a label of the field."""
+    """Distances (N,) of the marks from their markings, pixels; NaN without a camera, or if the field lacks the label."""
     errors = np.full(len(one.marks), np.nan)
     field = calibration.field or one.field
     if calibration.camera is not None:
@@ -364,9 +363,9 @@ def _next_mark(one: FrameEditor) -> dict[str, Any] | None:
 
 
 def error_map(one: FrameEditor) -> dict[str, Any]:
-    """How far ground points in view move, in metres, if the clicks are 2 px off, over a grid on the field.
+    """Shift of ground points in view, in metres, if all clicks are 2 px off, over a grid on the field.
 
-    No metres where the camera does not follow from labels of this frame alone.
+    There are no values if the camera was not calibrated from labels of this frame alone.
     """
     calibration, field = one.calibration, one.calibration.field or one.field
     x, y = (np.linspace(-half, half, count) for half, count in zip(field.half_extent, ERROR_GRID, strict=True))
@@ -380,5 +379,5 @@ def error_map(one: FrameEditor) -> dict[str, Any]:
 
 
 def frames_state(editor: Editor) -> dict[str, Any]:
-    """The table of all frames, as columns."""
+    """Table of all frames, as columns, with its version."""
     return {"version": editor.version, **editor.table.columns()}

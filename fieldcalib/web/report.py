@@ -1,9 +1,8 @@
 """A report of a run: one HTML file with pictures, a table of all frames, plots and a map, which needs no network.
 
-The file is at most `MOST_BYTES` long, whatever the number of frames: pictures are made smaller and then fewer, and rows
-of good frames are left out last. The file says what was left out.
-
-How the advice of a report is followed: the commands to type, with the folder and the input of the run.
+The file has at most `MOST_BYTES`, whatever the number of frames: pictures are made smaller and then fewer, and rows of
+good frames are left out last. The file says what was left out. To follow its advice it names the commands to type, with
+the folder and the input of the run (`Commands`).
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
 
 def remedy_of(line: Mapping[str, Any]) -> Remedy:
-    """The remedy of a frame's line of ``cameras.jsonl``."""
+    """Remedy for a frame, from its line of ``cameras.jsonl``."""
     if line["status"] == BROKEN:
         return UNREADABLE
     said = line.get("remedy")
@@ -84,13 +83,13 @@ class Commands:
     """
 
     folder: str = "FOLDER"
-    """Of the results, as it is typed."""
+    """Folder of the results, as it is typed."""
     source: str = "INPUT"
-    """Pictures or the video."""
+    """Pictures or the video, as typed."""
 
     @classmethod
     def of(cls, results: Results) -> Commands:
-        """Those of some results, as far as they know their folder and their input."""
+        """Commands for some results; placeholders where the folder or the input is not known."""
         if results.folder is None:
             return cls()
         record = RunRecord.read(Path(results.folder))
@@ -98,7 +97,7 @@ class Commands:
         return cls(shlex.quote(str(results.folder)), shlex.join(paths) or cls.source)
 
     def how(self, remedy: Remedy) -> str:
-        """What to type, and what to do there."""
+        """Command to type for a remedy, and what to do on the page."""
         if remedy is UNREADABLE:
             return f"put the file in its place, then {self._run}"
         said = f"fieldcalib open {self.folder} (choose this frame, a marking on the map, and click along it; then Save)"
@@ -111,7 +110,7 @@ class Commands:
 
 
 OF_ANY = Commands()
-"""Those of results whose folder is not known."""
+"""Commands with placeholders, for results whose folder is not known."""
 
 
 def write_report(results: Results, path: str | os.PathLike[str], title: str = "", *, progress: Progress = True) -> None:
@@ -122,7 +121,7 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
     Parameters
     ----------
     results : Results
-        As of `fieldcalib.calibrate` or `fieldcalib.read`.
+        Results, as from `fieldcalib.calibrate` or `fieldcalib.read`.
     path : path
         The file, e.g. ``report.html``.
     title : str
@@ -133,7 +132,7 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
     Raises
     ------
     ValueError
-        If those are no results, or the path or the title is none.
+        If `results`, the path or the title is not what is expected.
     OSError
         If it cannot be written.
     """
@@ -164,7 +163,7 @@ def write_report(results: Results, path: str | os.PathLike[str], title: str = ""
 
 
 def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
-    """Whether there are plots over time, the frame rate, and the first frames of shots in a table of some frames."""
+    """Whether there are plots over time, the frame rate, and the first frames of shots, for the `kept` frames."""
     video, rate, frames = results.video, results.frames_per_second, len(results.frames.ids)
     if video is None or rate is None:
         return {"plots": results.pictures.is_video, "rate": None, "cuts": []}
@@ -174,7 +173,7 @@ def _clip(results: Results, kept: IntArray) -> dict[str, Any]:
 
 
 def _about(results: Results) -> dict[str, Any]:
-    """What is written about the run."""
+    """Facts about the run that the report shows."""
     if results.folder is not None and is_finished(results.folder):
         return read_summary(results.folder)
     notes = {"notes": list(results.notes)} if results.notes else {}
@@ -187,9 +186,9 @@ def _about(results: Results) -> dict[str, Any]:
 
 
 def thumbnails(results: Results, numbers: Sequence[int], progress: Progress = False) -> dict[str, bytes]:
-    """Pictures of frames as JPEG by id; `numbers` has the most important ones first.
+    """Make pictures of frames as JPEG, by id; `numbers` has the most important frames first.
 
-    The frames of a video are read one after the other, and no more pictures are in memory than their budget has bytes.
+    The frames of a video are read one after the other, and the pictures in memory stay within their budget of bytes.
     """
     ids, pictures = results.frames.ids, results.pictures
     found = Thumbnails([ids[number] for number in numbers if ids[number] in results], PICTURE_BYTES)
@@ -201,7 +200,7 @@ def thumbnails(results: Results, numbers: Sequence[int], progress: Progress = Fa
 
 
 def _images(pictures: Pictures, ids: Sequence[str]) -> Iterator[tuple[str, Image]]:
-    """All frames of a video, or the pictures of some frames, as far as they can be read."""
+    """Yield all frames of a video, or the pictures of some frames, as far as they can be read."""
     if pictures.is_video:
         some = pictures.frames() if ids and pictures.has(ids[0]) else ()
         yield from ((frame.id, frame.image) for frame in some if frame.image is not None)
@@ -215,7 +214,7 @@ def _images(pictures: Pictures, ids: Sequence[str]) -> Iterator[tuple[str, Image
 def _states(
     results: Results, pictures: Mapping[str, bytes], numbers: Mapping[str, int], commands: Commands
 ) -> dict[str, Any]:
-    """What is drawn on the pictures of frames, of as many as fit their bytes."""
+    """Data that is drawn on the pictures of frames, for as many frames as fit into `STATE_BYTES`."""
     states: dict[str, Any] = {}
     size = 0
     for id, jpeg in pictures.items():
@@ -230,7 +229,7 @@ def _states(
 
 
 def _drawn(calibration: Calibration, shape: tuple[int, int] | None) -> dict[str, Any]:
-    """What is drawn of a calibration; `shape` is the size of its picture."""
+    """Data that is drawn of a calibration; `shape` is the size of its picture."""
     camera = calibration.camera
     width, height = (shape or (1, 1)) if camera is None else camera.image_size
     size = {"width": width, "height": height}
@@ -247,10 +246,10 @@ class Reason:
 
     verdict: str
     words: str
-    """With an ellipsis for names and numbers where there are several frames."""
+    """The reason, with an ellipsis for names and numbers if several frames have it."""
     remedy: str
     how: str
-    """What to type, and what to do there."""
+    """Command to type, and what to do on the page."""
     count: int
     """Number of frames."""
 
@@ -262,7 +261,7 @@ class ReportTable:
     columns: Mapping[str, Sequence[Any]]
     reasons: Sequence[Reason]
     count: int
-    """Number of frames of the run, of which the table may have fewer."""
+    """Number of frames of the run; the table may have fewer."""
 
     @classmethod
     def of(
@@ -273,7 +272,7 @@ class ReportTable:
         *,
         with_views: bool = True,
     ) -> ReportTable:
-        """The table of the lines of frames in ``cameras.jsonl``, perhaps with the ground that each frame shows."""
+        """Make the table from the lines of ``cameras.jsonl``, optionally with the ground that each frame shows."""
         seen = field if with_views else None
         rows, keys, examples = [], list[tuple[str, str]](), dict[tuple[str, str], str]()
         remedies: dict[tuple[str, str], Counter[Remedy]] = {}
@@ -304,9 +303,10 @@ class ReportTable:
         return sorted(range(len(concern)), key=lambda number: (-concern[number], number))
 
     def within(self, most_bytes: float, needed: Collection[int]) -> ReportTable:
-        """As much of the table as fits a number of bytes, with the rows of all `needed` frames.
+        """Reduce the table to a number of bytes; the rows of all `needed` frames stay.
 
-        Views go first, then the reasons of good frames, then frames that are neither among the worst nor needed.
+        Views are dropped first, then the reasons of good frames, then frames that are neither needed nor among the
+        worst.
         """
         if self._size() <= most_bytes:
             return self
@@ -339,7 +339,7 @@ class ReportTable:
 
 
 def coded(values: Sequence[Any]) -> Sequence[Any] | dict[str, Any]:
-    """A column for JSON: as it is, or its few different texts and, for each row, the number of its text.
+    """Encode a column for JSON: unchanged, or as its few different texts and the number of the text in each row.
 
     Examples
     --------
@@ -355,7 +355,7 @@ def coded(values: Sequence[Any]) -> Sequence[Any] | dict[str, Any]:
 
 
 def _row(line: Mapping[str, Any], field: Field | None) -> dict[str, Any]:
-    """The values of a frame; without a field no view."""
+    """Values of a frame; without a field there is no view."""
     row, has_camera = Row.of_line(line), line.get("K") is not None
     return {
         "id": line["id"],

@@ -1,4 +1,4 @@
-"""Serving the page of an editor on this machine, until Ctrl-C."""
+"""Server for the page of an editor on this machine, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from fieldcalib.editor.editor import Editor
 from fieldcalib.web.guard import Guard, Hosts, bracketed
 
 LOCAL = ("127.0.0.1", "localhost")
-BROWSER_AFTER = 0.2  # seconds
+BROWSER_AFTER = 0.2  # seconds after which the browser is opened
 ENDING = 1.0  # seconds in which requests may be answered at the end
 LARGEST_PORT = 65_535
-ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}  # addresses of documents: nothing is sent
+# addresses reserved for documentation; a socket is connected to one to learn its own address, but nothing is sent
+ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 
 
 def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool = True) -> None:
@@ -30,7 +31,7 @@ def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool 
     ----------
     editor : Editor
     host : str
-        The address or name of this machine to listen at; ``0.0.0.0`` or ``::`` for all that it has.
+        The address or name of this machine to listen at; ``0.0.0.0`` or ``::`` for all its addresses.
     port : int
         The port of the address; 0 for a free one.
     browser : bool
@@ -70,7 +71,7 @@ def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool 
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """A socket that listens at a host; at ``::`` for IPv4 too, where the system can."""
+    """Open a socket that listens at a host; at ``::`` for IPv4 too, if the system supports it."""
     if not 0 <= port <= LARGEST_PORT:
         raise ValueError(f"expected a port from 0 to {LARGEST_PORT}, got {port}")
     try:
@@ -87,7 +88,7 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 def _own_address(listening: socket.socket) -> str:
-    """An address of this machine at which others reach a socket that listens at all of them."""
+    """Address of this machine at which others reach a socket that listens at all addresses."""
     is_ipv4 = listening.family == socket.AF_INET or not listening.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY)
     families = [socket.AF_INET] * is_ipv4 + [socket.AF_INET6] * (listening.family == socket.AF_INET6)
     for family in families:
@@ -101,7 +102,7 @@ def _own_address(listening: socket.socket) -> str:
 
 
 def _run(application: Guard, listening: socket.socket) -> None:
-    """Answer requests until a signal ends it: a moment later, whatever clients do."""
+    """Answer requests until a signal; the server then ends within a moment, whatever clients do."""
     from uvicorn import Config, Server
 
     class Ending(Server):

@@ -1,7 +1,7 @@
-"""What stands still between the frames of a video: matches of its background, which tie frames to one another.
+"""Matches of the static background between frames of a video, which tie the cameras of the frames to one another.
 
-`background_motion` estimates how the picture moves; `matching_frame` prepares a frame for matching and compares two;
-`matches` are those of two frames; `keyframe_tracking` ties all frames of a video to keyframes.
+`background_motion` estimates how the picture moves; `matching_frame` prepares frames for matching and matches two of
+them; `matches` holds the resulting pairs of points; `keyframe_tracking` matches all frames of a video to keyframes.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
-"""The motion of the background between two frames (`fieldcalib.images.background.matches` finds the points).
+"""Estimation of the background's motion between two frames, from points that were followed from one to the other.
 
-Seen from a tripod, the camera turns and zooms: whatever the depth of the scene, its static points move by
-``K2 R2 R1^T K1^-1``, but for the lens. RANSAC finds the motion that most points follow, and Gauss-Newton refines it
-(`background_motion`).
+A camera on a tripod turns and zooms: apart from lens distortion, static points of the scene move by the homography
+``K2 R2 R1^T K1^-1``, whatever their depth. RANSAC finds the motion that most points follow, and Gauss-Newton refines it
+(`background_motion`). `fieldcalib.images.background.matches` finds the points.
 
-Where the centre of the camera moves, points move by their depth. Those of one plane still move by a homography, and a
-camera on wires or a drone sees mostly the ground (`plane_motion`). Stands and boards move otherwise, and are left out
-like players.
+If the centre of the camera moves, the motion of a point depends on its depth. Points in one plane still move by a
+homography, and a camera on wires or a drone sees mostly the ground (`plane_motion`). Stands and boards move
+differently, and are left out like players.
 """
 
 from __future__ import annotations
@@ -19,37 +19,37 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, Float32
 
 # Lengths are in pixels of the reduced frames.
-RANSAC_TOLERANCE = 3.0  # px: error of a similarity, which has no lens and no perspective
+RANSAC_TOLERANCE = 3.0  # px: large, as a similarity models no lens and no perspective
 RANSAC_ITERATIONS = 1000  # at most; two points make a similarity: with a third of inliers, 60 draws find it in 99.9 %
 TOLERANCE = (0.3, 2.0)  # px: points with a smaller residual are always background, those with a larger one never
-TOLERANCE_IN_SCALES = 4.0  # limit in between, in robust standard deviations
+TOLERANCE_IN_SCALES = 4.0  # residual up to which points in between are background, in robust standard deviations
 ITERATIONS = 6  # of the fit with lens, at most
 PLAIN_ITERATIONS = 3  # of the fit without lens, which starts at the fit with lens
-PLAIN_POINTS = 100  # number of points, about, in the fit without lens
+PLAIN_POINTS = 100  # approximate number of points in the fit without lens
 CONVERGED = 0.02  # relative change of the scale of the residuals that ends the fit
-FIXED_ITERATIONS = 2  # first iterations, on the inliers of RANSAC: its motion is that of the middle of the picture
+FIXED_ITERATIONS = 2  # first iterations, on RANSAC's inliers: its motion holds in the middle of the picture only
 PRIOR_NOISE = 1.0  # px: standard deviation of a coordinate, large since errors of flow are correlated
 FOCAL_PRIOR = (1.25, 0.6)  # mean and deviation of log(focal length / half the diagonal): twice the width
 FOCAL_GUESSES = (1.25, 0.7, 1.8)  # values of this log that RANSAC tries in turn
 ENOUGH = 0.6  # share of inliers above which the next guesses are skipped
-LARGEST_STEP = 0.4  # change of the logs of focal length and zoom in one iteration; the formula ends at 0.5
+LARGEST_STEP = 0.4  # change of the logs of focal length and zoom in one iteration; log(1 - 2 step) needs less than 0.5
 LARGEST_LENS = 0.4  # relative displacement of the corner by the lens; beyond it, U folds back
 LENS_PRIOR = (0.03, 0.05)  # mean and deviation of this displacement; median of broadcast cameras: 0.028
 LARGEST_ZOOM = 6.0  # between two frames
 LARGEST_ROLL = 0.35  # radians between two frames: a camera on a tripod stays upright
 LARGEST_STRETCH = 1.5  # ratio of the scales in two directions, in the middle of the picture
-STILL = 0.3  # px: what moves less stands still in the picture; flow of static graphics scatters by 0.05 to 0.1
+STILL = 0.3  # px: points that move less stand still in the picture; flow of static graphics scatters by 0.05 to 0.1
 LEAST_POINTS = 12  # inliers of a motion
 PLANE_RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with half of inliers, 72 draws find it in 99 %
 PLANE_ITERATIONS = 4  # of the fit of a homography to its inliers
 
 
 FoundMotion: TypeAlias = tuple[Array, BoolArray, float]
-"""A homography (3, 3), which points follow it, (n,), and the scale of their residuals, px."""
+"""A homography (3, 3), whether each point follows it, (n,), and the scale of the residuals of these, px."""
 
 
 def background_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
-    """The turn and zoom that most candidates follow, among points x (n, 2) that moved to y (n, 2)."""
+    """Find the rotation and zoom of the camera that most candidates follow, among points x (n, 2) that moved to y."""
     N = _normalisation(size)
     p, q = mapped(N, x), mapped(N, y)
     found = _consensus(p[candidates], q[candidates], RANSAC_TOLERANCE * N[0, 0])
@@ -66,7 +66,7 @@ def background_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
-    """(3, 3), takes the middle of the picture to the origin and its corners to distance 1."""
+    """Map (3, 3) that takes the middle of the picture to the origin and its corners to distance 1."""
     x, y = 0.5 * np.subtract(size, 1.0)
     unit = np.hypot(x, y)
     return np.array([[1.0 / unit, 0.0, -x / unit], [0.0, 1.0 / unit, -y / unit], [0.0, 0.0, 1.0]])
@@ -80,11 +80,12 @@ def mapped(H: Array, xy: Array | Float32) -> Array:
 
 
 def _consensus(p: Array, q: Array, tolerance: float) -> tuple[Motion, BoolArray] | None:
-    """A turn and a zoom by RANSAC, and which points follow it; deterministic.
+    """Find a rotation and zoom by RANSAC, and which points follow it; deterministic.
 
-    Lines of sight are projected stereographically, for a few focal lengths in turn. That is conformal, and small
-    turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. They have
-    four parameters; the eight of a homography also fit players who run the way that the camera pans.
+    Lines of sight are projected stereographically, for a few focal lengths in turn. This projection is conformal: small
+    rotations and zooms become similarities up to second order terms, which are a quarter as large as in the picture
+    itself. A similarity has four parameters; the eight of a homography would also fit players who run in the direction
+    in which the camera pans.
     """
     import cv2
 
@@ -101,7 +102,7 @@ def _consensus(p: Array, q: Array, tolerance: float) -> tuple[Motion, BoolArray]
         if S is None or np.sum(agree) <= most:
             continue
         zoom, roll = float(np.hypot(S[0, 0], S[1, 0])), float(np.arctan2(S[1, 0], S[0, 0]))
-        far = np.sum(np.square(S[:, 2])) / (2.0 * f) ** 2  # 1 is a turn by 90 degrees
+        far = np.sum(np.square(S[:, 2])) / (2.0 * f) ** 2  # 1 is a rotation by 90 degrees
         if 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and far < 0.5:
             best, most = (Motion.of(S[:, 2] / (1.0 - far), zoom, roll, log_f), agree[:, 0] > 0), int(np.sum(agree))
             if most > ENOUGH * len(p):
@@ -111,27 +112,30 @@ def _consensus(p: Array, q: Array, tolerance: float) -> tuple[Motion, BoolArray]
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A camera that turns and zooms: ``U(y) = K2 R K1^-1 U(x)``, ``U(x) = x / (1 + lens |x|^2)``.
+    """Motion between two pictures of a camera that rotates and zooms.
 
-    Lengths are relative to half the diagonal, and pixels to the middle of the picture, where the optical axis is.
+    ``U(y) = K2 R K1^-1 U(x)`` with the undistortion ``U(x) = x / (1 + lens |x|^2)``. Coordinates are relative to the
+    middle of the picture, where the optical axis is, in units of half the diagonal.
     """
 
     turn: Array
-    """(3,) rotation vector R = exp([turn]x) of camera coordinates."""
+    """Rotation vector (3,) of camera coordinates, R = exp([turn]x)."""
     log_f: float
+    """Logarithm of the focal length of the first picture."""
     log_zoom: float
+    """Logarithm of the ratio of the second focal length to the first."""
     lens: float
 
     @property
     def H(self) -> Array:
-        """``K2 R K1^-1``."""
+        """Homography ``K2 R K1^-1`` (3, 3)."""
         f = np.exp(self.log_f)
         R, f2 = _rotation(self.turn), f * np.exp(self.log_zoom)
         return np.asarray(np.diag([f2, f2, 1.0]) @ R @ np.diag([1.0 / f, 1.0 / f, 1.0]))
 
     @classmethod
     def of(cls, middle: Array, zoom: float, roll: float, log_f: float) -> Motion:
-        """The motion that takes the middle of the picture to `middle`, with a zoom, roll and focal length.
+        """Construct the motion that takes the middle of the picture to `middle`, with a zoom, roll and focal length.
 
         Its lens is the mean of the prior.
         """
@@ -145,8 +149,9 @@ class Motion:
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
         """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
 
-        Pixels determine the shift in the picture, which is pan and tilt times focal length. A step that multiplies the
-        focal length by a factor therefore divides pan and tilt by it, so that the fit converges from far away.
+        Pixels determine the shift of the picture, which is about pan and tilt times focal length. The derivative by log
+        f is therefore taken at constant shift: pan and tilt are divided by the factor that multiplies the focal length,
+        so that the fit converges from far away.
         """
         pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
         R = _rotation(self.turn)
@@ -172,7 +177,7 @@ class Motion:
         return v - m, J
 
     def fitted(self, r: Array, J: Array, noise: float, free_lens: bool) -> Motion:
-        """The motion after a Gauss-Newton step with priors; `noise` is the standard deviation of a coordinate."""
+        """Take a Gauss-Newton step with priors; `noise` is the standard deviation of a coordinate."""
         J = J.reshape(-1, 6)[:, : 6 if free_lens else 5]
         A, g = J.T @ J, J.T @ r.reshape(-1)
         for i, value, (mean, deviation) in ((3, self.log_f, FOCAL_PRIOR), (5, self.lens, LENS_PRIOR)):
@@ -190,18 +195,19 @@ class Motion:
 
 
 def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float) -> tuple[Motion, Array, float] | None:
-    """Least squares motion of a camera that turns and zooms, by Gauss-Newton with hard rejection.
+    """Refine the motion of a camera that rotates and zooms by Gauss-Newton, with hard rejection of outliers.
 
-    It has six parameters, and not the nine of a homography with a lens: where all matches lie in a strip of boards, a
+    It has six parameters, and not the nine of a homography with a lens: if all matches lie in a strip of boards, a
     homography is arbitrary in the rest of the picture. Focal length and lens have priors, since small motions do not
-    determine them. The lens halves the residuals of frames far apart, so that the tolerance separates players better.
+    determine them. Modelling the lens halves the residuals of frames far apart, so that the tolerance separates players
+    better.
 
     Returns
     -------
     plain : Motion
         The best motion without lens, which is a homography.
     distance : (n,) array
-        Distance of each point from the motion with lens, px; there are `unit` px to a unit of length.
+        Distance of each point from where the motion with lens takes it, px; `unit` is the px per unit of length.
     scale : float
         Robust standard deviation of a coordinate over the inliers, px.
     """
@@ -226,14 +232,14 @@ def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float)
 
 
 def _rotation(turn: Array) -> Array:
-    """exp([turn]x), (3, 3)."""
+    """Rotation matrix exp([turn]x), (3, 3)."""
     import cv2
 
     return np.asarray(cv2.Rodrigues(turn)[0])
 
 
 def _turn(R: Array) -> Array:
-    """The inverse of `_rotation`, below 180 degrees; cv2.Rodrigues rounds angles below 1e-5 (0.02 px) to 0."""
+    """Invert `_rotation`, below 180 degrees; cv2.Rodrigues would round angles below 1e-5 (0.02 px) to 0."""
     axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)))
@@ -241,18 +247,18 @@ def _turn(R: Array) -> Array:
 
 
 def graphics(H: Array, x: Array, y: Array, scale: float) -> BoolArray:
-    """Which points stand still in the picture though the background does not."""
+    """Whether each point stands still in the picture though the background there moves: a point of static graphics."""
     still = np.linalg.norm(y - x, axis=1) < STILL
     return np.asarray(still & (np.linalg.norm(mapped(H, x) - x, axis=1) > tolerance(scale)))
 
 
 def robust_deviation(r: Array) -> float:
-    """Standard deviation of residuals less than half of which are outliers: 1.4826 times the median of their sizes."""
+    """Robust standard deviation of residuals: 1.4826 times the median of their absolute values."""
     return 1.4826 * float(np.median(np.abs(r)))
 
 
 def tolerance(scale: float) -> float:
-    """Largest distance, px, of the background from its motion."""
+    """Largest distance, px, of a background point from the motion, for residuals with a standard deviation `scale`."""
     return float(np.clip(TOLERANCE_IN_SCALES * scale, *TOLERANCE))
 
 
@@ -271,13 +277,13 @@ def shape_change(H: Array, size: tuple[int, int]) -> tuple[float, float, float]:
 
 
 def is_plausible(H: Array, size: tuple[int, int]) -> bool:
-    """Whether a homography may be that of a camera on a tripod; false if it is NaN."""
+    """Whether a homography may be the motion of a camera on a tripod; false if it is NaN."""
     zoom, roll, stretch = shape_change(H, size)
     return 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and stretch < LARGEST_STRETCH
 
 
 def plane_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
-    """The motion of points in one plane; arguments and result are those of `background_motion`."""
+    """Find the motion of points in one plane; arguments and result as of `background_motion`."""
     import cv2
 
     if np.count_nonzero(candidates) < LEAST_POINTS:

@@ -1,18 +1,18 @@
-"""Frames that no keyframe is matched with, tied to the frames right before them.
+"""Matching of all frames of a video to keyframes by the static background, in one pass.
 
-In a fast pan or zoom a frame may show too little of the keyframe before it, or too blurred, while it still matches its
-neighbour. Errors add up along a chain of such frames, so that it is used only where nothing else ties frames, and only
-as a whole: from a tied frame to the next one, or to the first one of the next piece, which is then no new piece.
-
-Frames of a video tied to keyframes by matches of the static background, in one pass.
-
-Each frame is matched with a keyframe directly, so that errors do not add up from frame to frame, and keyframes with
-earlier keyframes. A new piece begins where frames match one another but no keyframe before them: after a cut, or a pan
-too fast to follow. Two pieces may therefore show the same scene.
+A frame is "tied" to a keyframe if enough of the background matches. Each frame is matched with a keyframe directly, so
+that errors do not add up from frame to frame, and keyframes are matched with earlier keyframes. Frames that matches
+connect form a "piece". A new piece begins where frames match one another but no keyframe before them: after a cut, or a
+pan too fast to follow. Two pieces may therefore show the same scene.
 
 Corners that two shots seem to share, or that are seen through a dissolve, must not tie shots together. So two pictures
-must also be alike as a whole (`fieldcalib.images.background.matching_frame`), and more so before a frame becomes a
-keyframe: of two shots that are mixed, at most one makes up more than half of the contrast.
+must also be alike as a whole (`likeness` in `fieldcalib.images.background.matching_frame`), and more so before a frame
+becomes a keyframe: of two shots that are mixed, at most one makes up more than half of the contrast.
+
+In a fast pan or zoom a frame may show too little of the keyframe before it, or be too blurred, while it still matches
+the frame before. `linked_frames` then matches successive frames with one another. Errors add up along such a chain, so
+it is used only where nothing else ties frames, and only as a whole: from a tied frame to the next tied one, or to the
+first frame of the next piece, which then belongs to the same piece.
 """
 
 from __future__ import annotations
@@ -36,46 +36,46 @@ from fieldcalib.images.background.matching_frame import (
 from fieldcalib.io.image import Image
 
 EVERY = 12  # frames from one keyframe to the next: half a second
-BACK = (1, 2, 4)  # a keyframe is matched with the first, second and fourth one before it
-CORNERS = 150  # of a keyframe that are followed to an ordinary frame
+BACK = (1, 2, 4)  # a keyframe is matched with the first, second and fourth keyframe before it
+CORNERS = 150  # corners of a keyframe that are followed to an ordinary frame
 LEAST_IN_VIEW = 0.6  # share of a keyframe: with less of it in view the next keyframe is made
 FEW_MATCHES = 40  # with fewer matches the next keyframe is made
 CONFIRMED = 8  # frames, tied to one another but not to the piece before, that make a new piece; graphics are shorter
-LOST_FOR = 30  # frames, a second, in which a frame after a loss may be tied to the piece again
+LOST_FOR = 30  # frames, a second, for which the piece may go on after its last tied frame
 
 # Likeness in seven clips of pictures 12 frames apart: 0.77 or more; 24 to 48 apart 0.7 or more; with 30 % of another
 # shot mixed in 0.46 to 0.78, with 50 % 0.1 to 0.61
-LEAST_LIKENESS = 0.62  # of a frame and its keyframe, and of a new keyframe and all of the last `MIXED_FOR` frames
+LEAST_LIKENESS = 0.62  # of a frame and its keyframe, and of a new keyframe and those of the last `MIXED_FOR` frames
 MIXED_FOR = 50  # frames, the longest dissolve, which could be crossed in small steps from keyframe to keyframe
 MOSTLY_IN_VIEW = (
-    0.75  # share of an earlier keyframe which a new one must be like: with less, its motion is not known well
+    0.75  # share of an earlier keyframe in view from which a new one must be like it: with less, H is not known well
 )
 LEAST_LIKENESS_OF_KEY = 0.68  # of matched keyframes, and of frames that make a new piece
 KEPT = 12  # last keyframes of a piece that are kept: no more are made during a dissolve
 
-LONGEST_CHAIN = 25  # frames, a second
+LONGEST_CHAIN = 25  # frames, a second, that are linked one by one
 
 
 @dataclass(frozen=True, eq=False)
 class TiedFrame:
-    """A frame of a video and the keyframe that it is tied to."""
+    """A frame of a video, with its piece and the keyframes that it is tied to."""
 
     index: int
     """Number of the frame, from 0."""
     piece: int
-    """Number of the run of frames that matches connect, from 0 and ascending."""
+    """Number of the piece, the run of frames that matches connect, from 0 and ascending."""
     key: int
     """Index of the keyframe that it is tied to: its own for a keyframe, the last keyframe's for an untied frame."""
     ties: tuple[tuple[int, Matches], ...]
     """Indices of keyframes, with the matches from each of them to this frame.
 
-    An ordinary frame is tied to `key`, or to none. A keyframe is tied to those 1, 2 and 4 keyframes back in its piece,
-    as far as they match; the first one to none.
+    An ordinary frame is tied to `key`, or to none. A keyframe is tied to the keyframes 1, 2 and 4 before it in its
+    piece, as far as they match; the first keyframe of a piece is tied to none.
     """
     duplicate: bool
     """Whether the picture equals that of the frame before: the stream repeats a frame, or is frozen."""
     unmatched: tuple[KeyframePair, ...] = ()
-    """Pairs of this keyframe and earlier ones that `KeyframeTracker` leaves to be matched."""
+    """Pairs of this keyframe and earlier ones that `KeyframeTracker` has left unmatched (`leave_pairs`)."""
 
     @property
     def is_key(self) -> bool:
@@ -86,8 +86,8 @@ class TiedFrame:
 class KeyframeTracker:
     """Ties the frames of a video to keyframes as they come.
 
-    A frame that is tied to the piece before is known at once. Another one waits until `CONFIRMED` frames make a new
-    piece, or it is clear that they do not: at most ``CONFIRMED - 1`` frames. The pictures of the last keyframes are
+    A frame that is tied to the current piece is returned at once. Any other frame waits until `CONFIRMED` frames make a
+    new piece, or it is clear that they do not: at most ``CONFIRMED - 1`` frames. The pictures of the last keyframes are
     kept, reduced and grey.
 
     Parameters
@@ -95,8 +95,8 @@ class KeyframeTracker:
     every : int
         Frames from one keyframe to the next, at most.
     leave_pairs : bool
-        Whether keyframes are left to be matched with one another elsewhere (`TiedFrame.unmatched`), since that takes
-        as long as three ordinary frames. A keyframe is then tied to the one before it only.
+        Whether the caller matches keyframes with one another (`TiedFrame.unmatched`), since that takes as long as three
+        ordinary frames. A keyframe is then tied to the one before it only.
     moving : bool
         As in `match_background`.
 
@@ -115,10 +115,10 @@ class KeyframeTracker:
             raise ValueError(f"every must be 1 or more frames, got {every}")
         self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
-        self._last: VideoFrame | None = None  # the last one that is no duplicate
+        self._last: VideoFrame | None = None  # the last frame that is no duplicate
         self._piece: _Piece | None = None
-        self._lost = 0  # frames since the last one that was tied to the piece
-        self._candidate: _Piece | None = None  # what may become a new piece
+        self._lost = 0  # number of frames since the last frame that was tied to the piece
+        self._candidate: _Piece | None = None  # frames that may become a new piece
         self._waiting: list[TiedFrame] = []  # frames of the candidate
 
     def update(self, image: Image) -> list[TiedFrame]:
@@ -168,7 +168,7 @@ class KeyframeTracker:
         return new
 
     def _untied(self) -> list[TiedFrame]:
-        """The waiting frames, as frames of the piece before that nothing ties."""
+        """Give the waiting frames back as untied frames of the current piece."""
         assert self._piece is not None  # nothing waits before the first frame
         piece, waiting = self._piece, self._waiting
         self._candidate, self._waiting = None, []
@@ -201,11 +201,11 @@ def tied_frames(
 
     Notes
     -----
-    The first frame of a piece is a keyframe. Further ones follow every `every` frames, and earlier where little of the
-    keyframe is still in view or few matches are left. An ordinary frame is matched with the keyframe before it: from
-    the motion of the last frames; else from the motion since the frame before; else by descriptors (`match_far`), also
-    with earlier keyframes. Flashes, wipes and others stay untied. The piece goes on if a frame is tied to it within 30
-    frames, unless 8 frames in a row are tied to one another before: these are a new piece.
+    The first frame of a piece is a keyframe. Further keyframes follow every `every` frames, or earlier if little of the
+    keyframe is still in view or few matches are left. An ordinary frame is matched with the keyframe before it. The
+    search starts from the motion of the last frames; else from the motion since the frame before; else from descriptors
+    (`match_far`), also of earlier keyframes. Flashes, wipes and the like stay untied. The piece goes on if a frame is
+    tied to it within 30 frames, unless before that 8 frames in a row are tied to one another: these are a new piece.
 
     Examples
     --------
@@ -230,12 +230,12 @@ def tied_frames(
 
 @dataclass(frozen=True, eq=False)
 class KeyframePair:
-    """A keyframe and an earlier one of its piece, which are to be matched."""
+    """A keyframe and an earlier keyframe of its piece, still to be matched."""
 
     first: VideoFrame
     second: VideoFrame
     H: Array
-    """Homography between them, to a few pixels."""
+    """Homography from the first to the second, to a few pixels."""
     moving: bool
     """Whether the camera moves, see `match_background`."""
 
@@ -245,7 +245,7 @@ class KeyframePair:
         return self.first.index, self.second.index
 
     def matches(self) -> Matches | None:
-        """Matches from the first to the second; None if they do not show the same scene."""
+        """Match the first with the second; None if they do not show the same scene."""
         found = _matched(self.first, self.second, self.H, MOST_CORNERS, self.moving)
         return None if found is None or found[1] < LEAST_LIKENESS_OF_KEY else found[0]
 
@@ -260,13 +260,13 @@ class _PieceOptions:
 
 
 class _Piece:
-    """A piece that grows: its last keyframes, and how the camera moved last."""
+    """The piece that is being tracked: its last keyframes, its last frame and the last motion of the camera."""
 
     def __init__(self, view: VideoFrame, number: int, options: _PieceOptions) -> None:
         self.number = number
         self.first = TiedFrame(view.index, number, view.index, (), view.duplicate)
         self._options = options
-        self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
+        self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography from it to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
         self._motion: Array = np.eye(3)  # homography from the last frame but one to the last
@@ -281,7 +281,7 @@ class _Piece:
         return np.eye(3) if self._matches is None else self._matches.homography
 
     def tied(self, view: VideoFrame, least: float = LEAST_LIKENESS) -> TiedFrame | None:
-        """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
+        """Tie the frame after the last one to the newest keyframe; None if that fails."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
         corners = MOST_CORNERS if self._options.leave_pairs and self._is_due(view) else CORNERS
@@ -297,12 +297,12 @@ class _Piece:
         return self._added(view, *found)
 
     def found_again(self, view: VideoFrame, missed: int) -> TiedFrame | None:
-        """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
+        """Tie a frame to the newest keyframe or to earlier ones, after `missed` untied frames; None if that fails."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
             found = _matched(self.key, view, start, CORNERS, self._options.moving)
             if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                 return self._added(view, *found)
-        back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
+        back = BACK[missed % len(BACK)]  # one earlier keyframe per frame, since this takes long
         if back > len(self._keys):
             return None
         older, to_newest = self._keys[-back]
@@ -330,8 +330,8 @@ class _Piece:
     def _keyframe(self, view: VideoFrame, H: Array, matches: Matches | None = None) -> TiedFrame | None:
         """Make a frame the next keyframe; None if it is unlike earlier ones.
 
-        `H` maps the newest keyframe to it; `matches` are those with the newest keyframe, if it was tied to that one as
-        an ordinary frame.
+        `H` maps the newest keyframe to it; `matches` are its matches with the newest keyframe, if it was already tied
+        to that one as an ordinary frame.
         """
         size = view.frame.image_size
         for older, to_newest in self._keys:
@@ -357,7 +357,7 @@ class _Piece:
 def _matched(
     first: VideoFrame, second: VideoFrame, start: Array, corners: int, moving: bool
 ) -> tuple[Matches, float] | None:
-    """Matches of two frames, and the likeness of the frames; None if they do not show the same scene."""
+    """Match two frames; returns the matches and the frames' likeness, None if they do not show the same scene."""
     matches = match_background(first.frame, second.frame, start=start, corners=corners, moving=moving)
     if matches is None:
         return None
@@ -367,16 +367,17 @@ def _matched(
 
 @dataclass
 class _Chain:
-    """Frames in a row that nothing else ties, after a tied one."""
+    """Untied frames in a row after a tied frame, each matched with the frame before it."""
 
     first: VideoFrame
     last: VideoFrame
     links: list[Matches] = field(default_factory=list)
     """Matches of each frame with the one before it."""
     waiting: list[tuple[Image, TiedFrame]] = field(default_factory=list)
+    """Frames of the chain, kept back until it is known whether it ends at a tied frame."""
 
     def takes(self, view: VideoFrame, moving: bool) -> bool:
-        """Link the next frame; returns whether it shows what the last one shows."""
+        """Link the next frame to the last one; returns whether both show the same scene."""
         found = match_background(self.last.frame, view.frame, moving=moving)
         if found is None or likeness(self.last, view, found.homography) < LEAST_LIKENESS_OF_KEY:
             return False
@@ -386,7 +387,10 @@ class _Chain:
 
     @property
     def is_of_one_shot(self) -> bool:
-        """Whether both ends show the same scene, unlike those of a dissolve; they count as the same if far apart."""
+        """Whether both ends of the chain show the same scene, unlike those of a dissolve.
+
+        If little of one end is in view in the other, they cannot be compared, and this is true.
+        """
         H = np.eye(3)
         for link in self.links:
             H = link.homography @ H
@@ -406,7 +410,7 @@ class _Chain:
 def linked_frames(
     frames: Iterable[tuple[Image, TiedFrame]], *, moving: bool = False
 ) -> Iterator[tuple[Image, TiedFrame]]:
-    """Tie frames that nothing ties to the frames before them, where these connect tied ones.
+    """Tie untied frames to the frames before them, where such a chain connects two tied frames.
 
     Parameters
     ----------
@@ -418,10 +422,10 @@ def linked_frames(
     Yields
     ------
     image, tied
-        The same frames in order, up to 25 of them later. Pieces that a chain connects have the number of the first.
+        The same frames in order, delayed by up to 25 frames. Pieces that a chain connects get the number of the first.
     """
     chain: _Chain | None = None
-    joined = 0  # numbers by which later pieces are lower
+    joined = 0  # by how much the numbers of later pieces decrease, as pieces were joined
     piece = 0
 
     for image, tied in frames:

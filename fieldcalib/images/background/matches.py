@@ -1,9 +1,9 @@
 """Matches of the static background between two frames of a camera.
 
-A camera on a tripod pans, tilts and zooms: whatever the depth of the scene, a static point moves by the homography
-``K2 R2 R1^T K1^-1``, but for the lens. Corners are followed by pyramidal Lucas-Kanade optical flow (Bouguet 2000), and
-those that move by one such homography are the background. Players, scrolling boards and graphics do not. For a camera
-that moves, the background is the ground alone.
+A camera on a tripod pans, tilts and zooms: apart from lens distortion, a static point moves by the homography
+``K2 R2 R1^T K1^-1``, whatever its depth. Corners are followed by pyramidal Lucas-Kanade optical flow (Bouguet 2000),
+and the corners that move by one such homography are the background; players, scrolling boards and graphics do not. For
+a camera that moves, the background is the ground alone.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames.
 WINDOW = 11  # px of the optical flow; 15 and 21 take 2 and 3 times as long, and their residuals are 0 to 0.1 px smaller
-LEVELS = 5  # of the pyramid without a predicted motion: about 200 px are bridged
-LEVELS_PREDICTED = 3  # with a motion that is predicted to a few pixels
+LEVELS = 5  # of the pyramid without a predicted motion: displacements up to about 200 px are found
+LEVELS_PREDICTED = 3  # of the pyramid with a motion that is predicted to a few pixels
 ROUND_TRIP = 0.5  # px: distance to which flow, forward and backward, must come back
 RESTING_SHARE = 0.5  # share of corners that stand still above which a camera that is predicted to rest does rest
 RESTING = 1.0  # px: a camera is predicted to rest if the corners of the picture are predicted to move less
-MOVING_SHARE = 0.3  # share of corners that move above which those that stand still are first taken as graphics
-WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a frame is warped before flow: windows differ
+MOVING_SHARE = 0.3  # if more than this share of the corners move, those that stand still are first taken as graphics
+WARPED_FROM = 0.03  # change of log scale, or roll in radians, from which a frame is warped, so that windows are alike
 
 LEAST_MATCHES = 25
 LEAST_SHARE = 0.35  # of the corners that were followed forth and back: the rest are players, boards and errors of flow
-LEAST_FOUND = 0.1  # of the corners that should be in view and can be followed: across a cut there are hardly any
-LEAST_FOUND_STILL = 0.5  # if matches stand still: with a camera at rest all corners are found, in a pan only graphics
+LEAST_FOUND = 0.1  # share of matches among the corners that should be in view: across a cut there are hardly any
+LEAST_FOUND_STILL = 0.5  # the same if matches stand still: a camera at rest finds all corners, a pan only graphics
 LEAST_SPREAD = (0.08, 0.015)  # of the width: standard deviation along and across; a scoreboard has 0.05, 0.01
 LARGEST_SCALE = (0.5, 0.02)  # scale of residuals: px at rest, and px per px of motion; a dissolve mixes two motions
 GRID = (8, 6)  # cells across and down the picture
@@ -58,18 +58,18 @@ class Matches:
     """Pixels of static points of the scene in two frames."""
 
     first: Array
-    """(n, 2) pixels of the first frame, full size."""
+    """Pixels of the first frame, full size, (n, 2)."""
     second: Array
-    """(n, 2) pixels of the second."""
+    """Pixels of the second frame, full size, (n, 2)."""
     homography: Array
-    """Homography (3, 3) from first to second of the turn and zoom that fit best without a lens.
+    """Homography (3, 3) from first to second of the best rotation and zoom without lens distortion.
 
     It serves as the `start` of the next pair, or as a link of a chain. Far from the matches it is only about right.
     """
     share: float
-    """Share of the followed corners that are matches; those on graphics do not count."""
+    """Share of the followed corners that are matches; corners on graphics do not count."""
     scale: float
-    """Robust standard deviation, px of the full size, of a coordinate of `second` about a homography with a lens."""
+    """Robust standard deviation, px of the full size, of a coordinate of `second` from the motion with a lens."""
     duplicate: bool = False
     """Whether the two pictures are the same: the stream repeats a frame, or is frozen."""
 
@@ -90,37 +90,39 @@ def match_background(
     corners: int = MOST_CORNERS,
     moving: bool = False,
 ) -> Matches | None:
-    """Static points of the scene in two frames of a camera that pans, tilts and zooms.
+    """Match static points of the scene in two frames of a camera that pans, tilts and zooms.
 
     Parameters
     ----------
     first, second : (height, width) or (height, width, 3) uint8 arrays, or Frame
-        Of one size. A `Frame` keeps what was found in it for its next partner.
+        Of one size. A `Frame` keeps its corners and descriptors for the next call.
     start : (3, 3) array_like, optional
-        Homography from first to second, to a few pixels: of the same motion in the pair before, or chained over the
-        frames in between. Without it up to about a tenth of the width is bridged.
+        Homography from first to second, to a few pixels: that of the pair before if the motion continues, or chained
+        over the frames in between. Without it displacements up to about a tenth of the width are found.
     corners : int
-        How many corners of the first frame are followed, strong and weak ones: the strongest are on players. Time is
+        How many corners of the first frame are followed, strong and weak ones, as the strongest are on players. Time is
         proportional; from one frame of a video to the next, 200 are enough.
     moving : bool
-        Whether the camera moves: then only points that move as the ground does count as static.
+        Whether the camera changes its position: then only points that move as the ground does count as static.
 
     Returns
     -------
     Matches or None
-        None if `start` is no turn and zoom of a camera on a tripod, if too few corners could be followed, or if too few
-        of them, or on too small a part of the picture, move as a static scene does: a cut, a wipe, blank grass, motion
-        blur. `match_far` may then help.
+        None if `start` is not the motion of a camera on a tripod, if too few corners could be followed, or if too few
+        of them, or only in a small part of the picture, move as a static scene does. Reasons are a cut, a wipe, blank
+        grass or motion blur. `match_far` may then help.
 
     Raises
     ------
     ValueError
         If the pictures are not of one size or no uint8 pictures.
 
-    Notes ----- Corners are followed forward and backward. If a good part of them moves, those that stand still in the
-    picture are on graphics and left out. RANSAC finds the turn and zoom that most of them follow, and Gauss-Newton
-    refines them with focal length and lens (`fieldcalib.images.background.background_motion`). The background is what
-    is nearer to that motion than a tolerance, which is measured on the matches themselves.
+    Notes
+    -----
+    Corners are followed forward and backward. If many of them move, those that stand still in the picture are on
+    graphics and left out. RANSAC finds the rotation and zoom that most corners follow, and Gauss-Newton refines them
+    with focal length and lens (`fieldcalib.images.background.background_motion`). Corners whose distance from this
+    motion is below a tolerance, which is measured on the matches themselves, are the background.
 
     Examples
     --------
@@ -143,7 +145,7 @@ def match_background(
 
 
 def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = False) -> Matches | None:
-    """Match as `match_background`, with any motion in between: after a fast pan, across a cut, at a zoom.
+    """Match as `match_background` does, but with any motion in between: after a fast pan, across a cut, at a zoom.
 
     ORB descriptors (Rublee et al., ICCV 2011) with Lowe's ratio test give a homography from which corners are followed.
 
@@ -173,7 +175,7 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
     y = q[[m.trainIdx for m in good]].reshape(-1, 2).astype(float)
     moved = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
     motion_of = plane_motion if moving else background_motion
-    for keep in (moved, np.ones(len(x), bool)):  # graphics match best of all: first without points that stand still
+    for keep in (moved, np.ones(len(x), bool)):  # graphics match best: try first without points that stand still
         motion = motion_of(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
         if motion is not None and is_plausible(motion[0], size):
             matches = _matched(one, two, motion[0], MOST_CORNERS, moving)
@@ -183,13 +185,13 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
 
 
 def _reduced(H: Array, frame: Frame) -> Array:
-    """A homography of pictures in full size, for reduced pictures."""
+    """Convert a homography between pictures of full size to one between reduced pictures."""
     T = to_full(frame.scale)
     return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
 
 def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool) -> Matches | None:
-    """Matches by optical flow from corners mapped by H; None if they do not look like those of a static scene."""
+    """Match by optical flow, started at corners mapped by H; None if the result does not look like a static scene."""
     x, y, attempts = _followed(one, two, H, corners)
     if len(x) < LEAST_MATCHES:
         return None
@@ -199,6 +201,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
     starts = [~still, every] if np.mean(~still) > MOVING_SHARE else [every]
     if H is not None and np.mean(still) > RESTING_SHARE and _rests(H, size):
         starts.reverse()
+    # static graphics and the background may each look like a motion: the likelier kind of corners is tried first
     for candidates in starts:
         motion = (plane_motion if moving else background_motion)(x, y, candidates, size)
         if motion is None:
@@ -223,9 +226,9 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
 
 
 def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Array, Array, int]:
-    """Corners (n, 2) of one frame, their places (n, 2) in the other, and how many were looked for.
+    """Follow corners: pixels (n, 2) in one frame, pixels (n, 2) in the other, and how many were looked for.
 
-    With a homography that changes scale or direction, the first frame is warped by it, so that windows look alike.
+    If the predicted homography changes scale or roll, the first frame is warped by it, so that flow windows look alike.
     """
     import cv2
 

@@ -1,15 +1,13 @@
-"""A frame prepared for matching: reduced, grey, with its corners and descriptors; and the similarity of two frames.
+"""Preparation of a frame for matching, with corners and descriptors, and the similarity of two frames.
 
-Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines, corners
-were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480. Clips of
-720 lines gain more: the scatter about a turn and zoom with lens is 0.15 px at 1280, 0.23 at 640.
+Frames are grey, and halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines,
+corners were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480.
+Clips of 720 lines gain more: the scatter about a rotation and zoom with lens is 0.15 px at 1280, 0.23 at 640.
 
-Compact blobs on the ground of a picture: players, officials, balls and their shadows, which move of their own.
-
-Corners are followed from frame to frame to tell the motion of the camera. In a fast pan the ground is blurred, most
-corners that are left lie on players, and players who run the same way look like a background. In three rendered clips
-the motion between neighbouring frames was off by up to 0.4 to 1.0 px at 90 % of the pairs with corners on players, and
-by up to 0.2 px without.
+Corners on players are left out. Players, officials, balls and their shadows are found as compact blobs on the ground
+(`blobs_on_ground`). In a fast pan the ground is blurred, most corners that are left lie on players, and players who run
+the same way look like a background. In three rendered clips the motion between neighbouring frames was off by up to 0.4
+to 1.0 px in 90 % of the pairs with corners on players, and by up to 0.2 px without.
 """
 
 from __future__ import annotations
@@ -27,42 +25,42 @@ from fieldcalib.io.image import Image
 # Lengths are in pixels of a picture of this width.
 WIDTH = 320
 COLOUR_BINS = 64  # of each chroma axis
-GROUND_BELOW = 1.0 / 3.0  # of the height: where the colour of the ground is taken from
-CHROMA, LIGHTNESS = 12.0, 35.0  # of 255 (a, b and L of CIE Lab): what differs by more from the ground is not ground
-AROUND = 30  # px across which the lightness of the ground is the same: it has stripes and shadows
-THIN = 3  # px: what is thinner is a line, or a net
-SMALLEST_AREA = 20  # square px: less may be left of a slanting line
+GROUND_BELOW = 1.0 / 3.0  # of the height, below which the colour of the ground is measured
+CHROMA, LIGHTNESS = 12.0, 35.0  # of 255 (a, b and L of CIE Lab): pixels that differ by more are not ground
+AROUND = 30  # px: size of the neighbourhood that gives the lightness of the ground, which has stripes and shadows
+THIN = 3  # px: thinner things are lines or nets
+SMALLEST_AREA = 20  # square px: smaller blobs may be remains of a slanting line
 LARGEST_AREA = 0.02  # of the picture
 LARGEST_SIDE = (0.15, 0.4)  # of width and height
-LONGEST = 5.0  # times as long as wide (ratio of standard deviations): what is longer is a line
-RING = 4  # px around the bounding box of a blob
-LEAST_GROUND = 0.7  # of this ring: what stands before boards and crowd is not told from them
+LONGEST = 5.0  # ratio of standard deviations along and across: longer blobs are lines
+RING = 4  # px: width of the ring around the bounding box of a blob
+LEAST_GROUND = 0.7  # share of ground in this ring: blobs before boards and crowd cannot be told from them
 MARGIN = 5  # px of the dilation
 
 # Lengths are in pixels of the reduced frames.
 WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
 CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
-ENOUGH_CORNERS = 100  # off players
-MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
+ENOUGH_CORNERS = 100  # corners off players; with fewer, those on players are used too
+MOST_CORNERS = 400  # of a frame: 800 take twice the time and reduce the error of the homography to 0.7 times at best
 LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
-BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
+BORDER = 8  # px from the border of the picture, within which the window of a corner is cut off
 SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
 SAME_PICTURE = 1.0  # grey levels of mean difference; neighbouring frames of six clips differ by 4 or more somewhere
 SMALLEST_FOR_ORB = 64  # px: ORB cannot make a pyramid of smaller pictures
 ORB_WIDTH = 960  # px: wider frames are halved; flow makes the matches exact afterwards
 ORB_FEATURES = 1000  # of a frame
 ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
-IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
+IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # grid of points (400, 2), shares of width and height
 SMALL_WIDTH = 160  # px of the small pictures that are compared
-LOCAL = 41  # px of a small picture: the mean over so many is subtracted, as slow shading is alike in any two shots
+LOCAL = 41  # px of a small picture over which the mean is subtracted, as slow shading is alike in any two shots
 BLOCK = 5  # px of a small picture
 WHOLE = 0.7  # share of a block that must be in view
 NOISE = 2.0  # grey levels: contrast below is noise
-GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
+GRAPHIC = (4.0, 12.0, 5)  # grey levels: largest difference in place, least once moved; px around it
 
 
 def thumbnail(image: Image) -> Image:
-    """A picture reduced to `WIDTH`, if it is wider."""
+    """Reduce a picture to `WIDTH`, if it is wider."""
     import cv2
 
     height, width = image.shape[:2]
@@ -72,7 +70,7 @@ def thumbnail(image: Image) -> Image:
 
 
 def blobs_on_ground(image: Image) -> Image:
-    """1 where compact things stand on the ground of a thumbnail (height, width, 3) in blue, green, red, else 0.
+    """Mask of compact blobs on the ground of a thumbnail (height, width, 3) in blue, green, red: 1 there, else 0.
 
     Examples
     --------
@@ -95,7 +93,7 @@ def blobs_on_ground(image: Image) -> Image:
 
 
 def _is_ground(lab: Any) -> Any:
-    """1 where a picture in CIE Lab has the most common colour of its lower part, and the lightness around; else 0."""
+    """Mask of the ground in a CIE Lab picture: 1 for the commonest colour of the lower part with the local lightness."""
     import cv2
 
     lower = lab[int(GROUND_BELOW * len(lab)) :]
@@ -118,7 +116,7 @@ def _are_small(boxes: IntArray, shape: tuple[int, ...]) -> BoolArray:
 
 
 def _are_compact(label: Array, count: int) -> BoolArray:
-    """Whether the pixels of each label but 0 have similar standard deviations along and across."""
+    """Whether the pixels of each label but 0 have similar standard deviations along and across: blobs, not lines."""
     y, x = np.nonzero(label)
     one = label[y, x]
     n = np.maximum(np.bincount(one, minlength=count), 1)
@@ -150,7 +148,7 @@ def _ground_around(boxes: IntArray, ground: Any) -> Array:
 class Frame:
     """A frame prepared for matching: reduced, grey; its corners and descriptors are found once, when they are needed.
 
-    Pyramids are built anew for each pair, which takes 0.2 ms: OpenCV's Python functions do not take built ones.
+    Pyramids are built again for each pair, which takes 0.2 ms: OpenCV's Python functions take no prepared ones.
 
     Examples
     --------
@@ -160,7 +158,7 @@ class Frame:
     """
 
     grey: Image
-    """(height, width), at most `WORKING_WIDTH` wide."""
+    """The reduced grey picture, (height, width), at most `WORKING_WIDTH` wide."""
     image_size: tuple[int, int]
     """Size of the picture in full size."""
     colours: Image | None = None
@@ -173,7 +171,7 @@ class Frame:
         Raises
         ------
         ValueError
-            If `image` is no such array.
+            If `image` is not such an array.
         """
         import cv2
 
@@ -194,15 +192,15 @@ class Frame:
 
     @property
     def scale(self) -> Array:
-        """(2,) pixels of the full size per pixel of `grey`, across and down."""
+        """Pixels of the full size per pixel of `grey`, across and down, (2,)."""
         return np.divide(self.image_size, self.grey.shape[::-1])
 
     @cached_property
     def corners(self) -> Float32:
-        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these.
+        """Corners in pixels of `grey`, (n, 2): the best one of each cell, and the strongest `MOST_CORNERS` of these.
 
-        Those on players are left out, unless hardly any others are found. They are sought at half the size, which takes
-        a fifth of the time: flow needs a window with texture, not a peak.
+        Corners on players are left out, unless hardly any others are found. Corners are looked for at half the size,
+        which takes a fifth of the time: flow needs a window with texture, not an exact peak.
         """
         import cv2
 
@@ -218,7 +216,7 @@ class Frame:
         return _best_corners(strength)
 
     def players(self, shape: tuple[int, ...]) -> BoolArray:
-        """Where players stand in a picture of another size (height, width); nowhere in a grey one."""
+        """Mask of the players, scaled to another size (height, width); empty for a grey picture."""
         import cv2
 
         if self.colours is None:
@@ -250,7 +248,7 @@ class Frame:
 
 
 def _best_corners(strength: Any) -> Float32:
-    """The best corner of each cell, (n, 2) pixels of a picture twice as large as the one of their strength."""
+    """Best corner of each cell, in pixels (n, 2) of a picture twice as large as `strength`, the strongest first."""
     cell = max(round(strength.shape[1] / CELLS_ACROSS), 1)
     down, across = (side // cell for side in strength.shape)
     cells: Any = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
@@ -268,14 +266,14 @@ def _best_corners(strength: Any) -> Float32:
 def to_full(scale: Array) -> Array:
     """Affine map (3, 3) from pixels of a picture that was reduced by a scale (2,) to pixels of the full size.
 
-    Centres of pixels are at integers.
+    Centres of pixels are at integer coordinates.
     """
     x, y = scale
     return np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
 
 
 def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
-    """Whether two pictures are the same but for compression: no block of either differs.
+    """Whether two pictures are the same apart from compression: no block of one differs from the other's.
 
     Examples
     --------
@@ -298,7 +296,7 @@ def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
 
 
 def pair(first: Image | Frame, second: Image | Frame) -> tuple[Frame, Frame]:
-    """Two frames of one size, or a ValueError."""
+    """Prepare two pictures as frames; a ValueError if they are not of one size."""
     one = first if isinstance(first, Frame) else Frame.of(first)
     two = second if isinstance(second, Frame) else Frame.of(second)
     if one.image_size != two.image_size:
@@ -308,7 +306,7 @@ def pair(first: Image | Frame, second: Image | Frame) -> tuple[Frame, Frame]:
 
 @dataclass(frozen=True, eq=False)
 class VideoFrame:
-    """A frame of a video, with a small picture by which its likeness with others is measured."""
+    """A frame of a video, with a small picture that serves to measure its likeness with others."""
 
     index: int
     frame: Frame
@@ -316,7 +314,7 @@ class VideoFrame:
 
     @cached_property
     def detail(self) -> Float32:
-        """The reduced picture less its local mean."""
+        """Small picture minus its local mean."""
         import cv2
 
         height, width = self.frame.grey.shape
@@ -327,11 +325,12 @@ class VideoFrame:
 
 
 def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
-    """Share of the contrast of either picture that is in the other, once the first is moved by H (in full size).
+    """Share of the contrast that two pictures have in common, once the first is moved by H (in full size).
 
-    It is the covariance over the larger variance in each block, and the median over the half of the blocks with more
-    contrast, since boards change some blocks only. Players are left out, and graphics, which are the same in place and
-    not once moved. A mixture ``(1 - a) A + a B`` of two shots has a likeness of about 1 - a with A and a with B.
+    In each block it is the covariance divided by the larger variance. The result is the median over the half of the
+    blocks with more contrast, since boards change in some blocks only. Players are left out, and so are static
+    graphics, which are the same in place but not once moved. A mixture ``(1 - a) A + a B`` of two shots has a likeness
+    of about 1 - a with A and a with B.
     """
     import cv2
 
@@ -360,7 +359,7 @@ def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
 
 
 def shared_view(H: Array, size: tuple[int, int]) -> float:
-    """Share of either picture that is in view in the other; the smaller of both."""
+    """Share of each picture that is in view in the other; the smaller of the two."""
     xy = IN_PICTURE * np.asarray(size, dtype=np.float64)
     back: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""A clip from its frames: all of it at once (`from_video`), or live, frame by frame (`tracker`).
+"""Calibration of a clip: all frames together (`from_video`), or live, frame by frame (`tracker`).
 
 frames -> `keyframes` -> `solved_shots` by the `clip_models` -> lines in all frames -> `finished_clip`
 """

@@ -1,15 +1,15 @@
-"""Choice of a camera model for a run of frames, where one tripod does not explain the labels of its keyframes.
+"""Choice of a camera model for a run of frames, if one tripod does not explain the labels of its keyframes.
 
     a tripod -> do many keyframes contradict it?               -> a window that moves over the picture of a tripod,
                                                                   parts with a place of their own, a camera that moves,
                                                                   frames one by one
 
-`CAMERA_MODELS` are all models, each with all that is special about it. They are solved without some of the labels and
-matches, and predict these. The tripod is kept unless another model predicts clearly better. A clip that is narrower
-than a broadcast was cut out of one, and windows that are cut out often follow the play: there the window is tried in
-any case.
+`CAMERA_MODELS` lists the models, with all that is special about each. Models are compared by cross-validation: each is
+solved without some of the labels and matches (`HeldOut`), and must predict these (`Misprediction`). The tripod is kept
+unless another model predicts clearly better. A clip that is narrower than a broadcast was cut out of one, and windows
+that are cut out often follow the play; for such clips the window is tried in any case.
 
-Which frames of a clip belong together, and what the cameras of each such piece share.
+`Pieces` holds which frames of a clip belong together, and the camera model of each such piece.
 """
 
 from __future__ import annotations
@@ -33,17 +33,15 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import Ties
 from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit
 
-LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
-LEAST_PIXELS = 3  # of a label that is left out
+LEAST_LABELS = 4  # labels that a keyframe must have for one of them to be left out
+LEAST_PIXELS = 3  # pixels that a label must have to be left out
 WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
 LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
 CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
 LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
-WRONG = (
-    20.0  # px of 960 x 540: labels and matches that lie farther off under each of two models tell nothing about them
-)
+WRONG = 20.0  # px of 960 x 540: labels and matches that are farther off under both of two models do not count
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
-LEAST_RUN = 2  # keyframes in a row that make a part
+LEAST_RUN = 2  # successive keyframes that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
 
@@ -53,7 +51,7 @@ class CameraModel:
 
     name: str
     tripod: str = ""
-    """Pieces that name the same here may be of one tripod; without it a piece has a camera to itself."""
+    """Kind of tripod: pieces with the same kind may be of one tripod; if empty, a piece has a camera of its own."""
     not_shared: str = ""
     """Name of the parameter of a tripod that frames do not share, as in `calibrate_sequence`."""
     is_window: bool = False
@@ -63,44 +61,47 @@ class CameraModel:
     divides: bool = False
     """Whether the piece is divided into parts, with a tripod each."""
     tried: Literal["", "if a tripod is wrong", "always"] = ""
-    """When it is compared with a tripod, which is wrong, or may be as the picture is narrower than a broadcast."""
+    """When the model is compared with a tripod: always, or only if the tripod contradicts the labels; "" for never.
+
+    No comparison is made if the tripod fits and the picture is no narrower than a broadcast.
+    """
     shown_by_matches: bool = False
-    """Whether matches alone must predict better too: a principal point for each frame absorbs errors of its labels."""
+    """Whether matches alone must be predicted better too, as a principal point per frame absorbs errors of labels."""
     note: str = ""
-    """Said to the user, with `where` its frames are, or the `first` of each part; by `gain` it predicts better."""
+    """Note to the user: a format string with the frames (`where`), the `first` frame of each part, and the `gain`."""
 
     @property
     def may_be_part(self) -> bool:
-        """Whether frames on a tripod are taken as whole ones, and may turn out to be parts of larger ones."""
+        """Whether the model takes frames as whole pictures, although they may be parts of larger ones."""
         return bool(self.tripod) and not self.is_window
 
     def is_tried(self, task: Task, *, is_wrong: bool) -> bool:
-        """Whether it is compared with a tripod that is wrong, or is not, for frames with this task."""
+        """Whether the model is compared with a tripod for frames with this task; `is_wrong` if the tripod is."""
         fixed = task.given.camera_matrix is not None or task.chosen_flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
         is_possible = not self.is_window or (task.prior is not None and not fixed)
         return is_possible and (self.tried == "always" or (is_wrong and bool(self.tried)))
 
     def judged(self, score: Misprediction) -> Misprediction:
-        """What tells whether it predicts better.
+        """Select the part of a misprediction by which the model is judged.
 
-        Matches cannot for frames that share nothing: without a common centre, points at different depths move
-        differently.
+        For frames that share nothing only labels count: without a common centre, the motion of static points depends on
+        their depth, so matches cannot be predicted.
         """
         return score.of_labels if self.is_alone else score
 
     def is_preferred(self, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
-        """Whether it is taken instead of the best model so far, which is simpler."""
+        """Whether the model is taken instead of the best model so far, which is simpler."""
         shown = not self.shown_by_matches or score.of_matches.is_better(of_tripod.of_matches)
         return shown and self.judged(score).is_better(self.judged(best))
 
     def said(self, frames: IntArray, **found: float | str) -> str:
-        """The note for the user on frames, with what was found of them."""
+        """Format the note for the user on some frames; `found` are its other values."""
         first = ", ".join(map(str, frames.tolist()))
         return self.note.format(where=f"frames {frames[0]} to {frames[-1]}", first=first, **found)
 
 
 TRIPOD = CameraModel("tripod", tripod="of whole pictures")
-"""One place of the camera, its lens, and the size of the field."""
+"""Frames share the place of the camera, its lens, and the size of the field."""
 CUT_OUT = CameraModel(
     "cut out",
     tripod="of parts of pictures",  # these have another principal point
@@ -108,8 +109,8 @@ CUT_OUT = CameraModel(
     note="{where}: the picture is a part of a larger one, or is shown in a part of the screen: its principal point is "
     "at ({x:.0f}, {y:.0f}), far from the middle",
 )
-"""A tripod, with a principal point for all that may lie far from the middle: the picture is a fixed part of a larger
-one, or is shown in a part of the screen."""
+"""A tripod with one principal point for all frames that may lie far from the middle: the picture is a fixed part of a
+larger one, or is shown in a part of the screen."""
 WINDOW = CameraModel(
     "window",
     tripod=TRIPOD.tripod,
@@ -120,7 +121,7 @@ WINDOW = CameraModel(
     note="{where}: the picture is a window that moves over a larger one: each frame has a principal point of its own, "
     "which predicts lines and matches that were left out better than one for all ({gain})",
 )
-"""A tripod, but a principal point for each frame: the picture is a window that moves over a larger one."""
+"""A tripod with a principal point for each frame: the picture is a window that moves over a larger one."""
 PARTS = CameraModel(
     "parts",
     divides=True,
@@ -129,7 +130,7 @@ PARTS = CameraModel(
     "predicts lines and matches that were left out better ({gain}). Several cameras may take turns, or the ground may "
     "not be flat",
 )
-"""A tripod for each part of the piece; its note is on the first frames of all parts but the first."""
+"""A tripod for each part of the piece; the note names the first frames of all parts but the first part."""
 MOVING = CameraModel(
     "moving",
     not_shared="centre",
@@ -137,7 +138,7 @@ MOVING = CameraModel(
     note="{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
     '({gain}); say so from the beginning (camera="moving", --camera moving)',
 )
-"""Lens and size of the field, and centres along a smooth path."""
+"""Frames share lens and size of the field; their centres lie on a smooth path."""
 ALONE = CameraModel(
     "alone",
     is_alone=True,
@@ -145,18 +146,18 @@ ALONE = CameraModel(
     note="{where} are calibrated one by one: each by itself predicts lines that were left out better than one place of "
     "the camera ({gain})",
 )
-"""Nothing: each frame is calibrated by itself."""
+"""Frames share nothing: each is calibrated by itself."""
 CAMERA_MODELS = (TRIPOD, CUT_OUT, WINDOW, PARTS, MOVING, ALONE)  # the simplest one first
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The frames of a clip by piece: runs of frames that matches connect, or parts of these."""
+    """Division of the frames of a clip into pieces: runs of frames that matches connect, or parts of such runs."""
 
     number: IntArray
     """Number of the piece of each frame, (T,), from 0 and ascending."""
     models: Mapping[int, CameraModel] = field(default_factory=dict)
-    """Camera models of pieces; pieces without one have a tripod."""
+    """Camera models by number of the piece; pieces without an entry have a tripod."""
 
     @property
     def numbers(self) -> list[int]:
@@ -172,35 +173,35 @@ class Pieces:
         return {self.models.get(piece, TRIPOD) for piece in members}
 
     def model_of(self, members: Iterable[int]) -> CameraModel:
-        """The camera model of some pieces together: their own, or of several the least simple one on a tripod."""
+        """The camera model for some pieces together: their common one, or else the most complex one on a tripod."""
         found = self.models_of(members)
         on_tripod = [one for one in CAMERA_MODELS if one in found and (one.tripod or len(found) == 1)]
         return on_tripod[-1] if on_tripod else TRIPOD
 
     def with_model(self, piece: int, model: CameraModel) -> Pieces:
-        """The pieces, one of them with another camera model."""
+        """Change the camera model of one piece."""
         return replace(self, models={**self.models, piece: model})
 
     def divided(self, first: Sequence[int]) -> Pieces:
-        """The pieces, divided before some frames."""
+        """Divide pieces before each of the frames `first`."""
         return replace(self, number=self.number + np.searchsorted(first, np.arange(len(self.number)), "right"))
 
     def joined(self, piece: int) -> Pieces:
-        """The pieces, one of them joined to the one before."""
+        """Join a piece to the one before it."""
         return replace(self, number=self.number - (self.number >= piece))
 
 
 def loose_at_end(piece: Sequence[int], linked: Sequence[bool]) -> list[bool]:
-    """Which frames are untied, as are all after them in their piece: in a dissolve or a pan too fast to follow.
+    """Find the untied frames at the end of each piece, as in a dissolve or a pan too fast to follow.
 
-    They may show the next camera, so labels in them say nothing of the frames before.
+    They may show the next camera already, so their labels are no evidence about the frames before.
 
     Parameters
     ----------
     piece : (T,) sequence of int
         Ascending.
     linked : (T,) sequence of bool
-        Whether something ties a frame to its piece; the first frame of a piece is tied to it.
+        Whether each frame is tied to its piece; the first frame of a piece always is.
 
     Examples
     --------
@@ -212,7 +213,7 @@ def loose_at_end(piece: Sequence[int], linked: Sequence[bool]) -> list[bool]:
 
 
 def numbered(piece: Sequence[int], loose: Sequence[bool]) -> list[int]:
-    """Numbers of pieces from 0, with loose frames as pieces of their own.
+    """Number pieces consecutively from 0, with runs of loose frames as pieces of their own.
 
     Examples
     --------
@@ -226,7 +227,7 @@ def numbered(piece: Sequence[int], loose: Sequence[bool]) -> list[int]:
 class Misprediction(NamedTuple):
     """Distances of labels and matches that were left out from where they are predicted, pixels of 960 x 540.
 
-    Those of several models are in the same order; NaN where a model does not say.
+    Mispredictions by several models are in the same order; NaN where a model predicts nothing.
 
     Examples
     --------
@@ -239,7 +240,7 @@ class Misprediction(NamedTuple):
     """
 
     labels: Array
-    """Root mean square distance of each label."""
+    """Root mean square distance of the pixels of each label."""
     matches: Array
     """Median distance of the matches of each pair of frames."""
 
@@ -252,7 +253,7 @@ class Misprediction(NamedTuple):
 
     @property
     def typical(self) -> float:
-        """The distance that has this score."""
+        """Distance which, if all distances were equal to it, would give this score."""
         return WELL_PREDICTED * float(np.sqrt(np.expm1(self.score)))
 
     @property
@@ -266,25 +267,25 @@ class Misprediction(NamedTuple):
         return self._replace(labels=self.labels[:0])
 
     def is_better(self, than: Misprediction) -> bool:
-        """Whether it is clearly better than another one; what is wrong under both does not count."""
+        """Whether this is clearly better than another one; labels and matches wrong under both do not count."""
         before, after = than.unless_wrong(self).score, self.unless_wrong(than).score
         return after < min(CLEARLY * before, before - LEAST_GAIN)
 
     def unless_wrong(self, other: Misprediction) -> Misprediction:
-        """The misprediction without what is far off under another model too."""
+        """Leave out the labels and matches that are far off in another misprediction too."""
         return Misprediction(*(np.where(np.minimum(a, b) > WRONG, np.nan, a) for a, b in zip(self, other, strict=True)))
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Labels and matches of keyframes that are left out, to see how well a camera model predicts them."""
+    """Labels and matches of keyframes that are left out, to measure how well a camera model predicts them."""
 
     kept: Mapping[int, PixelTable]
-    """The other labels, by frame."""
+    """Labels that are not left out, by frame."""
     left: Mapping[int, PixelTable]
-    """One label of each frame."""
+    """Label that is left out, by frame."""
     pairs: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
-    """Matches that are left out."""
+    """Matches that are left out, by pair of frames."""
 
     @classmethod
     def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> HeldOut:
@@ -377,7 +378,7 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
 
 
 def misfit_note(frames: IntArray) -> str:
-    """Note for the user on frames that no camera model explains."""
+    """Note for the user on frames that no single place of the camera explains."""
     return (
         f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; they can be "
         f"calibrated one by one (clip=False, --independent)"
@@ -397,7 +398,7 @@ def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
 
 
 def gain_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """Note for the user on frames with another camera model than a tripod, and by how much it predicts better."""
+    """Note for the user on frames whose camera model is not a tripod, and how much better it predicts."""
     before, after = model.judged(before), model.judged(after)
     one, other = after.unless_wrong(before).typical, before.unless_wrong(after).typical
     return model.said(frames, gain=f"typically to {one:.1f} instead of {other:.1f} px of a picture 960 wide")

@@ -1,4 +1,4 @@
-"""Frames of one camera that are calibrated together, from the lines in some of them and the matches that tie them."""
+"""Joint calibration problem of frames of one camera, from the lines in some of them and the matches that tie them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ClipOptions:
         check_of_clip(self.task.chosen_flags)
 
     def calibrate_alone(self, images: Sequence[Image], network: Network | None) -> list[Calibration]:
-        """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio.
+        """Calibrate frames as single images, without estimating size of the field, borders or aspect ratio from each.
 
         Without a network the court is searched for.
         """
@@ -52,14 +52,14 @@ class ClipOptions:
         return calibrate_alone(ImageTask(self.task, network), images)
 
     def not_sharing(self, name: str) -> ClipOptions:
-        """The options without one of the names in `shared`."""
+        """Remove a name from `shared`."""
         return replace(self, shared=tuple(one for one in self.shared if one != name))
 
     @property
     def flags_together(self) -> int:
-        """The flags for frames that are solved together.
+        """Flags for frames that are solved together.
 
-        k2 is estimated too by default and with CALIB_AUTO_LENS: all frames together determine the lens.
+        By default and with CALIB_AUTO_LENS k2 is estimated too, as all frames together determine the lens.
         """
         flags = self.task.chosen_flags
         position = flags & CalibrationFlags.CALIB_FIX_POSITION
@@ -75,29 +75,29 @@ def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, .
 
 
 def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:
-    """Matches averaged over cells; None if they are too few to tie two frames."""
+    """Average matches over cells; None if they are too few to tie two frames."""
     cells = cell_means(matches.first, matches.second, image_size)
     return cells if len(cells[0]) >= LEAST_CELLS else None
 
 
 def between(frames: Sequence[int], matches: Mapping[tuple[int, int], Cells]) -> dict[tuple[int, int], Cells]:
-    """The matches between some frames, which are numbered from 0 in their order."""
+    """Select the matches between some frames, renumbered by position in `frames`."""
     number = {frame: k for k, frame in enumerate(frames)}
     return {(number[i], number[j]): cells for (i, j), cells in matches.items() if i in number and j in number}
 
 
 @dataclass(frozen=True, eq=False)
 class ClipProblem:
-    """Frames of one camera, with the lines and the matches that they are calibrated from."""
+    """Frames of one camera, with the lines and the matches from which they are calibrated."""
 
     options: ClipOptions
     image_size: tuple[int, int]
     frames: Sequence[int]
     """Numbers of the T frames, ascending."""
     labels: Mapping[int, PixelTable]
-    """Lines by frame; those of frames that are not in `frames` are ignored."""
+    """Lines by frame; entries of frames that are not in `frames` are ignored."""
     matches: Mapping[tuple[int, int], Cells]
-    """Matches by the numbers of both frames; those of other frames are ignored."""
+    """Matches by the numbers of both frames; entries of other frames are ignored."""
 
     @property
     def from_zero(self) -> SequenceProblem:

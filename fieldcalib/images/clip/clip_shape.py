@@ -1,22 +1,23 @@
-"""The shape of the frames of a clip, from some of them: borders, windows, and whether they were squashed from 16:9.
+"""Estimation of the shape of a clip's frames from some of them: borders, windows, and whether they were squashed.
 
-Borders are the smallest among some frames, windows those that most of them have; of several windows the one with the
-most cameras is taken, and all cameras are to be checked.
+Borders are the smallest among the frames looked at. A window counts if most of them have it; of several windows the one
+that gives the most cameras is taken, and the user is told to check all cameras.
 
-Frames of another shape than 16:9 are calibrated as they are and as they would be shown, both times as frames of one
-camera, whose place and lens cannot absorb the errors of single frames. Where the shape is right the lines lie nearer to
-their markings: with u and v the distances of the lines of one label in one frame, in the picture's own pixels, as it is
-and as shown, the log odds that frames were squashed are
+Frames of another shape than 16:9 may have been squashed from it. They are calibrated both as they are and stretched to
+the shape in which they would be shown, both times as frames of one camera, whose place and lens cannot absorb the
+errors of single frames. With the right shape the lines lie nearer to their markings. With u and v the distances of the
+lines of one label in one frame, as it is and as shown, both in the picture's own pixels, the log odds of squashed
+frames are
 
-    1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself
+    1/2 sum log(u / v)  +  mean over frames of the log odds of each frame by itself
     (`fieldcalib.images.shape.borders_and_squash`)
 
 over all labels of all frames.
 
-The shape of a live video is estimated as its pictures come. Borders begin with those of the first picture that shows
-something. They shrink at once when a later picture shows something in them, and grow when all of the last pictures that
-were looked at have larger ones. Whether pictures were squashed is estimated when some have been seen; until that is
-known every camera is to be checked.
+The shape of a live video is estimated as its pictures come (`LiveShape`). Borders begin with those of the first picture
+that shows something. They shrink at once if a later picture shows something in them, and grow if all of the last
+pictures that were looked at have larger ones. Whether pictures were squashed is estimated once some have been seen;
+until then the user is told to check every camera.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
 from fieldcalib.solve.solver_options import CERTAIN
 
-SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next
-FURTHEST = 3000  # frames, two minutes, from which these are taken
+SEEN, APART = 8, 12  # number of frames that are used, and distance from one to the next in frames
+FURTHEST = 3000  # frames, two minutes, among which they are
 DARK = 10.0  # largest mean brightness of a frame that shows nothing
 # Half a second apart, frames share part of their errors. With this weight 34 of 45 squashed stretches of nine clips and
 # 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
-WEIGHT = 0.5  # of the labels of a frame
+WEIGHT = 0.5  # factor of the sum over labels in the log odds
 UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
-CHANCE = 0.05  # px: smaller distances of lines do not count
-ASKED = SEEN // 2, SEEN  # numbers of pictures from which the odds of squashed ones are estimated
+CHANCE = 0.05  # px: distances of lines below this are chance
+ASKED = SEEN // 2, SEEN  # numbers of pictures seen at which the log odds of squashed frames are estimated
 SAME = 2  # px: borders that differ by no more are the same, up to compression
 
 
@@ -77,7 +78,7 @@ class ShapeEstimator:
     estimate_aspect: bool = True
 
     def __post_init__(self) -> None:
-        """Raise a ValueError if one of the two is neither True nor False."""
+        """Raise a ValueError if `take_off_borders` or `estimate_aspect` is neither True nor False."""
         for name in ("take_off_borders", "estimate_aspect"):
             truth(getattr(self, name), name)
 
@@ -88,12 +89,12 @@ class ShapeEstimator:
 
     @property
     def finds_squash(self) -> bool:
-        """Whether frames may be found to be squashed."""
+        """Whether it is estimated if frames were squashed; not with a camera matrix or without a prior."""
         is_free = self.options.task.given.camera_matrix is None and self.options.task.prior is not None
         return self.estimate_aspect and is_free
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
-        """The shape of the frames of a clip; None without borders if they were not squashed."""
+        """Estimate the shape of the frames of a clip; None for frames without borders that were not squashed."""
         some = bright_frames(images) if self.finds_borders or self.finds_squash else []
         if not some:
             return None
@@ -106,7 +107,10 @@ class ShapeEstimator:
         return shape if shape is None else replace(shape, findings=(*shape.findings, *findings))
 
     def _window(self, images: Sequence[Image], placement: Placement) -> tuple[Placement, tuple[Finding, ...]]:
-        """The placement of the window between black borders that has the most cameras, and what others there are."""
+        """Choose among the windows between black borders, and the whole, the one that gives the most cameras.
+
+        Returns its placement, and findings if the whole was chosen or there are several windows.
+        """
         inner = [placement.image_in_frame(image) for image in images]
         windows = common_windows(inner)
         if not windows:
@@ -125,7 +129,7 @@ class ShapeEstimator:
         return sum(one.accepted for one in self.options.calibrate_alone(images, self.network))
 
     def log_odds(self, images: Sequence[Image]) -> float:
-        """Log odds that frames of another shape than 16:9 were squashed from it."""
+        """Log odds that frames of another shape than 16:9 were squashed from it, by the formula of the module."""
         size, shown = size_of(images[0]), shown_size(size_of(images[0]))
         both = [
             self.options.calibrate_alone(some, self.network) for some in (images, [as_shown(one) for one in images])
@@ -146,7 +150,7 @@ class ShapeEstimator:
     def _distances(self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]) -> Array:
         """Root mean square distance of each label from cameras fitted to all frames together, (T, L).
 
-        The cameras are fitted to frames in the size `shown`. The distances are in pixels of pictures of the given size,
+        The cameras are fitted to frames scaled to the size `shown`. The distances are in pixels of pictures of `size`,
         as the labels are; NaN without a camera or pixels.
         """
         scale = np.divide(shown, size)
@@ -163,13 +167,13 @@ class ShapeEstimator:
 
 
 def bright_frames(images: Iterable[Image]) -> list[Image]:
-    """Some of the first frames that are not black."""
+    """Select up to `SEEN` of the first frames that are not dark."""
     bright = (image for image in each_checked(islice(images, 0, FURTHEST, APART)) if np.mean(image) > DARK)
     return list(islice(bright, SEEN))
 
 
 def common_borders(images: Sequence[Image]) -> Placement:
-    """Placement of the frames between the black borders that all of some pictures have.
+    """Placement of the frames between the black borders that all of the pictures have.
 
     Examples
     --------
@@ -185,8 +189,7 @@ def common_borders(images: Sequence[Image]) -> Placement:
 
 
 def common_windows(images: Sequence[Image]) -> list[Window]:
-    """The windows that most of some pictures have, as `fieldcalib.images.shape.picture_in_picture.windows_of` finds
-    them.
+    """Windows (`fieldcalib.images.shape.picture_in_picture.windows_of`) that most of the pictures have.
 
     Examples
     --------
@@ -206,7 +209,7 @@ def _are_same(some: Sequence[Window], others: Sequence[Window]) -> bool:
 
 
 def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
-    """The shape of frames between borders, from the odds that they were squashed; None for whole ones that were not.
+    """Shape of frames between borders from the log odds that they were squashed; None for whole unsquashed frames.
 
     Examples
     --------
@@ -232,13 +235,13 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
 
 
 def _log_ratio(as_it_is: Array, shown: Array) -> float:
-    """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
+    """Log odds that frames were squashed, from the distances u and v of their lines as they are and as shown."""
     u, v = np.hypot(as_it_is, CHANCE), np.hypot(shown, CHANCE)
     return float(WEIGHT * np.nansum(np.log(u / v)))
 
 
 def _lines(calibration: Calibration, size: tuple[int, int]) -> PixelTable:
-    """The lines that a camera was fitted to, in pixels of pictures of a size."""
+    """Lines that a camera was fitted to, in pixels of pictures of a size."""
     assert calibration.solved is not None
     return calibration.solved.pixels.scaled(np.divide(size, calibration.required_camera.image_size))
 
@@ -260,9 +263,9 @@ class LiveShape:
     ) -> None:
         self._estimator, self._submit = estimator, submit
         self._size = (0, 0)
-        self._next = 0  # number of the next picture that is looked at
+        self._next = 0  # number of the next picture that will be looked at
         self._index = 0  # number of the next picture
-        self._borders: deque[tuple[int, int]] = deque(maxlen=SEEN)  # of the last pictures that were looked at
+        self._borders: deque[tuple[int, int]] = deque(maxlen=SEEN)  # borders of the last pictures looked at
         self._border = (0, 0)  # columns, rows
         self._parts: list[Image] = []  # frames from which the odds are estimated
         self._running: Future[float] | None = None
@@ -271,7 +274,7 @@ class LiveShape:
         """Shape of the pictures; None without borders if they were not squashed."""
 
     def update(self, image: Image) -> bool:
-        """Take the next picture; return whether frames now lie elsewhere in the pictures than before."""
+        """Take the next picture; return whether the placement of frames in the pictures has changed."""
         if not (self._estimator.finds_borders or self._estimator.finds_squash):
             return False
         index, self._index = self._index, self._index + 1
@@ -287,7 +290,7 @@ class LiveShape:
         return old != new
 
     def image_in_frame(self, image: Image) -> Image:
-        """The frame that a picture shows."""
+        """Cut the frame out of a picture, and stretch it if pictures were squashed."""
         return image if self.shape is None else self.shape.placement.image_in_frame(image)
 
     def _look(self, image: Image) -> None:
@@ -314,7 +317,7 @@ class LiveShape:
         return within_borders(self._size, self._border)
 
     def _estimated(self) -> Shape | None:
-        """The shape as far as it is known; while pictures may be squashed every camera is doubted."""
+        """Shape as far as it is known; while pictures may be squashed, with a finding that doubts every camera."""
         if self._log_odds is not None:
             return shape_of_odds(self._log_odds, self._placement)
         shape = replace(shape_within(self._placement), findings=(SHAPE,) if self._parts else ())

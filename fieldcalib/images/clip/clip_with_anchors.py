@@ -1,7 +1,7 @@
-"""A clip solved again around frames whose lines are known for sure, as where a person has labelled them.
+"""Repeated solution of a clip, given the lines of some frames for sure ("anchors"), as where a person labelled them.
 
-The stages are those of `fieldcalib.images.clip.from_video`. What takes longest, matches and the labels of the network,
-does not depend on the anchors: `Keyframes` of an earlier solution serve again.
+The stages are those of `fieldcalib.images.clip.from_video`. Matches and the labels of the network take longest, and do
+not depend on the anchors, so the `Keyframes` of an earlier solution are used again.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
-FAR, SIGMAS = 12.0, 3.0  # px of a 960 x 540 image, and standard deviations of the picture: labels farther off are wrong
-ROUNDS = 3  # of leaving labels out
-GRID = (7, 5)  # places across and down the picture whose errors are looked at
-STEP = 0.01  # m by which ground points are moved to see how far they move in the picture
-WEIGHT = 8.0  # of a segment in an anchor, beside 1 of one that a network found
+FAR, SIGMAS = 12.0, 3.0  # px of 960 x 540 plus standard deviations of the projection: labels farther off are wrong
+ROUNDS = 3  # rounds of leaving labels out
+GRID = (7, 5)  # places across and down the picture at which errors are computed
+STEP = 0.01  # m by which ground points are moved for derivatives of their pixels
+WEIGHT = 8.0  # weight of a segment in an anchor; a segment that a network found has 1
 
 
 @dataclass(frozen=True, eq=False)
 class Anchors:
-    """What is known of a clip."""
+    """Lines of some frames, and cuts, that are known for sure."""
 
     labels: Mapping[int, KeyframeLabels] = attribute(default_factory=dict)
-    """Lines by frame; they are accepted if they tell a camera by themselves."""
+    """Lines by frame; `accepted` if they determine a camera by themselves."""
     cuts: Sequence[int] | None = None
-    """First frames of the shots; None where matches tell them."""
+    """First frames of the shots; None to find the shots by matches."""
 
 
 def solve_around(
     keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]], network: Network | None
 ) -> VideoCalibration:
-    """Calibrate the frames of a part of a clip, given what is known of some.
+    """Calibrate the frames of a part of a clip, given anchors.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def solve_around(
     anchors : Anchors
         Frames are numbered from the first one of the part.
     images : callable
-        Gives the images of the part, from the first one on.
+        Returns the images of the part, from the first one on.
     network : Network, optional
     """
     keyframes = _with_cuts(keyframes, anchors.cuts)
@@ -69,10 +69,10 @@ def _heavy(labels: PixelTable) -> PixelTable:
 
 
 def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabels]) -> Keyframes:
-    """Keyframes with the labels of anchors, and without those that contradict them, matches and the tripod.
+    """Put the labels of anchors into keyframes, and leave out labels that contradict anchors, matches and the tripod.
 
-    Labels that are far from what cameras project are left out, and all labels of a keyframe in which these are the
-    most. The labels that are left make the cameras surer, so that more labels may turn out to be far.
+    Labels that are far from what cameras project are left out, and all labels of a keyframe if most of them are far.
+    The remaining labels make the cameras surer, so that more labels may turn out to be far in the next round.
     """
     number = keyframes.shots.pieces.number
     anchored = {int(number[t]) for t in held} or set(number.tolist())
@@ -98,10 +98,10 @@ def _first_cameras(
     others: Mapping[int, KeyframeLabels],
     held: Mapping[int, KeyframeLabels],
 ) -> dict[int, Calibration]:
-    """Cameras to begin with, by frame: those that anchors alone determine, else those of all labels together.
+    """Cameras to begin with, by frame: from anchors alone if these determine them, else from all labels together.
 
-    Labels of frames that no match ties are left out: the cameras of the frames around can contradict them, while they
-    cannot contradict themselves.
+    Labels of frames that no match ties are not used: the camera of such a frame would follow from its own labels and
+    could not contradict them, while cameras interpolated from the frames around it can.
     """
     tied = {t for pair in keyframes.shots.matches for t in pair}
     labels = {**rest, **{t: one for t, one in others.items() if t in tied}, **held}
@@ -118,7 +118,7 @@ def _pixel_counts(labels: Mapping[int, KeyframeLabels]) -> dict[int, int]:
 
 
 def _cameras(keyframes: Keyframes) -> dict[int, Calibration]:
-    """Calibrations of the frames that have a tripod, by frame; frames that nothing ties are interpolated."""
+    """Calibrate the frames that have a tripod, by frame; untied frames are interpolated."""
     solved = solve_tripods(solve_shots(keyframes, only_tripods=True))
     found: dict[int, Calibration] = {}
     for tripod in solved.tripods:
@@ -130,7 +130,7 @@ def _cameras(keyframes: Keyframes) -> dict[int, Calibration]:
 
 
 def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration | None) -> KeyframeLabels | None:
-    """The labels of a keyframe that are near what its camera projects; None if most are far."""
+    """Keep the labels of a keyframe that are near their projections by its camera; None if most are far."""
     if calibration is None or calibration.camera is None:
         return labels
     objects = keyframes.options.task.object_segments if calibration.field is None else calibration.field
@@ -144,9 +144,10 @@ def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration
 
 
 def _sigma(calibration: Calibration) -> float:
-    """Standard deviation of the projection of ground in view, pixels: the median over the picture.
+    """Standard deviation of projected ground points in view, pixels: the median over the picture.
 
-    That of the picture as a whole is larger: a turn of the camera and a shift of its centre compensate on the ground.
+    It is smaller than that of the picture as a whole (`picture_sigma`), as errors of the camera's rotation and of its
+    position compensate one another on the ground.
     """
     camera, field = calibration.required_camera, calibration.field
     x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(camera.image_size, GRID, strict=True))
@@ -164,7 +165,7 @@ def _sigma(calibration: Calibration) -> float:
 
 
 def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
-    """Keyframes with other shots; matches across a cut are left out."""
+    """Replace the shots of keyframes by those between the given cuts; matches across a cut are left out."""
     if cuts is None:
         return keyframes
     shots = keyframes.shots
@@ -178,9 +179,10 @@ def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
 
 
 def _with_lines(lines: ClipLines, held: Mapping[int, KeyframeLabels]) -> ClipLines:
-    """Lines with those of anchors in the place of what was found at the same markings.
+    """Replace lines that were found by those of anchors at the same markings.
 
-    Where the labels of an anchor do not tell its camera, what was found is more exact than they are.
+    If the labels of an anchor do not determine its camera, the lines that were found are more exact, and take
+    precedence.
     """
     both = {}
     for t, one in held.items():

@@ -1,25 +1,25 @@
-"""Clips that are, or may be, enlarged parts of larger pictures (digital zoom): their principal point tells.
+"""Detection of clips that are, or may be, enlarged parts of larger pictures (digital zoom).
 
-The frames of a tripod share their principal point. Where their lines put it far from the middle, a shot is solved with
-a free one from the beginning (`CUT_OUT` of `clip_models`). Where they put it near the middle, the frames are whole.
-Short shots with few lines tell neither: then cameras are right if the frames are whole, and may be wrong by metres if
-not, though all lines fit.
+The frames of a tripod share their principal point. If their lines put it far from the middle, a shot is solved with a
+free principal point from the beginning (`CUT_OUT` of `clip_models`). If they put it near the middle, the frames are
+whole. In short shots with few lines they determine neither: the cameras are then right if the frames are whole, and may
+be wrong by metres if not, although all lines fit.
 
 Two kinds of evidence count together. One is the log likelihood ratio of a part to a whole frame from the principal
-point (`PrincipalPointEvidence`): -3 to -4.5 where lines show that it is near the middle, about 0 where they say
-nothing. The other is whether the keyframes were enlarged: they have little fine detail
-(`fieldcalib.images.shape.enlarged`), or the pattern of interpolation. Frames that may be enlarged are solved once more,
-with a principal point that may lie anywhere. The errors of these cameras contain those of the principal point. They are
-taken if a part is more likely, or if they are sure; what is not sure without the middle is to be checked.
+point (`PrincipalPointEvidence`): -3 to -4.5 if lines show that it is near the middle, about 0 if they do not determine
+it. The other is whether the keyframes were enlarged, which shows in little fine detail
+(`fieldcalib.images.shape.enlarged`) or in the pattern of interpolation. Frames that may be enlarged are solved once
+more, with a principal point that may lie anywhere. The errors of these cameras include those of the principal point.
+They are taken if a part is more likely, or if they are sure; if they are not sure, the user is told to check them.
 
-Interpolation leaves a pattern in pictures that were enlarged: interpolated pixels are smoother than others, the more
-the farther they lie from those of the original. So the size of the second differences along rows varies with the
-column, with the period at which pixels of both pictures coincide: enlarging s times gives a line at the frequency 1 /
-s in the spectrum of its mean over rows, and the same along columns. (Gallagher, Detection of Linear and Cubic
-Interpolation in JPEG Compressed Images, 2005.) Several frames that were enlarged alike are averaged, which makes the
-line stand out. Blocks of codecs give lines at multiples of 1/16 of the sampling frequency too; there only a line at
-1/4 (enlarged 4/3 times) counts, if it is much stronger than those at 1/8 and 3/8. A picture that was enlarged twice
-has no such line: it is symmetric in all of its pixels.
+Interpolation leaves a pattern in pictures that were enlarged: interpolated pixels are smoother than others, and more so
+the farther they lie from pixels of the original. So the size of the second differences along rows varies with the
+column, with the period at which pixels of both pictures coincide. Enlarging s times gives a line at the frequency 1 / s
+in the spectrum of its mean over rows, and the same along columns (Gallagher, Detection of Linear and Cubic
+Interpolation in JPEG Compressed Images, 2005). Averaging several frames that were enlarged alike makes the line stand
+out. Blocks of codecs also give lines, at multiples of 1/16 of the sampling frequency; there only a line at 1/4
+(enlarged 4/3 times) counts, if it is much stronger than those at 1/8 and 3/8. A picture that was enlarged exactly twice
+has no such line, as all of its pixels are equally far from those of the original.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.prior import is_whole_shape, principal_point_sigma
 from fieldcalib.solve.solver_options import Prior, checked_prior
 
-# Standard deviations of a principal point from the middle: from the first on it is let free, from the second on the
-# picture is no whole one. Measured broadcast cameras are up to 1.75 off.
+# Distance of a principal point from the middle in standard deviations: beyond the first it is freed, beyond the second
+# the picture is not a whole one. Measured broadcast cameras are up to 1.75 off.
 MAY_BE_OFF = 2.0
 OFF_MIDDLE = 2.8
-# Log likelihood ratio and softness together, above which frames may be enlarged: soft whole shots of broadcasts with
-# good cameras have up to 1.6, enlarged ones that would be good and more than 1 m off 3.2 and more.
+# Score of log likelihood ratio and softness together above which frames may be enlarged: soft whole shots of broadcasts
+# with good cameras have up to 1.6, enlarged shots whose cameras pass as good but are over 1 m off at least 3.2.
 LEAST_SCORE = 2.9
 
 MOST = 8.0  # levels: larger second differences count as this, so that edges do not decide
-SMOOTH = 15  # px: means over these are taken off, as the pattern is finer
-SHORTEST = 128  # px: shorter sides tell nothing
-SPECTRUM = 4096  # number of samples, zeros added
+SMOOTH = 15  # px over which the mean is subtracted, as the pattern is finer
+SHORTEST = 128  # px: shorter sides do not show the pattern
+SPECTRUM = 4096  # number of samples after padding with zeros
 FLOOR = 161  # frequencies, 0.04 of the sampling frequency, whose median is the level of noise
 WIDTH = 4  # frequencies to both sides: the line is as wide as the picture is short
-LOWEST = 0.06  # in units of the sampling frequency
+LOWEST = 0.06  # lowest frequency that is considered, in units of the sampling frequency
 BLOCK, NEAR_BLOCK = 16, 0.006  # px: codecs work on blocks of 16, 8 and 4; distance from their frequencies
 # Of ten broadcasts and 24 synthetic clips, all whole, the line is at most 11 times as strong as the noise, and 9 times
 # as strong at 1/4 as at 1/8 and 3/8; of 23 clips enlarged 4/3 to 5/3 times at least 130 and 200 times.
@@ -67,12 +67,12 @@ class Detail(NamedTuple):
     """Evidence in a keyframe that it was enlarged."""
 
     softness: float
-    """`fieldcalib.images.shape.enlarged.softness`."""
+    """Lack of fine detail (`fieldcalib.images.shape.enlarged.softness`)."""
     differences: SecondDifferences
 
     @classmethod
     def of(cls, image: Image) -> Detail:
-        """The detail of a keyframe."""
+        """Measure a keyframe."""
         return cls(softness(image), SecondDifferences.of(image))
 
 
@@ -92,7 +92,7 @@ class SharedPrincipalPoint:
     covariance: Array
     """Its covariance, (2, 2)."""
     prior: Array
-    """Standard deviations (2,) of its prior."""
+    """Standard deviations (2,) of the prior under which it was estimated."""
     of_whole: Array
     """Standard deviations (2,) of the principal points of whole pictures."""
 
@@ -100,9 +100,9 @@ class SharedPrincipalPoint:
     def of(
         cls, found: SequenceCalibration, options: ClipOptions, *, is_free: bool = False
     ) -> SharedPrincipalPoint | None:
-        """The principal point of frames that share one; None if they do not, or have no prior.
+        """Take the principal point of frames that share one; None if they do not, or have no prior.
 
-        `is_free` says that they were solved with the prior of windows
+        `is_free`: they were solved with the wide prior for parts of pictures
         (`fieldcalib.images.shape.enlarged.window_prior`).
         """
         if options.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
@@ -116,7 +116,7 @@ class SharedPrincipalPoint:
 
     @property
     def off_middle(self) -> float:
-        """Distance from the middle in standard deviations of both principal points of whole pictures and estimate."""
+        """Distance from the middle, in standard deviations of whole pictures' principal points and the estimate."""
         return float(np.max(np.abs(self.offset) / np.hypot(self.of_whole, np.sqrt(np.diagonal(self.covariance)))))
 
     @property
@@ -159,7 +159,7 @@ def may_be_enlarged(
     Parameters
     ----------
     softness : float
-        Of their shot, `softness_of_shot`.
+        Softness of their shot (`softness_of_shot`).
     is_free : bool
         Whether they were solved with a principal point that may lie anywhere.
     """
@@ -176,12 +176,13 @@ def may_be_enlarged(
 def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, options: ClipOptions) -> bool:
     """Whether frames that may be enlarged have better cameras with a principal point that may lie anywhere.
 
-    Either they are rather parts than whole, or most are sure in any case.
+    They have if the frames are more likely parts than whole, or if most of the accepted cameras are sure with such a
+    principal point.
 
     Parameters
     ----------
     whole, freed : SequenceCalibration
-        The frames as if they were whole, and with such a principal point.
+        The frames solved as whole ones, and with such a principal point.
     """
     shared = SharedPrincipalPoint.of(freed, options, is_free=True)
     if shared is None:
@@ -190,12 +191,12 @@ def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, optio
 
 
 def with_doubts_of_all(whole: SequenceCalibration) -> SequenceCalibration:
-    """Frames as if they were whole, with the doubt that they are enlarged parts."""
+    """Add the doubt that they are enlarged parts to all accepted frames that were solved as whole ones."""
     return with_doubts(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED)
 
 
 def with_doubts_of_part(freed: SequenceCalibration) -> SequenceCalibration:
-    """Frames with a free principal point, with doubts about those that are not sure."""
+    """Add doubts to the accepted frames with a free principal point that are not sure."""
     return with_doubts(freed, np.flatnonzero(freed.accepted & ~_is_sure(freed)).tolist(), ENLARGED)
 
 
@@ -214,16 +215,16 @@ def enlarged_note(frames: IntArray, found: SequenceCalibration) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SecondDifferences:
-    """Mean size of the second differences of brightness in a picture."""
+    """Mean absolute second differences of brightness in a picture."""
 
     of_columns: Float32
-    """Along rows, for each column but the first and the last."""
+    """Differences along rows, for each column but the first and the last."""
     of_rows: Float32
-    """Along columns, for each row but the first and the last."""
+    """Differences along columns, for each row but the first and the last."""
 
     @classmethod
     def of(cls, image: Image) -> SecondDifferences:
-        """The second differences of a picture."""
+        """Compute the second differences of a picture."""
         brightness = image @ LUMA
         return cls(_means(brightness), _means(brightness.T))
 
@@ -262,7 +263,7 @@ def _frequencies() -> Array:
 
 
 def _strength(means: Array) -> Array:
-    """Power of the pattern at each frequency, relative to the noise at those around it; the largest nearby counts."""
+    """Power of the pattern at each frequency, relative to the noise around it; the maximum over `WIDTH` neighbours."""
     box = np.ones(SMOOTH) / SMOOTH
     pattern = (means - np.convolve(np.pad(means, SMOOTH // 2, mode="edge"), box, "valid"))[SMOOTH:-SMOOTH]
     power = np.square(np.abs(np.fft.rfft(pattern * np.hanning(len(pattern)), SPECTRUM)))
@@ -272,5 +273,5 @@ def _strength(means: Array) -> Array:
 
 
 def _around(values: Array, reach: int) -> Array:
-    """Each value with those around it, (n, 2 reach + 1)."""
+    """Windows of each value with its neighbours, (n, 2 reach + 1)."""
     return np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="reflect"), 2 * reach + 1)

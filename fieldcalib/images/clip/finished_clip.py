@@ -1,6 +1,6 @@
-"""The second pass over a part of a video: lines in every frame, and all frames of every tripod solved from them.
+"""Second pass over a part of a video: lines are found in every frame, and all frames of each tripod solved from them.
 
-Lines are searched near the markings that the cameras of the first pass project.
+Lines are looked for near the markings that the cameras of the first pass project.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 
-PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
+PAINT_EVERY = 5  # in one frame of so many, and in keyframes, paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 MIXED = Finding(What.MIXED)
-UNTIED = (  # lines are looked for only near markings that a camera projects: this says nothing of what is shown
+UNTIED = (  # the message claims nothing about the picture: without a camera no lines are looked for
     "nothing ties this picture to those around it, as in a dissolve, a flash or a pan too fast to follow, and it has "
     "no camera of its own"
 )
@@ -60,7 +60,7 @@ class ClipLines:
     labels: Mapping[int, PixelTable]
     """Lines by frame."""
     ridges: Mapping[int, Ridges]
-    """Ridges beside the markings of some frames."""
+    """Ridges near the markings, by frame; of some frames only."""
     widths: Mapping[int, Mapping[str, Array]]
     """Widths of the paint of markings in these frames, as `widths_by_marking` measures them."""
 
@@ -76,9 +76,9 @@ class _FrameLines(NamedTuple):
 
 
 def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network | None) -> ClipLines:
-    """Find the lines in all frames; in keyframes and in every fifth frame, paint beside the markings too.
+    """Find the lines in all frames; in keyframes and in every fifth frame, look for paint beside the markings too.
 
-    The network sees the frames of pieces that are calibrated one by one.
+    Only frames of pieces that are calibrated one by one are given to the network.
     """
     pieces, options = solved.pieces, solved.keyframes.options
     given = Markings.of(options.task.object_segments)
@@ -137,7 +137,8 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
 def picture_sigma(calibration: Calibration) -> float:
     """Standard deviation of the position of the picture as a whole, pixels.
 
-    Where a window moves, the turn of the camera and the shift of the window are each known much worse than their sum.
+    It is f times that of the camera's rotation. If frames have a principal point of their own, rotation and principal
+    point are each much less certain than their joint effect, so the middle of the picture is propagated instead.
     """
     errors, f = calibration.uncertainty.if_level, calibration.required_camera.focal_length
     layout = errors.layout
@@ -151,7 +152,7 @@ def picture_sigma(calibration: Calibration) -> float:
 
 
 def finish_clip(lines: ClipLines) -> VideoCalibration:
-    """Calibrate all frames of every tripod; paint beside projected markings counts against a camera."""
+    """Calibrate all frames of every tripod from the lines; paint beside projected markings counts against a camera."""
     solved, pieces = lines.solved, lines.solved.pieces
     tripod_of, number = np.full(len(pieces.number), NO_TRIPOD), np.zeros(len(pieces.number), dtype=np.intp)
     calibrations: list[SequenceCalibration] = []
@@ -180,7 +181,10 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
 def _finished_tripod(
     lines: ClipLines, tripod: Tripod, members: tuple[int, ...]
 ) -> tuple[SequenceCalibration, list[str]]:
-    """All frames of the pieces of a tripod whose frames show its lines, and notes for the user on them."""
+    """Calibrate the pieces `members` of a tripod, those whose frames show its lines; also returns notes for the user.
+
+    If the frames may be enlarged parts of larger ones, they are calibrated with a free principal point too.
+    """
     options, pieces = lines.solved.keyframes.options, lines.solved.pieces
     start = tripod.calibration if members == tripod.pieces else None
     found = _calibrated(lines, pieces, members, start)
@@ -201,7 +205,7 @@ def _finished_tripod(
 def _calibrated(
     lines: ClipLines, pieces: Pieces, members: Sequence[int], start: SequenceCalibration | None
 ) -> SequenceCalibration:
-    """All frames of some pieces, with the paint that they show; the pieces say which camera models these have."""
+    """Calibrate all frames of some pieces by their camera model, with the evidence of paint in their images."""
     frames = pieces.frames(members)
     found = lines.solved.keyframes.calibrate(pieces, members, lines.labels, start)
     if not pieces.model_of(members).is_alone:
@@ -213,7 +217,7 @@ def _calibrated(
 def _with_place_of_picture(
     calibration: SequenceCalibration, options: ClipOptions, model: CameraModel
 ) -> SequenceCalibration:
-    """All frames to be checked if their principal point is far from the middle, and its prior holds it back."""
+    """Add a doubt to all frames if their principal point is far from the middle although its prior keeps it near."""
     off = off_middle(calibration, options)
     if off < OFF_MIDDLE or model.is_window or options.task.given.camera_matrix is not None:
         return calibration
@@ -223,7 +227,7 @@ def _with_place_of_picture(
 def finish_clip_again(
     first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network | None
 ) -> VideoCalibration:
-    """Find lines near the markings of finished cameras, and finish again if more markings lie on paint then."""
+    """Find lines near the markings of finished cameras and solve again; keep this if more markings lie on paint."""
     kept = [members for members in lines.members if members]
     tripods = tuple(Tripod(*one) for one in zip(kept, first.tripods, strict=True))
     second = finish_clip(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
@@ -242,7 +246,7 @@ def _cameras(video: VideoCalibration) -> int:
 
 
 def _mixed(loose: BoolArray, tripod: IntArray) -> list[int]:
-    """Numbers of loose frames between frames of two tripods; `loose` and `tripod` are (T,)."""
+    """Numbers of loose (untied) frames between frames of two different tripods; `loose` and `tripod` are (T,)."""
     edges = np.flatnonzero(np.diff(loose, prepend=False, append=False)).tolist()
     runs = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b < len(loose)]
     return [t for run in runs if tripod[run.start - 1] != tripod[run.stop] for t in run]
@@ -251,10 +255,10 @@ def _mixed(loose: BoolArray, tripod: IntArray) -> list[int]:
 def _markings_seen(
     lines: ClipLines, calibration: SequenceCalibration, frames: IntArray
 ) -> dict[int, tuple[MarkingInView, ...]]:
-    """The markings that frames of a tripod show, by the numbers of the frames in it.
+    """Evidence of paint for frames of a tripod, by the numbers of the frames in it.
 
-    A frame in which none were looked for takes those of the nearest other frame, if that is near and of the same piece.
-    The widths of their paint are those of all frames: they show the same lines.
+    A frame in which paint was not looked for takes the evidence of the nearest frame of its piece, if that is near
+    enough. Widths of paint are pooled over all frames, as these show the same lines.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.options.task.object_segments if field is None else field)
@@ -275,6 +279,6 @@ def _markings_seen(
 
 
 def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """The widths of the markings of several frames."""
+    """Pool the widths measured in several frames, by marking."""
     labels = {label for one in widths for label in one}
     return {label: np.concatenate([one[label] for one in widths if label in one]) for label in labels}

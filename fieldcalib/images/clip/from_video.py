@@ -1,4 +1,4 @@
-"""Calibration of a video in stages. Each is a function from one frozen value to the next:
+"""Calibration of a video in stages, each a function from one frozen value to the next:
 
     frames                 -> Keyframes         read_keyframes     shots, matches of their frames, labels in keyframes
     Keyframes              -> SolvedShots       solve_shots        each shot, with the camera model that predicts best
@@ -7,9 +7,9 @@
     ClipLines              -> VideoCalibration  finish_clip        all frames of each tripod together
     VideoCalibration       -> VideoCalibration  finish_clip_again  again, if more markings then lie on their paint
 
-The video is read twice, or once more to finish again: lines can be found in a frame only when its camera is known to
-some pixels, and that takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
-keyframe by keyframe.
+The video is read twice, and a third time to finish again: lines can be found in a frame only when its camera is known
+to a few pixels, which takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
+but keyframe by keyframe.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
 
-LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, from which on lines are searched once more
-PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
+LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, above which lines are looked for once more
+PART = 3000  # frames, two minutes, after which a new part begins at the next keyframe
 
 
 class PartStore(Protocol):
-    """Calibrations of parts of a video by their number: a dict, or another store."""
+    """Store of calibrations of parts of a video by their number: a dict, or another mapping."""
 
     def get(self, index: int, /) -> VideoCalibration | None:
         """The calibration of a part; None if there is none yet."""
@@ -108,22 +108,22 @@ def calibrate_video(
         As in `calibrate_from_images`. A position holds for all frames, and so does a focal length (no zoom). A rotation
         holds for one frame, and cannot be given.
     take_off_borders : bool
-        Whether black borders that all of some of its first frames have, and what is around a window that most of them
-        have, are left out, unless there is a `camera_matrix`.
+        Whether black borders, and the surroundings of a window, are left out, unless there is a `camera_matrix`. They
+        are estimated from some of the first frames: borders that all of them have, a window that most of them have.
         Cameras are in pixels of the whole pictures (`VideoCalibration.shape`).
     estimate_aspect : bool
         Whether frames of another shape than 16:9 may have been squashed from it: some of them are calibrated together
         as they are and as they would be shown, and the shape that their lines make more likely is taken. Where the
         lines do not decide, all cameras are to be checked. Not with a `camera_matrix`, or without a prior.
     estimate_size : bool
-        Whether length and width of a field, if not said to be known, are estimated from the frames of a tripod
-        together, as far as these determine them. Otherwise they stay as given, and their uncertainty is part of the
-        errors from the centre mark.
+        Whether length and width of a field, if not declared known (`size_known`), are estimated from the frames of a
+        tripod together, as far as these determine them. Otherwise they stay as given, and their uncertainty is part of
+        the errors of positions relative to the centre mark.
     may_be_enlarged : bool
-        Whether frames of the shape of a whole one may be enlarged parts of larger ones (digital zoom), whose principal
-        point is not in the middle. Where the frames of a tripod do not show that they are whole, they are calibrated
-        with a free one, or are to be checked (`fieldcalib.images.clip.enlarged_clip`). Only with a network and a prior,
-        where nothing of the camera is given.
+        Whether frames with the shape of whole ones may be enlarged parts of larger ones (digital zoom), whose principal
+        point is not in the middle. If the frames of a tripod do not show that they are whole, they are calibrated with
+        a free principal point, or are to be checked (`fieldcalib.images.clip.enlarged_clip`). Only with a network and a
+        prior, and if nothing of the camera is given.
     every : int
         Frames from one keyframe to the next, at most.
     camera : {"tripod", "moving"}
@@ -194,7 +194,7 @@ def calibrate_video(
 
 
 def _network_for(object_segments: ObjectSegments) -> Network | None:
-    """The network of the package; None where the object is a field that it was not trained for."""
+    """Load the network of the package; None if the object is a field that it was not trained for."""
     shipped = SegmentationNetwork.load()
     if isinstance(object_segments, Field) and classes_without_segment(shipped.classes, object_segments):
         return None
@@ -203,7 +203,7 @@ def _network_for(object_segments: ObjectSegments) -> Network | None:
 
 @dataclass(frozen=True, eq=False)
 class _Clip:
-    """A clip, which can be read again and again."""
+    """A clip that can be read repeatedly, with the shape of its frames."""
 
     opened: Callable[[], AbstractContextManager[Iterable[Image]]]
     shape: Shape | None = None
@@ -215,7 +215,7 @@ class _Clip:
             return size_of(next(iter(images)))
 
     def frames(self, images: Iterable[Image]) -> Iterator[Image]:
-        """The frames that its images show, read ahead; a ValueError for an image of another size."""
+        """Cut the frames out of the images, reading ahead; a ValueError for an image of another size."""
         return read_ahead(images if self.shape is None else map(partial(_in_frame, self.shape.placement), images))
 
 
@@ -226,7 +226,7 @@ def _in_frame(placement: Placement, image: Image) -> Image:
 def _calibrated_parts(
     clip: _Clip, options: ClipOptions, network: Network | None, every: int, kept: PartStore | None
 ) -> VideoCalibration:
-    """Calibrate part by part, so that memory does not grow with the video; both passes advance together."""
+    """Calibrate a clip part by part, so that memory does not grow with the video; both passes advance together."""
     parts = []
     with clip.opened() as images, clip.opened() as again:
         tied = tied_frames(clip.frames(images), every=every, moving="centre" not in options.shared)
@@ -256,7 +256,7 @@ def _calibrated_part(
     part: Iterable[tuple[Image, TiedFrame]],
     second: Iterator[Image],
 ) -> VideoCalibration:
-    """One part of a video, from its frames in the first pass and in the second."""
+    """Calibrate one part of a video, from its frames in the first pass and in the second."""
     keyframes = read_keyframes(part, options, network)
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
@@ -270,7 +270,7 @@ def _calibrated_part(
 
 
 def _in_parts(frames: Iterable[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:
-    """Frames in parts of `PART` or some more, each of which begins with a keyframe."""
+    """Group frames into parts of `PART` frames or slightly more, each of which begins with a keyframe."""
     begin = 0
 
     def first_of_part(frame: tuple[Image, TiedFrame]) -> int:

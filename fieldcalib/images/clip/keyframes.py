@@ -1,8 +1,8 @@
-"""The first pass over a part of a video: its shots, what ties their frames, and the labels in keyframes.
+"""First pass over a part of a video: its shots, the matches between their frames, and the labels in keyframes.
 
-The labels that the network finds in keyframes also check the cameras that all frames together have. Lines are searched
-near the markings that a camera projects, so lines that are found confirm it: one that lies elsewhere is not found, and
-contradicts nothing. The labels of the network were found without that camera and can contradict it.
+The labels that the network finds in keyframes are also used to check the cameras from the joint solution ("witnesses").
+Lines are looked for near the markings that a camera projects, so they can only confirm it: a line that lies elsewhere
+is not found and contradicts nothing. The labels of the network were found without that camera and can contradict it.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ from fieldcalib.solve.solver_options import pixel_unit
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
-LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
-LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
+LEAST_CONSISTENT = 4  # labels that a camera must explain: any fewer are explained by some camera, wherever they lie
+LEAST_WITHOUT_WORST = 6  # labels of a keyframe from which the worst is left out: a board may pass for a touchline
 
-MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again when more is known
+MOST_REFUSED = 40  # keyframes without a court that are kept, to be searched again once the place is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Keyframes:
         return {t: one.labels for t, one in self.labels.items() if not one.accepted}
 
     def softness(self, frames: IntArray) -> float:
-        """How much the keyframes among some frames look enlarged, `softness_of_shot`."""
+        """How much the keyframes among some frames look enlarged (`softness_of_shot`)."""
         return softness_of_shot([self.details[t] for t in frames.tolist() if t in self.details])
 
     def calibrate(
@@ -93,7 +93,7 @@ class Keyframes:
     ) -> SequenceCalibration:
         """Calibrate all frames of some pieces, from the lines in some frames and from matches that are not left out.
 
-        The labels of keyframes are witnesses for or against their cameras.
+        Labels of keyframes that contradict their cameras increase the misfit (`with_witnesses`).
         """
         options, size = self.options, self.shots.image_size
         frames, model = pieces.frames(members).tolist(), pieces.model_of(members)
@@ -113,8 +113,8 @@ def read_keyframes(
     """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
 
     Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
-    searched for in these frames: in each alone until some are found, then from where the tripod of these stands; in
-    the end the others are searched again from there.
+    searched for in these frames: in each alone until some give a camera, then from the place of their tripod. In the
+    end the frames without a camera are searched again from there.
     """
     begin, size = 0, (0, 0)
     piece: list[int] = []
@@ -168,7 +168,7 @@ def read_keyframes(
 
 @dataclass(frozen=True, eq=False)
 class KeyframeLabels:
-    """Labels of a keyframe, to which a camera was fitted."""
+    """Labels of a keyframe to which a camera was fitted, and how well it explains them."""
 
     labels: PixelTable
     accepted: bool = True
@@ -178,7 +178,7 @@ class KeyframeLabels:
 
 
 def labels_of(calibrations: Sequence[Calibration]) -> list[KeyframeLabels | None]:
-    """Labels of keyframes that were calibrated as single images; None where no camera could be fitted."""
+    """Take the labels of keyframes that were calibrated as single images; None where no camera could be fitted."""
     return [
         None
         if one.solved is None
@@ -201,9 +201,9 @@ def are_consistent(evaluation: Evaluation) -> bool:
 def witnesses_of(
     keyframes: Mapping[int, KeyframeLabels], frames: Sequence[int], calibration: SequenceCalibration
 ) -> dict[int, KeyframeLabels]:
-    """The labels of keyframes that have a camera among some frames, which are numbered from 0.
+    """Labels of keyframes by which cameras are checked, by position in `frames`, for those that have a camera.
 
-    Labels that contradict one another are left out where enough keyframes were accepted by themselves.
+    Labels that contradict one another are left out if enough keyframes were accepted by themselves.
     """
     found = {k: keyframes[t] for k, t in enumerate(frames) if t in keyframes}
     enough = sum(one.accepted for one in found.values()) >= LEAST_FRAMES
@@ -218,12 +218,12 @@ def witnesses_of(
 def with_witnesses(
     object_segments: ObjectSegments, calibration: SequenceCalibration, witnesses: Mapping[int, KeyframeLabels]
 ) -> SequenceCalibration:
-    """A calibration with the misfit of the labels of keyframes where that is larger than its own.
+    """Raise the misfit of frames to that of the labels of keyframes, where this is larger.
 
-    Frames in between are interpolated. The misfit of a keyframe counts up to the larger one of the keyframes before and
-    after it. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that of
-    `fieldcalib.assess.label_errors`. Of the others a camera must explain half; if it explains fewer, the misfit is the
-    median distance of the labels.
+    It is interpolated between keyframes. Each keyframe's misfit is limited to the larger one of its two neighbours'.
+    Labels of keyframes that were accepted by themselves agree with one another; their misfit is as in
+    `fieldcalib.assess.label_errors`. Of other keyframes a camera need only explain half of the labels; if it explains
+    fewer, the misfit is the median distance of the labels.
     """
     if not witnesses or calibration.layout is None:
         return calibration
@@ -240,7 +240,7 @@ def with_witnesses(
 def _excess(
     object_segments: ObjectSegments, keyframes: Sequence[KeyframeLabels], layout: Layout, theta: Array
 ) -> Array:
-    """Misfit (B,) in pixels of the labels of keyframes to cameras theta (B, n)."""
+    """Misfit (B,), in pixels, of the labels of keyframes under cameras theta (B, n), without each one's worst label."""
     pixels = PixelTable.joined(object_segments, [one.labels for one in keyframes])
     observations = Observations.of(object_segments, pixels, layout.image_size)
     all_labels = evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
@@ -256,7 +256,7 @@ def _excess(
 
 
 def _confirmed(excess: Array) -> Array:
-    """Each misfit, up to the larger one of its neighbours: in one keyframe of forty, labels lie beside the paint."""
+    """Limit each misfit to the larger of its two neighbours', as in one keyframe of forty labels lie beside paint."""
     if len(excess) < 2:
         return np.zeros_like(excess)
     before, after = np.concatenate([[0.0], excess[:-1]]), np.concatenate([excess[1:], [0.0]])
@@ -265,7 +265,7 @@ def _confirmed(excess: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SearchedKeyframes:
-    """Keyframes by their numbers, as far as they were searched."""
+    """Keyframes that were searched for a court, by their numbers."""
 
     options: ClipOptions
     found: Mapping[int, Calibration] = attribute(default_factory=dict)
@@ -275,14 +275,14 @@ class SearchedKeyframes:
 
     @property
     def place(self) -> Place | None:
-        """Where the tripod stands; None if that is not known, or the camera moves."""
+        """Place of the tripod; None if it is not known, or the camera moves."""
         field = self.options.task.field
         if field is None or "centre" not in self.options.shared:
             return None
         return place_of(list(self.found.values()))
 
     def searched(self, images: Mapping[int, Image]) -> SearchedKeyframes:
-        """Search further keyframes from the place of the tripod, if it is known, and where that fails from anywhere."""
+        """Search further keyframes from the place of the tripod, if it is known; if that fails, from anywhere."""
         after = self
         for t, image in images.items():
             calibration = after._from_place(image) or search_courts(after.options.task, [image])[0]
@@ -293,7 +293,7 @@ class SearchedKeyframes:
         return after
 
     def searched_again(self) -> SearchedKeyframes:
-        """Search the refused keyframes from the place that the others tell."""
+        """Search the refused keyframes again, from the place of the accepted ones."""
         again = {t: self._from_place(image) for t, image in self.refused.items()}
         return replace(
             self, found={**self.found, **{t: one for t, one in again.items() if one is not None}}, refused={}

@@ -1,12 +1,10 @@
-"""A shot of a live video: its keyframes so far, and the cameras of frames that are tied to them.
+"""State of a shot of a live video: its keyframes, solved together, and the cameras of frames that are tied to them.
 
-Every function goes from one frozen value to the next.
+    keyframes -> matches between them; labels in the newest one -> cameras of all of them, and shared parameters
+    frame, keyframes -> camera of the frame
 
-The keyframes of a shot of a live video, solved together.
-
-    keyframes -> matches between them; labels in the newest one -> cameras of all of them, and what they share
-
-Problems and solutions can be pickled: they are worked on in another process.
+Functions go from one frozen value to the next. Problems and solutions can be pickled, as keyframes are solved in
+another process.
 """
 
 from __future__ import annotations
@@ -45,8 +43,8 @@ from fieldcalib.solve.sequence.sequence_problem import (
 )
 from fieldcalib.solve.sequence.sequence_solver import solve_from_cameras, solve_sequence
 
-MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
-MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
+MOST_KEYS = 40  # last keyframes of a shot that are solved together: 20 seconds
+MOST_EXTRAPOLATED = 12  # successive untied frames whose camera is extrapolated: half a second
 
 
 class FrameCamera(NamedTuple):
@@ -55,11 +53,11 @@ class FrameCamera(NamedTuple):
     theta: Array
     """Parameters, (n,)."""
     errors: OwnErrors
-    """Errors of one frame: E (o, o) and F (o, S)."""
+    """Errors of one frame: own covariance E (o, o), and dependence F (o, S) on the shared parameters."""
 
     @classmethod
     def of(cls, frames: FrameTable, k: int = 0) -> FrameCamera:
-        """The camera of row k of a table."""
+        """Take the camera of row k of a table."""
         return cls(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
 
 
@@ -80,7 +78,7 @@ class SolvedShot:
 
     @property
     def some_theta(self) -> Array:
-        """Parameters (n,) of one of the cameras, of which the shared ones are used."""
+        """Parameters (n,) of any one of the cameras, for the values of shared parameters."""
         return next(iter(self.cameras.values())).theta
 
 
@@ -100,7 +98,7 @@ class SegmentedImage:
 
 @dataclass(frozen=True, eq=False)
 class ShotProblem:
-    """Keyframes of a shot with a new one."""
+    """The problem of solving the keyframes of a shot after a new one has come."""
 
     problem: ClipProblem
     """The keyframes; labels are empty where no camera is found."""
@@ -109,7 +107,7 @@ class ShotProblem:
     pairs: Sequence[KeyframePair] = ()
     """Keyframes that are still to be matched."""
     layout: Layout | None = None
-    """Layout of cameras that are known already; None without any."""
+    """Layout of the parameters of cameras that are known already; None without any."""
     cameras: Mapping[int, Array] = field(default_factory=dict)
     """Parameters (n,) of these cameras."""
 
@@ -122,9 +120,9 @@ class ShotSolution(NamedTuple):
     matches: Mapping[tuple[int, int], Cells]
     """New matches between keyframes."""
     tried: Sequence[tuple[int, int]]
-    """Keyframes that were to be matched."""
+    """Pairs of keyframes that were to be matched, whether or not matches were found."""
     solved: SolvedShot | None
-    """None as long as no keyframe has a camera."""
+    """The solved keyframes; None as long as no keyframe has a camera."""
 
 
 def prepare(options: ClipOptions) -> None:
@@ -168,19 +166,19 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
 
 @dataclass(frozen=True, eq=False)
 class FollowedFrame:
-    """A frame that was calibrated from the keyframes it is tied to."""
+    """The result of calibrating a frame from the keyframes it is tied to."""
 
     calibration: Calibration
     basis: Basis = Basis.NOTHING
     lines: PixelTable = NO_PIXELS
     """The lines in the frame."""
     camera: FrameCamera | None = None
-    """Camera of the frame, for frames that are tied to it; None if it is not tied itself."""
+    """Camera to which further frames can be tied; None if this frame itself is not tied."""
 
 
 @dataclass(frozen=True, eq=False)
 class LiveShot:
-    """The keyframes of a shot so far."""
+    """The keyframes of a shot so far, and what is known of their cameras."""
 
     identity: tuple[int, int] = (0, 0)
     """Number of the tracker's resets, and number of the shot since the last reset."""
@@ -191,7 +189,7 @@ class LiveShot:
     matches: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
     """Matches between keyframes."""
     pairs: Mapping[tuple[int, int], KeyframePair] = field(default_factory=dict)
-    """Keyframes that are still to be matched."""
+    """Pairs of keyframes that are still to be matched."""
     solved: SolvedShot | None = None
     """The keyframes that were solved together last."""
     followed: Mapping[int, FrameCamera] = field(default_factory=dict)
@@ -199,17 +197,17 @@ class LiveShot:
     last: tuple[tuple[int, FrameCamera], ...] = ()
     """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
-    """The markings that were seen in a frame, with its number."""
+    """Number of the last frame in which paint was looked for, and the markings seen there."""
 
     @property
     def known(self) -> dict[int, FrameCamera]:
-        """The cameras of keyframes."""
+        """Cameras of all keyframes that have one."""
         return {**self.followed, **(self.solved.cameras if self.solved is not None else {})}
 
     def with_keyframe(
         self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
     ) -> LiveShot:
-        """The shot with a new keyframe, tied to earlier ones, and its camera if it has one."""
+        """Add a new keyframe, tied to earlier ones, with its camera if it has one."""
         camera = None if found is None else found.camera
         return replace(
             self,
@@ -220,7 +218,7 @@ class LiveShot:
         )
 
     def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
-        """The problem to be solved when a new keyframe has come."""
+        """Set up the problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
         labels = {key: self.labels[key] for key in keys}
         matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
@@ -233,7 +231,7 @@ class LiveShot:
         )
 
     def with_solution(self, solution: ShotSolution) -> LiveShot:
-        """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
+        """Take over the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
         labels = {**self.labels, **solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
@@ -250,7 +248,7 @@ class LiveShot:
         return shot
 
     def with_tied(self, index: int, camera: FrameCamera | None) -> LiveShot:
-        """The shot with the camera of the newest frame, if that is tied."""
+        """Remember the camera of the newest frame, if that is tied."""
         return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
 
 
@@ -279,7 +277,7 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
 def _tied(
     shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
 ) -> tuple[FrameTable, PixelTable] | None:
-    """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
+    """Solve a frame from the keyframes `ties` and its lines; returns both, None if its matches contradict these."""
     known = shot.known
     keys, shared, layout = sorted(ties), solved.shared, solved.layout
     here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
@@ -304,7 +302,7 @@ def _tied(
 
 
 def _placed(solved: SolvedShot, camera: FrameCamera, basis: Basis) -> FollowedFrame:
-    """A frame with a camera that is known already."""
+    """Result for a frame whose camera is known already."""
     shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
     metres = ground_errors(theta, errors, shared.considered, shared.options.field)
     tolerance = tolerance_of(shared.options.field)
@@ -330,7 +328,7 @@ def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
 
 
 def _extrapolated(last: Sequence[tuple[int, FrameCamera]], index: int, free: BoolArray) -> FrameCamera | None:
-    """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
+    """Extrapolate the motion of the last two tied frames, with growing errors; None after half a second."""
     if not last or index - last[-1][0] > MOST_EXTRAPOLATED:
         return None
     (before, other), (t, camera) = last[0], last[-1]

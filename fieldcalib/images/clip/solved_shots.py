@@ -1,6 +1,8 @@
-"""Each shot of a clip from its keyframes, with the camera model that predicts best what is left out.
+"""Calibration of the shots of a clip from their keyframes: each shot by itself, then shots of one tripod together.
 
-Which shots of a clip were taken from the same tripod, and their calibration together.
+`solve_shots` chooses for each shot the camera model that best predicts labels and matches that are left out.
+`solve_tripods` decides which shots were taken from the same tripod, by the likelihood ratio of one place to two, and
+calibrates these together.
 """
 
 from __future__ import annotations
@@ -34,14 +36,14 @@ from fieldcalib.solve.solver_options import CalibrationFlags
 
 PLACE = ("x", "y", "z")
 SIZE = ("length", "width")
-SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of where other cameras stand
-LEAST_LOG_RATIO = 1.0  # of the likelihoods: two places that are hardly known agree by chance
-UNMODELLED = 0.1  # m: standard deviation of each coordinate beyond its covariance
+SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of the distance of another camera, nearby or anywhere
+LEAST_LOG_RATIO = 1.0  # of one place to two: more than 0, as two places that are hardly known agree by chance
+UNMODELLED = 0.1  # m: standard deviation of each coordinate in addition to its covariance
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedShots:
-    """Pieces of a clip, each calibrated by itself."""
+    """The pieces of a clip, each calibrated by itself."""
 
     keyframes: Keyframes
     pieces: Pieces
@@ -53,9 +55,9 @@ class SolvedShots:
 
 
 def solve_shots(keyframes: Keyframes, *, only_tripods: bool = False) -> SolvedShots:
-    """Calibrate each piece by itself: on a tripod, or if that fails in parts or with another camera model.
+    """Calibrate each piece by itself: on a tripod, or, if that fails, in parts or with another camera model.
 
-    While some labels may be wrong, they must not choose the model: then there are only tripods.
+    With `only_tripods` no other model is tried: labels that may still be wrong must not decide on the model.
     """
     solved = SolvedShots(keyframes, _with_loose_frames(keyframes), {})
     if only_tripods:
@@ -67,7 +69,7 @@ def solve_shots(keyframes: Keyframes, *, only_tripods: bool = False) -> SolvedSh
 
 
 def _with_loose_frames(keyframes: Keyframes) -> Pieces:
-    """Let loose frames at the end of a piece belong to it, unless the labels in them contradict it."""
+    """Join loose frames at the end of a piece to it, unless the labels in them contradict it."""
     shots, pieces = keyframes.shots, keyframes.shots.pieces
     labelled = {int(pieces.number[t]) for t in keyframes.accepted}
     for piece in np.unique(pieces.number[shots.loose])[::-1].tolist():
@@ -77,7 +79,7 @@ def _with_loose_frames(keyframes: Keyframes) -> Pieces:
 
 
 def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
-    """Whether one place explains the labels in a piece and in the one before."""
+    """Whether one place of the camera explains the labels both in a piece and in the one before."""
     both = [piece - 1, piece]
     frames, found = pieces.frames(both), keyframes.calibrate(pieces, both, keyframes.accepted)
     wrong = is_contradicted(found.frames.misfit, keyframes.shots.image_size) | ~found.usable
@@ -86,7 +88,7 @@ def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
 
 
 def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
-    """The solved shots with one more piece, or with the parts into which it is divided, numbered from its number on."""
+    """Solve one more piece; if it is divided, its parts are numbered from its number on."""
     clip, pieces = solved.keyframes, solved.pieces
     options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
     calibration = clip.calibrate(pieces, [piece], clip.accepted)
@@ -110,7 +112,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
 
 
 def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
-    """A piece on a tripod, with a principal point far from the middle if its frames tell that it is there."""
+    """Free the principal point of a piece on a tripod, and keep this if it turns out to be far from the middle."""
     clip, options = on_tripod.keyframes, on_tripod.keyframes.options
     if options.task.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
         return on_tripod
@@ -125,7 +127,7 @@ def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
 
 
 def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
-    """First keyframes of parts, where each single keyframe is put to the nearer of two places of the camera."""
+    """First keyframes of parts, if each keyframe by itself is assigned to the nearer of two places of the camera."""
     pieces = solved.pieces.with_model(piece, ALONE)
     alone = solved.keyframes.calibrate(pieces, [piece], solved.keyframes.accepted)
     keyframes = np.flatnonzero(alone.accepted)
@@ -135,10 +137,10 @@ def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
 def _other_models(
     on_tripod: SolvedShots, piece: int, first: Sequence[Sequence[int]], *, is_wrong: bool
 ) -> Iterator[tuple[CameraModel, IntArray, Pieces]]:
-    """Other camera models of a piece, the simplest one first, with the frames to be named to the user and all pieces.
+    """Yield the other camera models for a piece, simplest first, with the frames to name to the user, and all pieces.
 
-    `first` are keyframes before which the piece may be divided into parts. Where a tripod is not wrong, only a window
-    is tried.
+    `first` has the keyframes before which the piece may be divided into parts, in one or more ways. If the tripod is
+    not wrong, only a window is tried.
     """
     pieces, frames = on_tripod.pieces, on_tripod.pieces.frames([piece])
     divided = [(np.array(some), pieces.divided(some)) for k, some in enumerate(first) if some and some not in first[:k]]
@@ -151,7 +153,7 @@ def _other_models(
 def _best_model(
     on_tripod: SolvedShots, piece: int, models: Iterable[tuple[CameraModel, IntArray, Pieces]]
 ) -> SolvedShots:
-    """A piece with the camera model that predicts best: a tripod, unless another model is clearly better."""
+    """Solve a piece with the camera model that predicts best: a tripod, unless another model is clearly better."""
     clip, best = on_tripod.keyframes, on_tripod
     left_out = _left_out(clip, on_tripod.pieces, piece)
     of_tripod = of_best = _misprediction(on_tripod, left_out)
@@ -168,7 +170,7 @@ def _best_model(
 
 
 def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
-    """The misprediction of labels and matches that are left out, by pieces solved again without them."""
+    """Solve pieces again without some labels and matches, and measure how well these are predicted."""
     clip, pieces = solved.keyframes, solved.pieces
     found = [
         (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))
@@ -178,7 +180,7 @@ def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
 
 
 def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
-    """Labels of the keyframes of a piece, and matches of keyframes with one another, without some of them."""
+    """Choose labels and matches to leave out, among the keyframes of a piece."""
     keys = {key for key, _ in clip.shots.matches}
     labels = {t: one for t, one in clip.accepted.items() if pieces.number[t] == piece}
     between = {
@@ -188,11 +190,11 @@ def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
 
 
 class Tripod(NamedTuple):
-    """Pieces of a clip from one tripod."""
+    """Pieces of a clip that were taken from one tripod."""
 
     pieces: tuple[int, ...]
     calibration: SequenceCalibration
-    """Calibration of their frames, in order."""
+    """Calibration of the frames of these pieces, in order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +210,7 @@ class SolvedTripods:
 
 
 def solve_tripods(shots: SolvedShots) -> SolvedTripods:
-    """Calibrate shots of one tripod together."""
+    """Group shots by their tripod, and calibrate the shots of each group together."""
     options, pieces = shots.keyframes.options, shots.pieces
     stands = "centre" in options.shared
     located = [piece for piece, shot in shots.calibrations.items() if shot.together]
@@ -231,9 +233,10 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
 
 
 def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:
-    """The tripods of groups of pieces; pieces that turn out to have another camera make tripods of their own.
+    """Solve groups of pieces as tripods; pieces that turn out to have another camera are grouped among themselves.
 
-    A piece that hardly determines its place joins any group; solved together, its own lines may contradict the others.
+    This happens because a piece that hardly determines its place can be put into any group. Solved together with the
+    others, its lines may contradict theirs.
     """
     found, left, keyframes = [], list(groups), shots.keyframes
     while left:
@@ -253,7 +256,7 @@ def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> 
 
 
 def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: SequenceCalibration) -> list[int]:
-    """Pieces whose lines fit their own tripod, but not that of all members; never all of them."""
+    """Pieces whose lines fit when solved alone, but not with the other members; never all of them."""
     options, size = shots.keyframes.options, shots.keyframes.shots.image_size
     if len(members) == 1 or options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
         return []
@@ -268,7 +271,7 @@ def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: Seque
 
 
 def _with_doubtful_pieces(keyframes: Keyframes, pieces: Pieces, tripods: Sequence[Tripod]) -> list[Tripod]:
-    """Tripods with the pieces that have doubtful labels only, where these fit a camera on that tripod."""
+    """Add to tripods the pieces that have only doubtful labels, if these fit a camera on that tripod."""
     found = list(tripods)
     for k, tripod in enumerate(tripods):
         if pieces.model_of(tripod.pieces).is_alone:
@@ -290,9 +293,9 @@ def _with_doubtful_pieces(keyframes: Keyframes, pieces: Pieces, tripods: Sequenc
 def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
     """Log likelihood ratio of one tripod to two, from the difference (3 + k,) of two estimates and its covariance.
 
-    The first three numbers are of the centre, the others of the size of the field, which is the same in any case. On
-    one tripod the difference is nothing but error. Otherwise the second camera stands beside the first one or somewhere
-    else, both with the same probability.
+    The first three numbers are the centre, the others the size of the field, which is the same in both cases. On one
+    tripod the difference is only error. Otherwise the second camera stands beside the first one (`SAME_PLATFORM`) or
+    somewhere else (`ELSEWHERE`), with equal probability.
 
     Examples
     --------
@@ -313,10 +316,10 @@ def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
 
 
 def grouped_by_tripod(shots: Mapping[int, SequenceCalibration]) -> list[list[int]]:
-    """Group shots by their tripods; those whose place was not found are in no group.
+    """Group shots by their tripods; shots whose place was not found are in no group.
 
-    The shot with the most certain place comes first. Each joins the group that it most probably belongs to, or begins a
-    new one. The place of a group is that of its first shot.
+    Shots are taken in order of certainty of their place, the most certain first. Each joins the group that it most
+    probably belongs to, or begins a new one. The place of a group is that of its first shot.
     """
     found = {number: shot for number, shot in shots.items() if shot.names}
     groups: list[list[int]] = []

@@ -1,10 +1,10 @@
-"""The cameras of a live video, each as soon as its frame comes.
+"""Calibration of a live video: each frame gets its camera as soon as it comes.
 
     frame -> matches with its keyframe -> predicted camera -> lines at its projected markings -> camera
     keyframe -> (in a thread) network -> (in another process) all keyframes of the shot together
 
-Nothing waits for the network: until the first keyframe of a shot is calibrated its frames have no camera, and what the
-keyframes share is as old as the last keyframe that is done.
+No frame waits for the network: until the first keyframe of a shot is calibrated, its frames have no camera, and later
+frames use the shared parameters from the last keyframe that is done.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 LOG = logging.getLogger(__name__)
-TRIALS = 2  # of a keyframe, by processes that end
-NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
+TRIALS = 2  # attempts at a keyframe, if the process that solves it ends
+NICENESS = 2  # of the process that solves keyframes: `update` has priority if there are few cores
 PRELOADED = ("cv2", "fieldcalib.images.clip.live_shot")  # modules that this process imports at once
-SEGMENTED = 4  # first keyframes of a shot, all of which the network sees and after each of which all are solved
-SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later: keyframes per solution, and per one that the network sees
+SEGMENTED = 4  # first keyframes of a shot: the network sees each of them, and all are solved again after each
+SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later, one keyframe of so many is solved, and one is seen by the network
 PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
 
 
@@ -68,7 +68,7 @@ class _Keyframe:
 
 
 class Tracker:
-    """Calibrates a live video: every image gets its camera as it comes, from what came before.
+    """Calibrates a live video: every image gets its camera as it comes, from the images before it.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ class Tracker:
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_video`.
     take_off_borders, estimate_aspect : bool
-        As in `calibrate_video`, from the images so far, but windows are not looked for; when the estimate changes, the
-        tracker begins anew. Until it is known whether pictures of another shape than 16:9 were squashed, all cameras
-        are to be checked.
+        As in `calibrate_video`, but from the images so far, and windows are not looked for. When the estimate changes,
+        the tracker begins anew. Until it is known whether pictures of another shape than 16:9 were squashed, all
+        cameras are to be checked.
     estimate_size : bool
         As in `calibrate_video`.
     every : int
@@ -160,7 +160,7 @@ class Tracker:
         self._index = 0
 
     def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
-        """Begin to work on images, in the thread unless it waits."""
+        """Call a function on images, in the thread unless the tracker waits for results."""
         if self._other is not None:
             return self._thread.submit(function, images)
         done: Future[float] = Future()
@@ -186,7 +186,7 @@ class Tracker:
         return self._basis
 
     def update(self, image: Image) -> Calibration:
-        """The camera of the next image.
+        """Calibrate the next image.
 
         Parameters
         ----------
@@ -196,8 +196,8 @@ class Tracker:
         Returns
         -------
         Calibration
-            While nothing ties the images to a keyframe, the camera is extrapolated as long as lines lie near its
-            markings, and its errors grow. After a cut there is no camera until the first keyframe of the new shot is
+            While images cannot be tied to a keyframe, the camera is extrapolated with growing errors, as long as lines
+            lie near its markings. After a cut there is no camera until the first keyframe of the new shot is
             calibrated.
 
         Raises
@@ -221,7 +221,7 @@ class Tracker:
         return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
 
     def _updated(self, image: Image) -> Calibration:
-        """The camera of the next image, in its frame."""
+        """Calibrate the next frame, cut out of its image."""
         index, self._index = self._index, self._index + 1
         tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
         if tied is not None and tied.piece != self._shot.identity[1]:
@@ -250,7 +250,7 @@ class Tracker:
         return found
 
     def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
-        """A calibration with the markings that this or one of the last images shows."""
+        """Add the evidence of paint from this or one of the last images to a calibration."""
         shot = self._shot
         if calibration.camera is None or shot.solved is None:
             return calibration
@@ -263,7 +263,7 @@ class Tracker:
         return calibration.seen_in_image(paint[1])
 
     def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
-        """Plan to calibrate the newest keyframe if it is time to; it replaces a planned one."""
+        """Schedule the newest keyframe to be solved, if it is due; it replaces one that still waits."""
         shot, count = self._shot, len(self._shot.labels) - 1
         segments = not has_lines or shot.segmented < SEGMENTED or count % SEGMENT_AGAIN == 0
         if not segments and count % SOLVE_AGAIN:
@@ -293,7 +293,7 @@ class Tracker:
         return solve_shot(problem, seen) if self._other is None else self._solution_there(problem, seen)
 
     def _solution_there(self, problem: ShotProblem, seen: SegmentedImage | None) -> ShotSolution:
-        """The solution of the other process; where that ends another one tries again, then the keyframe is left out."""
+        """Solve in the other process; if it ends, a new one tries again, and then the keyframe is left out."""
         for _ in range(TRIALS):
             assert self._other is not None
             try:

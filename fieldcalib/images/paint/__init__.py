@@ -1,8 +1,8 @@
-"""What an image shows of the paint of known markings, and how wide it is.
+"""Search for the paint of projected markings in an image: its lines, its place and its width.
 
-`line_profiles` samples the image across projected markings; `detected_lines` finds their lines as labelled pixels;
-`paint_evidence` says which markings lie on paint and which beside it; `field_markings` holds the markings of a field as
-these need them.
+`field_markings` samples the markings of a field; `line_profiles` samples the image across them where a camera projects
+them; `detected_lines` finds their lines as labelled pixels; `paint_evidence` decides which markings lie on paint and
+which beside it.
 """
 
 import lazy_loader

@@ -1,12 +1,12 @@
 """Lines detected in images near projected markings, as labelled pixels with weights, and cameras fitted to them.
 
-Faint lines near labelled pixels: contrast summed along a whole marking locates a line that no single profile shows.
-
-In a small or blurred picture a distant line is narrower than a pixel, and in most profiles across it noise is as
-strong. But a person has labelled it, so it is there, a few pixels at most from the labels. A marking is moved by small
-amounts, at both ends of a line and along both axes for an arc, and the contrast of all its profiles is added up: with n
-profiles the sum stands out sqrt(n) times more than one of them. Edges of boards, with other ground on one side, add
-nothing. Where one position is clearly the best, the line is taken from each profile that shows contrast close to it.
+A line is usually found in single profiles across its marking (`line_profiles`). Faint lines that a person has labelled
+are traced instead. In a small or blurred picture a distant line is narrower than a pixel, and in most profiles across
+it the noise is as strong as the line. But the labels show that it is there, a few pixels away at most. So the marking
+is displaced by small amounts (both ends of a line independently, an arc along both axes of the image), and the contrast
+of all its profiles is summed at each displacement: with n profiles the sum stands out sqrt(n) times more than a single
+profile. Edges of boards, with different ground on one side, add nothing. Where one displacement is clearly the best,
+the line is taken from every profile that shows contrast close to it.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ from fieldcalib.solve.solver_options import paint_sigma, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
-LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
+LOSS_SCALE = 2.0  # px: detected lines are more accurate than this; larger residuals are outliers
 SIGMAS = 3.0  # half width of the search for a line, in standard deviations of its projected marking
 
-CLICK = 2.0  # px, of an image of 960 x 540 if the image is larger: standard deviation of labels that a person sets
-REACH = 3.0  # standard deviations of a label from its marking, at most
+CLICK = 2.0  # px, in smaller images px of the image itself: standard deviation of pixels that a person labels
+REACH = 3.0  # largest displacement of a marking, in standard deviations of a label
 LEAST_PROFILES = 5  # of a marking
-FEW = 0.7  # share of the profiles with a line, below which it is traced
-FAINTEST, STRONGEST = -1.0, 3.0  # contrast that one profile contributes, in units of the noise: none decides alone
+FEW = 0.7  # share of the profiles that show a line, below which the line is traced
+FAINTEST, STRONGEST = -1.0, 3.0  # limits of one profile's contrast, in units of the noise: no profile decides alone
 LEAST_NOISE = 1.0  # grey values
 TO_SIGMA = 1.48  # standard deviation of normal noise in units of its median absolute deviation
-# Sum over a marking divided by the root of the number of profiles. In eleven broadcast frames reduced to 600 px, 85 of
-# 90 markings have more where they are, and one has more 3 to 6 px beside it.
+# Least sum over a marking divided by the root of the number of profiles. In eleven broadcast frames reduced to 600 px,
+# 85 of 90 markings exceed it at their true place, and one exceeds it 3 to 6 px beside it.
 LEAST_SIGNAL = 4.0
-LEAST_LEAD = 3.0  # by which the sum, less half the squared distances of the labels, exceeds that of other positions
-OTHER = 2.0  # px: positions that far apart, in the mean, are other ones
-POSITIONS = 25  # of each end of a line, or along each axis for an arc
-NEAR = 0.8  # px of such an image between a line in one profile and the position by all
+LEAST_LEAD = 3.0  # by which the best displacement's sum, less the penalty of distant labels, must exceed all others
+OTHER = 2.0  # px: displacements that differ by more, in the mean, compete with one another
+POSITIONS = 25  # displacements of each end of a line, or along each axis for an arc
+NEAR = 0.8  # px, as `CLICK`, between the line in one profile and the displacement that all profiles agree on
 SHOWN = 0.5  # contrast, in units of the noise, from which a profile shows the line
 
 
 def line_loss(image_size: tuple[int, int], scale: float = LOSS_SCALE) -> RobustLoss:
-    """The loss of lines that are detected in images of a size."""
+    """Robust loss for lines that are detected in images of a size."""
     return RobustLoss("cauchy", scale * pixel_unit(image_size))
 
 
 def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[PixelTable, int]:
-    """The lines near the markings that a camera projects, and the number of profiles in which they were searched.
+    """Detect lines near the markings that a camera projects; also return the number of profiles searched.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: floa
     camera : Camera
     markings : Markings
     sigma : float
-        Standard deviation of the projected markings, pixels: the worse the camera is known, the wider is the search.
+        Standard deviation of the projected markings, pixels: the less certain the camera, the wider the search.
     """
     search_range = np.clip(SIGMAS * sigma / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
     profiles = profiles_along(camera, markings)
@@ -73,7 +73,7 @@ def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: floa
 
 
 def with_replaced(labels: PixelTable, others: PixelTable) -> PixelTable:
-    """The labelled pixels of one image, with those of some labels replaced by `others` or added."""
+    """Merge labelled pixels of one image: labels that `others` has replace those of the same name or are added."""
     names = tuple(dict.fromkeys((*labels.labels, *others.labels)))
     labels, others = labels.numbered(names), others.numbered(names)
     both = PixelTable.joined(names, [labels.take(~np.isin(labels.label, others.label)), others])
@@ -87,14 +87,14 @@ def calibrate_on_lines(
     cameras: Sequence[Camera] | None = None,
     scale: float = LOSS_SCALE,
 ) -> list[Calibration]:
-    """Calibrations from the lines of each image, from cameras near them or from anywhere."""
+    """Calibrate each image from its detected lines, starting from `cameras` or, without them, from anywhere."""
     paint = paint_sigma(task.object_segments)
     task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=paint)
     return calibrate_pixels(task, PixelTable.joined(task.object_segments, lines), image_size, cameras)
 
 
 def with_traced(strips: Strips, lines: Array, markings: Markings, labelled: Mapping[str, Array]) -> Array:
-    """The lines (n,), with labelled lines traced that few of their profiles show; signed distances, NaN for none.
+    """Trace the labelled lines that few profiles show; returns all lines as signed distances (n,), NaN for none.
 
     Parameters
     ----------
@@ -117,12 +117,18 @@ def with_traced(strips: Strips, lines: Array, markings: Markings, labelled: Mapp
 
 
 def _traced(strips: Strips, at: IntArray, labels: Array, *, is_arc: bool) -> Array:
-    """The line (k,) in the profiles `at` of a marking whose labels are pixels (N, 2); NaN if it is not clear."""
+    """Trace the line of one marking through its profiles `at`, near labelled pixels (N, 2).
+
+    Returns signed distances (k,) from the marking, NaN where a profile does not show the line, or everywhere if no
+    displacement of the marking is clearly the best.
+    """
     unit, profiles = max(strips.unit, 1.0), strips.profiles.take(at)
     reach = min(REACH * CLICK * unit, float(np.min(strips.offset[at, -1])))
     grid = np.linspace(-reach, reach, 2 * POSITIONS - 1)
     signal, least = _signal(strips, at, grid)
 
+    # every displacement of the marking is a signed distance in each profile: that of a shifted arc is normal . shift,
+    # that of a line with moved ends is linear along it
     t = np.linspace(0.0, 1.0, len(at))
     basis = profiles.normal if is_arc else np.column_stack([1.0 - t, t])
     coefficients = np.stack(np.meshgrid(grid[::2], grid[::2], indexing="ij"), axis=-1).reshape(-1, 2)
@@ -131,6 +137,7 @@ def _traced(strips: Strips, at: IntArray, labels: Array, *, is_arc: bool) -> Arr
     column = np.round((moved + reach) / (grid[1] - grid[0])).astype(int)
     total = np.sum(signal[np.arange(len(at)), column], axis=1)
 
+    # labels are noisy and may belong to another marking, so distance from them is penalised with a heavy tail
     near = np.argmin(np.linalg.norm(labels[:, None] - profiles.xy, axis=-1), axis=1)
     distance = np.sum((labels - profiles.xy[near]) * profiles.normal[near], axis=1)
     if np.all(np.abs(distance) > reach):  # a label of another marking
@@ -146,7 +153,10 @@ def _traced(strips: Strips, at: IntArray, labels: Array, *, is_arc: bool) -> Arr
 
 
 def _signal(strips: Strips, at: IntArray, grid: Array) -> tuple[Array, Array]:
-    """Contrast (k, m) at distances (m,) from a marking in units of its noise, and the least one (k,) of a line."""
+    """Contrast (k, m) at distances `grid` (m,) from a marking, in units of its noise, and the least of a line, (k,).
+
+    The least contrast of a line is in grey values.
+    """
     sampled = zip(strips.offset[at], strips.contrast[at], strips.may_be_line[at].astype(float), strict=True)
     contrast, alike = np.swapaxes([[np.interp(grid, x, y) for y in both] for x, *both in sampled], 0, 1)
     middle = np.median(contrast, axis=1)

@@ -1,4 +1,4 @@
-"""Points along the painted markings of a field, at which lines are looked for in images."""
+"""Points along the painted markings of a field, where lines are looked for in images."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Markings:
     member: IntArray
     """Index into `labels` of each point, (N,)."""
     X: Array
-    """(N, 3)."""
+    """Points on the field, metres, (N, 3)."""
     along: Array
     """Unit vectors along the segments, (N, 3)."""
     on_ground: BoolArray
@@ -39,13 +39,13 @@ class Markings:
     painted: Array
     """Share of each segment that is painted, less than 1 for dashes, (len(labels),)."""
     look: LineLook
-    """Appearance of their lines."""
+    """Appearance of the lines."""
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
-        """The markings painted along the segments of an object; of a circle and its halves the circle only.
+        """Sample the markings painted along the segments of an object; a circle that has halves is taken once, whole.
 
-        An object that is no `Field` gets the default `LineLook`. Those of the last fields are kept.
+        An object that is no `Field` gets the default `LineLook`. The markings of the last 16 fields are cached.
         """
         return _of_field(object_segments) if isinstance(object_segments, Field) else cls._along(object_segments)
 

@@ -27,9 +27,9 @@ from fieldcalib.solve.solver_options import pixel_unit
 SPACING = 12.0  # px between profiles
 LEAST_PROFILES, MOST_PROFILES = 4, 30  # of a segment: fewer cannot confirm a line, more cost time
 SHORTEST = 12.0  # px: shorter projections of a segment get no profiles
-MARGIN = 2.0  # px from the border of the image, where samples are extrapolated
+MARGIN = 2.0  # px from the border of the image that profiles keep, since samples beyond it are extrapolated
 ROWS, ROW_SPACING = 3, 2.0  # parallel rows, and px between them, that are averaged for a profile
-NEIGHBOURS = 5  # profiles, itself included, most of which must show the line at the same offset,
+NEIGHBOURS = 5  # successive profiles, the middle one is judged: most must show the line at the same offset
 SAME_LINE = 2.0  # px: tolerance of that offset
 PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 
@@ -39,8 +39,8 @@ FLANK = 4
 # weights of blue, green, red (Rec. 601): video has less resolution in colour
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
-OTHER_COLOUR = 4.0  # times the median colour difference of ground: larger ones are no ground; 99 % of ground is below
-SAME_GROUND = 0.2  # of the contrast of a line: smaller differences between both sides come from lossy compression
+OTHER_COLOUR = 4.0  # times the median colour difference of ground: what differs more is not ground; 99 % of ground less
+SAME_GROUND = 0.2  # of a line's contrast: smaller colour differences between both sides come from lossy compression
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
 
 
@@ -49,9 +49,9 @@ class Profiles:
     """Places on projected markings across which an image is sampled, segment by segment."""
 
     member: IntArray
-    """Index of the marking of each, (n,)."""
+    """Index of the marking that each profile crosses, (n,)."""
     xy: Array
-    """Pixels, (n, 2)."""
+    """Pixels where the profiles cross the projected markings, (n, 2)."""
     normal: Array
     """Unit vectors across the marking, (n, 2)."""
     width: Array
@@ -71,12 +71,12 @@ class Profiles:
         return len(self.xy)
 
     def take(self, index: IntArray) -> Profiles:
-        """The profiles of an index (k,), in its order."""
+        """Select profiles by index (k,), in that order."""
         return replace(self, **{one.name: getattr(self, one.name)[index] for one in fields(self) if one.name != "look"})
 
 
 def profiles_along(camera: Camera, markings: Markings) -> Profiles:
-    """Profiles across the markings in view, evenly spaced on each."""
+    """Place profiles across the markings in view, evenly spaced along each."""
     unit = pixel_unit(camera.image_size)
     xy = camera.project(markings.X)
     x, y = xy.T
@@ -86,6 +86,7 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     step = np.zeros(len(xy))
     step[1:][joined] = np.hypot(np.diff(x)[joined], np.diff(y)[joined])
 
+    # one profile in each of `count` equal cells of a marking's visible length, at the first point past its middle
     length = np.bincount(markings.member, step, len(markings.labels))
     many = np.clip(np.floor(length / (SPACING * unit)), LEAST_PROFILES, MOST_PROFILES)
     count = np.where(length > SHORTEST * unit, many, 0.0)
@@ -94,6 +95,7 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     cell = np.floor(share * count[markings.member] + 0.5)
     place = np.flatnonzero(joined & (np.diff(cell) > 0.0)) + 1
 
+    # paint has its width across the line on the ground; a post or bar shows its width across the line of sight
     X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
     across = np.where(on_ground[:, None], _cross(along, (0.0, 0.0, 1.0)), _cross(along, X - camera.C))
     with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
@@ -119,7 +121,7 @@ def _cross(a: Array, b: ArrayLike) -> Array:
 
 
 def _room(member: IntArray, xy: Array) -> Array:
-    """Half the distance (n,) of points to the nearest one of another marking; infinite if there is none."""
+    """Half the distance (n,) of each point to the nearest point of another marking; infinite if there is none."""
     x, y = xy.T.astype(np.float32)  # to 1e-4 px, in a third of the time
     squared, dy = x[:, None] - x, y[:, None] - y
     squared *= squared
@@ -130,7 +132,7 @@ def _room(member: IntArray, xy: Array) -> Array:
 
 
 def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> PixelTable:
-    """Labelled pixels of lines that cross profiles at an `offset` (n,) from the markings, NaN for none."""
+    """Convert lines, given as `offset` (n,) from the markings in each profile (NaN for none), to labelled pixels."""
     found = np.flatnonzero(np.isfinite(offset))
     xy = profiles.xy[found] + offset[found, None] * profiles.normal[found] + profiles.inwards[found]
     weight = np.full(len(found), 1.0 / PROFILES_PER_SEGMENT)
@@ -138,7 +140,7 @@ def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> Pi
 
 
 def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
-    """Signed distance of the line from the marking along the normal of each profile: (n,) pixels, NaN without a line.
+    """Find the line in each profile: signed distances from the marking along the normal, pixels (n,), NaN for none.
 
     Parameters
     ----------
@@ -150,17 +152,17 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
 
     Notes
     -----
-    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides. The ground has the same
-    colour on both sides, about as beside most other markings: white letters on a board are no line. The line is located
-    at the largest contrast, which must exceed a threshold and the noise of the profile, and most neighbouring profiles
-    of the segment must show it at the same offset.
+    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides. The ground must have
+    the same colour on both sides, about that beside most other markings, which excludes white letters on a board. The
+    line is located at the largest contrast, which must exceed a threshold and the noise of the profile, and most
+    neighbouring profiles of the segment must show it at the same offset.
     """
     return Strips.of(image, profiles, search_range).lines(search_range)
 
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """An image sampled across the projected markings, once for several search ranges."""
+    """Samples of an image along all profiles; taken once, they serve every shorter search range (`part`)."""
 
     profiles: Profiles
     unit: float
@@ -170,9 +172,9 @@ class Strips:
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
-    """Brightness of each sample above both of its sides, (n, m); below them if lines are darker than the ground."""
+    """How much lighter each sample is than the lighter of its two sides, (n, m); darker, if the lines are dark."""
     may_be_line: BoolArray
-    """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
+    """Whether both sides of each sample have the colour of ground, or the marking is above the ground, (n, m)."""
     is_black: BoolArray
     """Whether the pixel of the profile is black, (n,): it lies in a black border."""
 
@@ -180,7 +182,7 @@ class Strips:
     def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
         """Sample strips that are long enough for a search range, in pixels of a 960 x 540 image.
 
-        They end halfway to the next marking, unless they are to go `past_others`.
+        They end halfway to the next marking, unless `past_others`.
         """
         unit = pixel_unit(size_of(image))
         width = np.hypot(profiles.width, BLUR)
@@ -219,7 +221,7 @@ class Strips:
         return np.asarray(np.maximum(least, LEAST_SIGNAL * self.deviation))
 
     def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
-        """Strips (k,) of some profiles, cut to the length that `of` samples for a search range that is not longer."""
+        """Select the strips of the profiles `index` (k,), shortened to a `search_range` at most as long as sampled."""
         profiles = self.profiles.take(index)
         half = _half(profiles, self.spacing[index], self.unit, search_range, past_others)
         middle = self.contrast.shape[1] // 2
@@ -244,16 +246,16 @@ class Strips:
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
     def peaks_near(self, index: IntArray, line: Array, reach: float, least: Array) -> Array:
-        """Signed distances (k,) of the largest contrasts from the markings in some profiles; NaN for none.
+        """Locate the largest contrast near a known line in the profiles `index`: signed distances (k,), NaN for none.
 
-        They are searched up to `reach` pixels from a line (k,), and must exceed a contrast `least` (k,).
+        It is searched for up to `reach` pixels from the `line` (k,), and must exceed a contrast `least` (k,).
         """
         return self._highest(index, np.abs(self.offset[index] - line[:, None]) <= reach, least)
 
     def _highest(self, index: IntArray | slice, allowed: BoolArray, least: Array) -> Array:
-        """Signed distances (k,) of the largest contrasts above a `least` one (k,) from the markings in some profiles.
+        """Locate the largest contrast among the `allowed` samples (k, m) of some profiles, to a fraction of a sample.
 
-        NaN where the largest one among the `allowed` samples (k, m) is no peak.
+        Returns its signed distances (k,) from the markings; NaN where it is not a peak, or not above `least` (k,).
         """
         contrast, offset, row = self.contrast[index], self.offset[index], np.arange(len(allowed))
         best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
@@ -264,7 +266,7 @@ class Strips:
     def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
         """Signed distances (n, count) of the strongest ridges from the marking, NaN for none; and which may be lines.
 
-        Ridges may be lines by the ground beside them; neighbours and other markings are not considered.
+        A ridge may be a line if the ground beside it allows it; neighbouring profiles and markings are not considered.
         """
         contrast = self.contrast
         middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]
@@ -279,7 +281,7 @@ class Strips:
 
 
 def _vertex(before: Float32, peak: Float32, after: Float32) -> Float32:
-    """Place of the top of the parabola through three samples, in samples from the middle one; NaN without a top."""
+    """Vertex of the parabola through three samples, in samples from the middle one; NaN if it has no maximum."""
     curvature = 2.0 * peak - before - after
     return np.asarray(0.5 * (after - before) / np.where(curvature > 0.0, curvature, np.nan))
 
@@ -292,9 +294,9 @@ def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, 
 
 
 def colours_across(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
-    """Blue, green, red (3, n, 2 `half` - 1) across markings: the mean of `ROWS` rows, and of three samples along them.
+    """Sample blue, green, red (3, n, 2 `half` - 1) across markings, averaged over `ROWS` rows and three samples each.
 
-    The samples of a profile have a `spacing` (n,), pixels, and the middle one lies on the marking.
+    The samples of a profile are `spacing` (n,) pixels apart, and the middle one lies on the marking.
     """
     import cv2
 
@@ -315,10 +317,11 @@ def colours_across(image: Image, profiles: Profiles, spacing: Array, half: int) 
 
 
 def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
-    """Whether both sides of each sample have about the same colour, which is also that beside most other markings.
+    """Whether both sides of each sample have about the same colour, namely that beside most other markings.
 
-    Chromaticities are compared: the share of each channel in the sum of the three. Where the colours are saturated and
-    compressed these differ by much although the ground is the same; then both sides are alike beside the line.
+    Chromaticities are compared: the share of each channel in the sum of the three. Where colours are saturated and
+    compressed, chromaticities of the same ground differ by much; sides also count as equal if their channels differ by
+    less than `SAME_GROUND` of the contrast of the line between them.
 
     Parameters
     ----------
@@ -329,7 +332,7 @@ def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest
     on_ground : (n,) array
         Which profiles cross a marking on the ground.
     largest : float
-        Difference between both sides.
+        Largest difference of chromaticity between both sides of a line.
 
     Returns
     -------
@@ -361,7 +364,7 @@ def _median(values: Float32) -> Float32:
 
 
 def _consistent(found: Array, member: IntArray, tolerance: float) -> BoolArray:
-    """Which profiles (n,) have an offset within `tolerance` of those of most of their neighbours on the segment."""
+    """Whether the offset in each profile (n,) is within `tolerance` of most of its neighbours' on the segment."""
     half = NEIGHBOURS // 2
     near = sliding_window_view(np.pad(found, half, constant_values=np.nan), NEIGHBOURS)
     same = sliding_window_view(np.pad(member, half, constant_values=-1), NEIGHBOURS) == member[:, None]

@@ -1,20 +1,19 @@
-"""Paint beside projected markings: which markings lie on paint, which lie beside it, and which show none.
+"""Paint of projected markings as evidence for a camera: whether each marking lies on paint, and how wide its paint is.
 
-Refinement looks for lines close to the projected markings. A marking whose paint lies further off is not used there,
-and the others fit, so that a camera may be consistent and wrong. Here the paint of every marking in view is looked for
-in a wide band. Ridges across the marking, with the same ground on both sides, that lie along a straight or evenly bent
-line (or a shifted arc), and are clearly more than those where it is projected, are its paint. Lines are bent where the
-ground is not flat or the lens is another one.
+Place. Refinement looks for lines close to the projected markings only. A marking whose paint lies further off is not
+used there while the other markings fit, so a camera may be consistent and wrong. Here the paint of every marking in
+view is looked for in a wide band around its projection. In each profile across the marking the strongest ridges are
+taken (peaks of brightness with the same ground on both sides). Ridges that lie along a straight or evenly bent line, or
+a shifted arc, and are clearly more than the ridges where the marking is projected, are its paint. Lines appear bent
+where the ground is not flat or the lens differs from that of the camera.
 
 Posts and crossbars are left out, since nets and stands behind them are full of lines, and so are markings of short
 dashes with wide gaps, of which few places show paint.
 
-Width of the paint of markings in an image, against the width that a camera projects.
-
-Lines of soccer are at most 12 cm wide. A smaller field with the same markings gives the same picture, and so the same
-labels, as a larger one from further away; but its paint then looks wider than it should. Motion and lenses that are out
-of focus widen lines too, and their edges as well: a line that is blurred to a multiple of its width has edges as long
-as it is wide. So only places with sharp edges count.
+Width. It is measured in units of the width that the camera projects. Lines of soccer are at most 12 cm wide. A smaller
+field with the same markings gives the same picture, and so the same labels, as a larger one from further away, but its
+paint looks wider than projected. Motion and defocus widen lines too, but also their edges: a line that is blurred to a
+multiple of its width has edges as long as it is wide. So only places with sharp edges count.
 """
 
 from __future__ import annotations
@@ -44,28 +43,28 @@ from fieldcalib.problem.pixel_table import PixelTable
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for
 ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
-BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at most 2.9 px off
-BENT = 4.25  # px, and paint that bends away: lines of a clip on a crowned pitch, good by eye, bend by up to 4
+BESIDE = 3.0  # px: paint further off is beside the marking; with correct cameras of 98 broadcast frames at most 2.9 px
+BENT = 4.25  # px, the same for bent paint: lines of a clip on a crowned pitch, good by eye, bend by up to 4
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
-PEAKS = 5  # ridges of a profile, the strongest ones
-SEEN = 0.5  # share of the profiles that paint beside a marking must have
-MORE, MORE_SHARE = 3, 0.25  # profiles, and their share, by which it must exceed the paint on the marking
-NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
-AS_NARROW = 1.2  # times the width of a marking in the image, up to which other markings are as narrow
-EXPECTED = 0.6  # share of the profiles of markings as narrow with paint, above which its own paint should be seen
-LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which it is on its paint
+PEAKS = 5  # strongest ridges that are kept of each profile
+SEEN = 0.5  # least share of the profiles that paint beside a marking must cover
+MORE, MORE_SHARE = 3, 0.25  # profiles, and share of them, by which it must exceed the paint on the marking
+NEARER = 0.2  # share of the profiles by which paint at the end of the band must exceed paint at the marking
+AS_NARROW = 1.2  # other markings are compared if their width in the image is at most this times the marking's
+EXPECTED = 0.6  # if more than this share of the compared markings' profiles show paint, the marking should show it too
+LOOKED_AT = 0.87  # if more than this share of the profiles show paint at the projection, the marking is on its paint
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
-LEAST_PAINTED = 0.3  # share of a marking of dashes: less is no line
-DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
-APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
-LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
+LEAST_PAINTED = 0.3  # painted share of a dashed marking: with less it is left out
+DRAWS = 200  # random samples of a marking's ridges, each of which determines a line or an arc
+APART = 0.3  # least share of a marking's profiles between the outer ridges of a sample
+LEAST_DETERMINANT = 0.1  # of a sample's equations: ridges with parallel normals do not determine the shift of an arc
 
 NARROWEST = 3.0  # px of any image: the width of narrower lines cannot be measured
-SHARPEST = 0.6  # of the projected width, up to which edges are sharp; a moving or defocused line has longer ones
-STEPS = 16  # samples in a projected width
-REACH = 4.5  # projected widths to both sides of a marking that are sampled: past where ground begins on both sides
-NEAR, NEAR_PX = 1.2, 1.0  # projected widths, and px more, in which the middle of the paint lies
-GROUND_FROM, GROUND_FROM_PX = 1.8, 1.0  # from there, where the ground begins
+SHARPEST = 0.6  # longest sharp edge, in projected widths; the edges of a moving or defocused line are longer
+STEPS = 16  # samples per projected width
+REACH = 4.5  # projected widths sampled to both sides of a marking, which includes the ground on both sides
+NEAR, NEAR_PX = 1.2, 1.0  # projected widths plus px from the marking within which the middle of the paint lies
+GROUND_FROM, GROUND_FROM_PX = 1.8, 1.0  # projected widths plus px from the middle of the paint to the ground
 LEAST_CONTRAST = 15.0  # levels
 EVEN = 0.5  # of the contrast: largest difference between the grounds on both sides
 
@@ -76,18 +75,18 @@ class PaintEvidence:
 
     markings: tuple[MarkingInView, ...]
     beside: PixelTable
-    """Pixels of the paint of markings that do not lie on it."""
+    """Pixels on the paint of markings that lie beside it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ridges:
-    """Ridges in an image beside the markings on the ground that a camera projected, and where these were."""
+    """Ridges in an image near the projected markings on the ground, with the profiles in which they were found."""
 
     profiles: Profiles
     xy: Float32
     """Pixels (n, k, 2) of the ridges in each profile, NaN for none."""
     may_be_line: BoolArray
-    """Whether each has the same ground on both sides, (n, k)."""
+    """Whether each ridge has the same ground on both sides, (n, k)."""
     unit: float
     """Pixels of the image per pixel of a 960 x 540 image."""
 
@@ -98,7 +97,7 @@ class Ridges:
 
     @classmethod
     def across(cls, wide: Strips) -> Ridges:
-        """Look for ridges in the wide strips that are on the ground."""
+        """Look for ridges in those wide strips that cross markings on the ground."""
         strips = wide.part(np.flatnonzero(wide.profiles.on_ground), BAND, past_others=True)
         profiles = strips.profiles
         offset, may_be_line = strips.ridges(BAND, PEAKS)
@@ -112,7 +111,7 @@ class Ridges:
         return np.asarray(np.sum((self.xy - self.profiles.xy[:, None]) * self.profiles.normal[:, None], axis=-1))
 
     def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
-        """Measure the ridges from the markings that another camera projects; those far from any are left out."""
+        """Relate the ridges to the markings that another camera projects; ridges far from all of them are dropped."""
         old, new = self.profiles, profiles_along(camera, markings)
         new = new.take(np.flatnonzero(new.on_ground))
         pairs = [np.zeros((2, 0), dtype=np.intp)]
@@ -126,7 +125,7 @@ class Ridges:
 
 
 def wide_strips(image: Image, profiles: Profiles) -> Strips:
-    """Strips in which paint beside markings is looked for."""
+    """Sample the wide strips in which paint beside markings is looked for."""
     return Strips.of(image, profiles, BAND, past_others=True)
 
 
@@ -155,13 +154,14 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
 
 
 def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
-    """Find which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
+    """Decide from ridges which markings lie on paint and which beside it, and where that paint is."""
     profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], np.full(len(profiles), np.nan)
     for k in np.unique(profiles.member):
         if markings.painted[k] < LEAST_PAINTED:
             continue
+        # ridges on the paint of other markings are excluded; a bent line is only tried if no straight one is found
         at = np.flatnonzero(profiles.member == k)
         on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
         if len(at) >= LEAST_PLACES and on <= min(LOOKED_AT * len(at), len(at) - MORE):
@@ -189,9 +189,9 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
 def with_lines(
     evidence: PaintEvidence, markings: Markings, strips: Strips, lines: Array, labelled: Collection[str]
 ) -> PaintEvidence:
-    """The evidence, with lines that a person labelled as paint of their markings, where that is more than was seen.
+    """Count lines that a person labelled as paint on their markings, where they show more of it than the ridges.
 
-    Paint beside such a marking then counts as its own only if it is still clearly more.
+    Paint beside such a marking then counts only if it is still clearly more.
 
     Parameters
     ----------
@@ -219,13 +219,13 @@ def with_lines(
 
 
 def _along(count: int, *, bent: bool = False) -> Array:
-    """Basis (n, 2) of offsets of a line that is moved and turned; (n, 3) if it is bent too."""
+    """Basis (n, 2) of the offsets of a shifted and rotated line in each profile; (n, 3) with a parabolic bend."""
     t = np.linspace(-1.0, 1.0, count)
     return np.column_stack([np.ones(count), t, t * t][: 2 + bent])
 
 
 def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
-    """Which pixels (N, 2) lie on the markings of `others` (m,), profiles that show paint at their place."""
+    """Whether pixels (N, 2) lie on a marking in one of the profiles `others` (m,), which show paint where projected."""
     (x, y), (nx, ny) = profiles.xy[others].T, profiles.normal[others].T
     dx, dy = xy[:, :1] - x, xy[:, 1:] - y
     across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
@@ -233,9 +233,9 @@ def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -
 
 
 def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
-    """Largest distance of the paint of a marking, 0 without any, and its offset in each profile, (n,) or NaN.
+    """Find paint beside a marking: its largest distance, 0 without any, and its offset in each profile, (n,) or NaN.
 
-    Lines or arcs through a few ridges, as many as there are unknowns, are compared by the number of profiles with a
+    RANSAC: lines or arcs through as many ridges as there are unknowns are compared by the number of profiles with a
     ridge on them. The ridges are drawn with a fixed seed.
 
     Parameters
@@ -243,7 +243,7 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     offset : (n, k) array
         Ridges of the profiles of the marking, in their order along it; NaN for none.
     basis : (n, d) array
-        Offsets that a moved marking has are combinations of these columns.
+        The offsets of a displaced marking are combinations of these columns.
     on : int
         Number of profiles with a ridge where the marking is projected.
     """
@@ -260,7 +260,7 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     predicted = np.linalg.solve(few[good], values[..., None])[..., 0] @ basis.T  # (draws, n)
     near = np.any(np.abs(offset - predicted[..., None]) < SAME_RUN * unit, axis=2)
     count = np.sum(near, axis=1)
-    # of parallel markings, the nearer one: that another one is seen as well is no reason to take it
+    # of parallel markings that are seen equally well, take the nearer one
     best = int(np.argmax(count - NEARER * n * np.mean(np.abs(predicted), axis=1) / (BAND * unit)))
     least = on + (MORE if count[best] >= NEARLY_ALL * n else max(MORE, MORE_SHARE * n))
     if count[best] < max(SEEN * n, least):
@@ -272,7 +272,7 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
 
 
 def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> tuple[MarkingInView, ...]:
-    """The markings in view, with the widths (n,) of the paint of those that lie on it."""
+    """Add the median of the measured widths (n,) to the markings in view that do not lie beside their paint."""
     return tuple(
         replace(one, width=float(np.median(widths[one.label])), widths=len(widths[one.label]))
         if one.label in widths and not one.is_beside
@@ -282,9 +282,9 @@ def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> t
 
 
 def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[str, Array]:
-    """Widths (n,) of the paint of each marking that looks wide enough to be measured, in units of the projected width.
+    """Measure the paint of each marking that is wide enough in the image: widths (n,) in units of the projected width.
 
-    Lines that may be borders of painted areas have no such widths.
+    Fields whose lines may be borders of differently painted areas get none.
 
     Examples
     --------
@@ -307,9 +307,9 @@ def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[
 
 
 def paint_widths(image: Image, profiles: Profiles) -> Array:
-    """Width (n,) of the paint at profiles, in units of their projected widths; NaN where it is not sharp, or not there.
+    """Measure the width (n,) of the paint in each profile, in units of the projected width; NaN if not sharp, or none.
 
-    It is measured at half the height of the paint above the ground on each side.
+    The width is that at half the height of the brightness profile above the ground on each side.
     """
     if not len(profiles):
         return np.zeros(0)
@@ -337,11 +337,11 @@ class _Side(NamedTuple):
     edge: Array
     """Samples from the top of the paint to half its height, (n,)."""
     length: Array
-    """Samples from the foot to the top of its edge if that goes on as between a quarter and three, (n,)."""
+    """Length of the edge in samples, (n,): twice that between a quarter and three quarters of its height."""
 
     @classmethod
     def of(cls, level: Float32, top: IntArray, away: Array) -> _Side:
-        """The right side of profiles (n, m) with the top at a sample (n,); its ground begins `away` (n,) samples on."""
+        """Measure the right side of profiles (n, m) from their `top` (n,); ground begins `away` (n,) samples off."""
         index = np.arange(level.shape[1])
         ground = np.nanmedian(np.where(index > (top + away)[:, None], level, np.nan), axis=1)
         peak = np.take_along_axis(level, top[:, None], axis=1)[:, 0]
@@ -350,7 +350,10 @@ class _Side(NamedTuple):
 
 
 def _fall(level: Float32, top: IntArray, height: Array) -> Array:
-    """Samples (n,) from the top of each row rightwards to where its level falls to a height (n,); NaN if nowhere."""
+    """Samples (n,) from the top of each row rightwards until its level falls to `height` (n,); NaN if it never does.
+
+    They are interpolated to a fraction of a sample.
+    """
     below = (level <= height[:, None]) & (np.arange(level.shape[1]) > top[:, None])  # false for NaN
     at = np.argmax(below, axis=1)
     low, high = (np.take_along_axis(level, one[:, None], axis=1)[:, 0] for one in (at, at - 1))

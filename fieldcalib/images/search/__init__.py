@@ -1,6 +1,6 @@
-"""The camera of a picture without a network, by search: from stripes and lines to ranked and refined cameras.
+"""Search for the camera of a picture without a network: from stripes and lines to ranked and refined cameras.
 
-`court_search` draws the way; `place_search` goes it from a known place of the camera.
+`court_search` has the steps, with a drawing; `place_search` does the same where the place of the camera is known.
 """
 
 import lazy_loader

@@ -1,10 +1,11 @@
-"""Cameras from an ellipse in a picture that may be a circle of a field, and a line that tells how the field is turned.
+"""Hypotheses for the camera from an ellipse in a picture, taken as a circle of the field, and one line.
 
-An ellipse leaves open the focal length of a camera that has square pixels, no lens and a given principal point. For
-each of some focal lengths, the cone of its rays is cut in circles by planes of two directions (Kanatani and Liu, 3D
-interpretation of conics and orthogonality, 1993); of these, ground that is level is kept. The circle's radius gives the
-height of the camera, and a line in the picture, which runs across or along the field, the direction in which it looks.
-So rinks are found, of which hardly two lines of each direction show.
+An ellipse does not determine the focal length of a camera with square pixels, no lens and a given principal point, so
+several focal lengths are tried. For each, the cone of rays through the ellipse is cut in circles by planes of two
+orientations (Kanatani and Liu, 3D interpretation of conics and orthogonality, 1993); a plane is kept if it is level for
+a camera nearly without roll. The circle's radius then gives the height of the camera, and a line in the picture, which
+runs across or along the field, gives the direction in which the camera looks. This finds rinks, where two lines of each
+direction are rarely in view.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from fieldcalib.images.search.court_hypotheses import Cameras, plausible, unit, 
 from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import LongLines
 
-SMALLEST = 1.5  # m: smaller circles are spots
+SMALLEST = 1.5  # m, radius: smaller circles are spots
 FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 def circle_hypotheses(
     ellipses: Sequence[Ellipse], lines: LongLines, field: Field, size: tuple[int, int], widened: float = 1.0
 ) -> Cameras:
-    """Cameras that see a circle of a field, whole or in part, in an ellipse of a picture, and a line of it in a line.
+    """Cameras that project a circle of a field onto an ellipse of the picture, and a line of the field onto a line.
 
-    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
-    turned by 180 degrees, each camera stands for its twin too.
+    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when turned by
+    180 degrees, each camera also represents the turned one.
     """
     circles = circles_of(field)
     parts = []
@@ -44,7 +45,7 @@ def circle_hypotheses(
 
 
 def circles_of(field: Field) -> Array:
-    """x and y of the centre, and the radius of circles on the ground of which a field has arcs, (N, 3) metres.
+    """Circles on the ground of which a field has arcs: x and y of the centre, and the radius, (N, 3) metres.
 
     Examples
     --------
@@ -60,30 +61,31 @@ def circles_of(field: Field) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class SeenCircles:
-    """Level ground on which an ellipse of a picture is a circle, for a focal length."""
+    """Pairs of focal length and level ground plane for which an ellipse of the picture is a circle on the ground."""
 
     f: Array
     """Focal lengths, in widths of the picture, (N,)."""
     down: Array
-    """Direction of gravity for the camera, unit vectors, (N, 3)."""
+    """Direction of gravity in camera coordinates, unit vectors, (N, 3)."""
     centre: Array
-    """Of the circle, as seen by a camera 1 m above the ground, (N, 3)."""
+    """Centre of the circle in camera coordinates if the camera is 1 m above the ground, (N, 3)."""
     radius: Array
-    """Of the circle for such a camera, (N,)."""
+    """Radius of the circle if the camera is 1 m above the ground, (N,)."""
     along: Array
-    """Direction of a line on the ground, unit vectors, (N, 3); NaN where it is not yet known."""
+    """Direction of a line on the ground in camera coordinates, unit vectors, (N, 3); NaN while unknown."""
     size: tuple[int, int]
 
     @classmethod
     def of(cls, ellipses: Sequence[Ellipse], focal_lengths: Array, size: tuple[int, int]) -> SeenCircles:
-        """All ellipses with all focal lengths."""
+        """Combine all ellipses with all focal lengths; keep the level planes below the camera."""
         conics = np.array([one.conic(0.5 * np.array(size), size[0]) for one in ellipses])
         K = np.stack([np.diag([f, f, 1.0]) for f in focal_lengths])
         Q = np.einsum("fij,ejk,fkl->efil", K, conics, K).reshape(-1, 3, 3)
         f = np.tile(focal_lengths, len(ellipses))
         value, vector = np.linalg.eigh(Q)  # one negative value, two positive ones, in ascending order
         least, middle, largest = value.T
-        # a plane that cuts the cone in a circle runs along the axis of its middle value, and leans to one of two sides
+        # a plane that cuts the cone in a circle contains the eigenvector of the middle eigenvalue and leans to one of
+        # two sides: its normal is a combination of the other two eigenvectors
         one = np.sqrt((largest - middle) / (largest - least))[:, None] * vector[:, :, 2]
         other = np.sqrt((middle - least) / (largest - least))[:, None] * vector[:, :, 0]
         down = np.concatenate([one + other, one - other])
@@ -99,7 +101,7 @@ class SeenCircles:
         return cls(f, down, centre, radius, unknown, size).take(good)
 
     def with_directions(self, lines: LongLines) -> SeenCircles:
-        """Each with each line that lies below its horizon."""
+        """Combine each pair with each line that lies below its horizon."""
         line, ends = lines.seen_from(0.5 * np.array(self.size), float(self.size[0]))
         view, chosen = (one.ravel() for one in np.indices((len(self.f), len(line))))
         every = self.take(view)
@@ -108,9 +110,10 @@ class SeenCircles:
         return replace(every, along=along).take(below)
 
     def cameras(self, circle: Array, *, turn: int, are_across: bool) -> Cameras:
-        """The cameras for which the circle is one of the field; lines run across it (x is constant) or along it.
+        """Solve for the cameras if the ellipse is this `circle` of the field, and lines run across or along the field.
 
-        The direction of the lines is that of the field's axis, or with -1 as `turn` the opposite one.
+        Lines across have constant x. With a `turn` of 1 they run in the direction of the field's axis, with -1 in the
+        opposite direction.
         """
         own = turn * self.along
         other = np.cross(own, self.down) if are_across else np.cross(self.down, own)
@@ -121,7 +124,7 @@ class SeenCircles:
         return Cameras.centred(self.f * self.size[0], R, C, self.size)
 
     def take(self, index: BoolArray | IntArray) -> SeenCircles:
-        """Some of them, by mask or by index."""
+        """Select by mask or by index."""
         f, down, centre = self.f[index], self.down[index], self.centre[index]
         return SeenCircles(f, down, centre, self.radius[index], self.along[index], self.size)
 

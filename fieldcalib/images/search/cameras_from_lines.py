@@ -1,11 +1,12 @@
-"""Cameras from three lines in a picture: two that may be parallel lines of a court, and one across them.
+"""Hypotheses for the camera from three lines in a picture, taken as two parallel lines of the court and one across.
 
-Three lines leave open the focal length of a camera that has square pixels, no lens and a given principal point.
-For each of some focal lengths, the vanishing point of the two gives the direction in which they run; the third one then
-runs across that, in the plane through its own picture; both directions are the camera's rotation. It must be level,
-and the three lines must lie below its horizon. The distance between the two on the court gives its height, and each
-line one coordinate of its place (Hartley and Zisserman, Multiple View Geometry, chapter 8). So courts are found of
-which one line of a direction shows, or whose lines are bent by a lens.
+Three lines do not determine the focal length of a camera with square pixels, no lens and a given principal point, so
+several focal lengths are tried. For each, the vanishing point of the two parallel lines gives their direction on the
+ground. The third line is perpendicular to it and lies in the plane through the camera and its own image. Both
+directions together are the camera's rotation; it must be level, and the three lines must lie below its horizon. The
+distance between the two parallel lines on the court gives the camera's height, and each line one coordinate of its
+position (Hartley and Zisserman, Multiple View Geometry, chapter 8). This finds courts of which only one line of a
+direction shows, or whose lines are bent by a lens.
 """
 
 from __future__ import annotations
@@ -30,15 +31,15 @@ from fieldcalib.images.search.court_hypotheses import (
 )
 from fieldcalib.images.search.long_lines import LongLines
 
-FACTOR = 1.15  # between focal lengths
+FACTOR = 1.15  # between successive focal lengths
 LEVEL = np.radians(10.0)  # largest roll: broadcast cameras are level to 1 degree, those in halls to 8
 
 
 def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], widened: float = 1.0) -> Cameras:
-    """Cameras that see two parallel lines of a field and one across them in three lines of a picture.
+    """Cameras that project two parallel lines of a field, and one across them, onto three lines of the picture.
 
-    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when it is
-    turned by 180 degrees, each camera stands for its twin too.
+    The principal point is in the middle; `widened` as in `focal_lengths`. On a field that looks the same when turned by
+    180 degrees, each camera also represents the turned one.
     """
     lengths = focal_lengths(field, widened)
     on_field = FieldLines.of(field)
@@ -51,10 +52,10 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
 
 
 def focal_lengths(field: Field, widened: float = 1.0) -> Array:
-    """Focal lengths of the field's cameras, in widths of the picture.
+    """Focal lengths to try for the field's cameras, in widths of the picture, in even ratios.
 
-    Without its distortion (`fieldcalib.images.search.straightened.Bend`) a picture is `widened`, so many times: what
-    a wide lens shows at 90 degrees then takes up to 120.
+    Removing the distortion of a picture (`fieldcalib.images.search.straightened.Bend`) widens its field of view by the
+    factor `widened`: a wide lens with 90 degrees then has up to 120.
     """
     fov = np.radians([stand.fov for stand in field.stands or field.named_stands.values()])
     least, most = focal_length_from_fov(fov.max(), 1.0) / widened, focal_length_from_fov(fov.min(), 1.0)
@@ -63,22 +64,22 @@ def focal_lengths(field: Field, widened: float = 1.0) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Triples:
-    """Rotations of cameras that see two lines in parallel and a third one at right angles, on level ground.
+    """Rotations for which two lines of the picture are parallel on level ground, and a third one perpendicular to them.
 
-    Places on the ground are given for a camera 1 m above it, from the point below the camera: `u` across the two lines,
-    `v` along them.
+    Ground coordinates have their origin below the camera and hold for a camera 1 m above the ground: `u` across the two
+    parallel lines, `v` along them.
     """
 
     f: Array
     """Focal lengths, pixels, (T,)."""
     R: Array
-    """(T, 3, 3)."""
+    """Rotations from world to camera; the columns are the field's axes in camera coordinates, (T, 3, 3)."""
     u: Array
-    """Of the two lines, in ascending order, (T, 2)."""
+    """u of the two parallel lines, in ascending order, (T, 2)."""
     v: Array
-    """Of the third line, (T,)."""
+    """v of the third line, (T,)."""
     pair_ends: Array
-    """v of the ends of the two lines, in ascending order, (T, 2, 2)."""
+    """v of the ends of the two parallel lines, in ascending order, (T, 2, 2)."""
     third_ends: Array
     """u of the ends of the third line, in ascending order, (T, 2)."""
     size: tuple[int, int]
@@ -89,7 +90,7 @@ class _Triples:
     def of(
         cls, lines: LongLines, size: tuple[int, int], focal_lengths: Array, *, are_across: bool, turn: int
     ) -> _Triples:
-        """All pairs of lines with all others, for all focal lengths; `turn` is -1 for cameras from the other side."""
+        """Combine all pairs of lines, third lines and focal lengths; `turn` is -1 for cameras turned by 180 degrees."""
         width = float(size[0])
         line, ends = lines.seen_from(0.5 * np.array(size), width)
         pair, third, index = _combined(parallel_pairs(line, ends), len(line), len(focal_lengths))
@@ -118,13 +119,13 @@ class _Triples:
         return cls(f[good] * width, R, u, v, end_v, end_u, size, are_across)
 
     def cameras(self, field: FieldLines, heights: tuple[float, float]) -> Cameras:
-        """The cameras that see lines of a field in them, of heights within a range."""
+        """Solve for the cameras that have lines of a field in these lines, and a height within a range."""
         pair_values, third_values = (field.across, field.along) if self.are_across else (field.along, field.across)
         pair_reach, third_reach = (
             (field.across_reach, field.along_reach) if self.are_across else (field.along_reach, field.across_reach)
         )
         two = np.array(list(combinations(range(len(pair_values)), 2)), dtype=np.intp).reshape(-1, 2)
-        # two lines of the field tell the height, which leaves few of all pairs before the third line is tried
+        # two lines of the field determine the height; its range excludes most pairs before the third line is tried
         with np.errstate(divide="ignore", invalid="ignore"):
             height = np.diff(pair_values[two], axis=1)[:, 0] / np.diff(self.u, axis=1)
         t, q = np.nonzero((height > heights[0]) & (height < heights[1]))
@@ -152,12 +153,12 @@ def _combined(pairs: IntArray, count: int, focal_lengths: int) -> tuple[IntArray
 
 
 def planes_of(line: Array, f: Array) -> Array:
-    """Normals (N, 3) of the planes through the centre of a camera and its lines."""
+    """Normals (N, 3) of the planes through the camera centre and lines (N, 3) of the picture."""
     return np.column_stack([line[:, :2] * f[:, None], line[:, 2]])
 
 
 def rays_of(ends: Array, f: Array) -> Array:
-    """Rays (N, 2, 3) of pixels (N, 2, 2)."""
+    """Rays (N, 2, 3) through pixels (N, 2, 2), in camera coordinates."""
     return np.concatenate([ends / f[:, None, None], np.ones((*ends.shape[:2], 1))], axis=2)
 
 

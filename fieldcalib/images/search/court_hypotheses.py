@@ -1,11 +1,12 @@
-"""Cameras from pairs of lines in a picture that may be pairs of lines of a court.
+"""Hypotheses for the camera from four lines in a picture, taken as two lines across and two along the court.
 
-Two lines of the picture may be two lines across the field (x is constant on them), and two others may be two along it.
-The homography of their four crossings is that of a rectangle on the field; a camera with square pixels, no lens and
-a given principal point has one only if the rectangle has the right shape, and it gives the
-focal length: the columns h1 and h2 of the homography of metres satisfy ``h1' w h2 = 0`` and ``h1' w h1 = h2' w h2``
-with ``w = diag(1, 1, f^2)``, both linear in f^2 (Zhang, A flexible new technique for camera calibration, 2000). A free
-homography explains any four lines; few are left that are a camera's, and that stands where cameras do.
+Two lines of the picture are assumed to be lines across the field (x is constant on them), and two others to be lines
+along it. Their four crossings are then the corners of a rectangle on the field, which gives a homography from metres to
+pixels. For a camera with square pixels, no lens and a given principal point, its columns h1 and h2 satisfy
+``h1' w h2 = 0`` and ``h1' w h1 = h2' w h2`` with ``w = diag(1, 1, f^2)``. Both equations are linear in f^2 (Zhang, A
+flexible new technique for camera calibration, 2000), so they determine the focal length, and they agree only if the
+rectangle has the right shape. A homography exists for any four lines, but few homographies are those of a camera that
+stands where cameras of the field do (`stands`).
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ from fieldcalib.fields.sides import TURN, looks_the_same_turned
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.long_lines import LongLines
 
-SHORTEST = 0.12  # of the field's extent in that direction: shorter markings are no long lines
+SHORTEST = 0.12  # of the field's extent in that direction: shorter markings do not count as long lines
 SAME_LINE = 0.01  # m: markings nearer to each other lie on one line
-FARTHEST_CUT = 1.2  # widths: from the middle of a picture to the principal point of that from which it is cut out
-LARGEST_MISFIT = 0.25  # of both equations for f^2, in shares of the squared columns: lens, principal point, noise
-FARTHEST_CORNER = 2.5  # picture widths from its middle: crossings further away are those of nearly parallel lines
+FARTHEST_CUT = 1.2  # picture widths from the middle to the principal point, if the picture is cut out of a larger one
+LARGEST_MISFIT = 0.25  # of both equations for f^2, as a share of the squared columns: lens, principal point, noise
+FARTHEST_CORNER = 2.5  # picture widths from the middle: lines that cross further away are nearly parallel
 MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
 OVER, OVER_SHARE = (
     0.3,
     0.05,
 )  # m, and share of its length, by which a line in the picture may be longer than its marking
-STEEPEST_ROLL = np.radians(12.0)
-INSIDE = 0.35  # share of the half extent within which no camera stands unless its stands say so
+STEEPEST_ROLL = np.radians(12.0)  # largest roll of a plausible camera
+INSIDE = 0.35  # share of the field's half extent; no camera stands nearer to the centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,13 @@ class Cameras:
     """B pinhole cameras of pictures of one size."""
 
     f: Array
-    """(B,) pixels."""
+    """Focal lengths, (B,) pixels."""
     c: Array
     """Principal points, (B, 2) pixels."""
     R: Array
-    """(B, 3, 3)."""
+    """Rotations from world to camera, (B, 3, 3)."""
     C: Array
-    """(B, 3) metres."""
+    """Positions, (B, 3) metres."""
     size: tuple[int, int]
 
     def __len__(self) -> int:
@@ -60,28 +61,28 @@ class Cameras:
 
     @classmethod
     def centred(cls, f: Array, R: Array, C: Array, size: tuple[int, int]) -> Cameras:
-        """Cameras with the principal point in the middle, each at its place C (B, 3), or all at one (3,)."""
+        """Cameras with the principal point in the middle, at one position each, C (B, 3), or all at one (3,)."""
         return cls(f, np.tile(0.5 * np.array(size), (len(f), 1)), R, np.broadcast_to(C, (len(f), 3)), size)
 
     @classmethod
     def joined(cls, parts: Iterable[Cameras], size: tuple[int, int]) -> Cameras:
-        """The cameras of several parts, one after the other; there may be none."""
+        """Concatenate the cameras of several parts, which may be none."""
         every = [cls.none(size), *parts]
         f, c, R, C = (np.concatenate([getattr(one, name) for one in every]) for name in ("f", "c", "R", "C"))
         return cls(f, c, R, C, size)
 
     def take(self, index: BoolArray | IntArray) -> Cameras:
-        """Some of them, by mask or by index."""
+        """Select cameras by mask or by index."""
         return Cameras(self.f[index], self.c[index], self.R[index], self.C[index], self.size)
 
     def turned(self, some: BoolArray) -> Cameras:
-        """The cameras, those of a mask (B,) turned by 180 degrees about the centre mark."""
+        """Turn the cameras of a mask (B,) by 180 degrees about the centre mark; the others stay."""
         turn = np.where(some[:, None], TURN, 1.0)
         return Cameras(self.f, self.c, self.R * turn[:, None], self.C * turn, self.size)
 
     @classmethod
     def of(cls, cameras: Sequence[Camera], size: tuple[int, int]) -> Cameras:
-        """Cameras of pictures of one size, without their lenses."""
+        """Collect cameras of pictures of one size, without their lenses."""
         if not cameras:
             return cls.none(size)
         K, R, C = (np.array([getattr(one, name) for one in cameras]) for name in ("K", "R", "C"))
@@ -96,7 +97,7 @@ class Cameras:
         return np.concatenate([M, -(M @ self.C[:, :, None])], axis=2)
 
     def camera(self, index: int) -> Camera:
-        """One of them."""
+        """The camera at an index, as a `Camera`."""
         (cx, cy), f = self.c[index].tolist(), float(self.f[index])
         return Camera([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]], self.R[index], self.C[index], self.size)
 
@@ -108,15 +109,15 @@ class FieldLines:
     across: Array
     """x of the lines across the field, ascending, metres."""
     along: Array
-    """y of the lines along it, ascending."""
+    """y of the lines along the field, ascending, metres."""
     across_reach: Array
     """Least and largest y of the markings on each line across the field, (N, 2)."""
     along_reach: Array
-    """Least and largest x of those on each line along it, (M, 2)."""
+    """Least and largest x of the markings on each line along the field, (M, 2)."""
 
     @classmethod
     def of(cls, field: Field) -> FieldLines:
-        """The painted lines of a field.
+        """Collect the painted lines of a field.
 
         Examples
         --------
@@ -141,7 +142,7 @@ class FieldLines:
 
 
 def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
-    """Places of lines in ascending order, and their ends; markings nearer to each other than `SAME_LINE` are on one."""
+    """Positions of lines in ascending order, and their ends; markings within `SAME_LINE` of each other are one line."""
     place, low, high = np.array(sorted(markings), dtype=float).reshape(-1, 3).T
     first = np.flatnonzero(np.append(True, np.diff(place) > SAME_LINE)[: len(place)])
     if not len(first):
@@ -150,9 +151,9 @@ def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
 
 
 def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None) -> Cameras:
-    """Cameras that see two lines across the field and two along it in two pairs of lines of a picture.
+    """Cameras that project two lines across the field and two along it onto two pairs of lines of the picture.
 
-    On a field that looks the same when it is turned by 180 degrees, each camera stands for its twin too.
+    On a field that looks the same when turned by 180 degrees, each camera also represents the turned one.
 
     Parameters
     ----------
@@ -161,8 +162,8 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     size : (int, int)
         Width and height of the picture.
     row : float, optional
-        Of the principal point, from the middle of the picture, in widths of the picture, where the picture is cut out
-        of a larger one; its column is found with the camera. By default it is in the middle.
+        Row of the principal point, from the middle of the picture, in widths of the picture, for a picture cut out of a
+        larger one; the column is then solved for. By default the principal point is in the middle.
     """
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
@@ -178,14 +179,15 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
 
 
 def ways(field: Field) -> tuple[int, ...]:
-    """Which way round its lines are tried, 1 and -1; on a field that looks the same when it is turned, 1 alone."""
+    """Orders in which the field's lines are tried, 1 and -1 (reversed); 1 suffices on a field that looks the same."""
     return (1,) if looks_the_same_turned(field) else (1, -1)
 
 
 def plausible(parts: Iterable[Cameras], field: Field, size: tuple[int, int]) -> Cameras:
-    """Those of several parts that stand where cameras of the field do.
+    """Keep the cameras that stand where cameras of the field do (`stands`).
 
-    On a field that looks the same when it is turned by 180 degrees, each is on the canonical side, for its twin too.
+    On a field that looks the same when turned by 180 degrees, each camera is moved to the canonical side, and also
+    represents the turned one.
     """
     joined = Cameras.joined(parts, size)
     joined = joined.take(stands(joined, field))
@@ -193,7 +195,7 @@ def plausible(parts: Iterable[Cameras], field: Field, size: tuple[int, int]) -> 
 
 
 def stands(cameras: Cameras, field: Field) -> BoolArray:
-    """Which cameras stand and look about as the cameras of the field do, by the ranges of its stands."""
+    """Whether cameras (B,) have a plausible position, field of view and roll, by the ranges of the field's stands."""
     everywhere = field.stands or tuple(field.named_stands.values())
     fov = np.radians([stand.fov for stand in everywhere])
     low, high = heights(field)
@@ -216,7 +218,7 @@ def heights(field: Field) -> tuple[float, float]:
 
 
 def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
-    """The cameras, those on the far side or behind the right end turned by 180 degrees about the centre mark."""
+    """Turn cameras on the far side or behind the right end by 180 degrees about the centre mark."""
     x, y, _ = cameras.C.T
     is_behind = np.abs(x) - 0.5 * field.length > np.abs(y) - 0.5 * field.width
     return cameras.turned(np.where(is_behind, x > 0.0, y < 0.0))
@@ -224,27 +226,27 @@ def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
 
 @dataclass(frozen=True, eq=False)
 class _Quads:
-    """Homographies of the unit square to the quadrilaterals between two pairs of lines.
+    """Homographies from the unit square to the quadrilaterals between two pairs of lines.
 
-    Pixels are from the principal point, in units of the picture's width.
+    Pixels are relative to the principal point, in units of the picture's width.
     """
 
     h1: Array
-    """First column of each, (N, 3): along the field's x."""
+    """First column of each homography, (N, 3): the image of the direction of the field's x."""
     h2: Array
-    """Along its y."""
+    """Second column, (N, 3): the image of the direction of the field's y."""
     h3: Array
-    """The corner (0, 0)."""
+    """Third column, (N, 3): the image of the corner (0, 0)."""
     ends: Array
-    """Places of the ends of the lines along the square, (N, 4, 2): of those at x = 0 and 1, then at y = 0 and 1; NaN
-    beyond the horizon."""
+    """Coordinates along the sides of the unit square at which the lines end, (N, 4, 2): for the sides x = 0 and 1, then
+    y = 0 and 1; NaN beyond the horizon."""
     c: Array
-    """The principal point, (2,) pixels."""
+    """Principal point, (2,) pixels."""
     size: tuple[int, int]
 
     @classmethod
     def of(cls, lines: LongLines, size: tuple[int, int], c: Array) -> _Quads:
-        """All pairs of lines across the field with all pairs along it that have no line in common."""
+        """Combine all pairs of lines across the field with all pairs along it that have no line in common."""
         line, ends = lines.seen_from(c, float(size[0]))
         pairs = parallel_pairs(line, ends)
         first, second = np.repeat(np.arange(len(pairs)), len(pairs)), np.tile(np.arange(len(pairs)), len(pairs))
@@ -277,28 +279,29 @@ class _Quads:
         return cls(h1, h2, h3, np.sort(places, axis=2), c, size)
 
     def take(self, index: BoolArray) -> _Quads:
-        """Some of them."""
+        """Select quadrilaterals by mask."""
         return replace(self, h1=self.h1[index], h2=self.h2[index], h3=self.h3[index], ends=self.ends[index])
 
     def are_within(self, x: Array, y: Array, x_reach: Array, y_reach: Array) -> BoolArray:
-        """In which of them the lines end within markings, if they are the rectangle between two x and two y.
+        """Whether the lines of each quadrilateral end within the markings of the rectangle between two x and two y.
 
-        The two x and the two y are both in ascending or both in descending order. The markings at each x reach from one
-        y to another, (2, 2), and those at each y from one x to another.
+        The two x and the two y are both in ascending or both in descending order. `x_reach` (2, 2) has the least and
+        largest y of the markings at each x, `y_reach` the least and largest x of those at each y.
         """
         ends = self.ends if x[1] > x[0] else self.ends[:, :, ::-1]
         of_x, of_y = y[0] + ends[:, :2] * (y[1] - y[0]), x[0] + ends[:, 2:] * (x[1] - x[0])
         return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach), axis=1))
 
     def homographies(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Columns of the homographies of metres for which they are the rectangle between two x and two y."""
+        """Columns of the homographies from metres if the quadrilaterals are the rectangle between two x and two y."""
         h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
         return h1, h2, self.h3 - h1 * x[0] - h2 * y[0]
 
     def cut_out(self, x: Array, y: Array) -> Cameras:
-        """The same as `cameras`, with the column of the principal point that fits, anywhere near the picture."""
+        """Solve as `cameras` does, but also for the column of the principal point, anywhere near the picture."""
         h1, h2, h3 = self.homographies(x, y)
-        # a c + b s = d of both equations, with c the column of the principal point and s = c^2 + f^2
+        # with a free column c of the principal point, Zhang's two equations are linear in c and s = c^2 + f^2:
+        # a c + b s = d
         a1, a2 = h1[:, 0] * h2[:, 2] + h1[:, 2] * h2[:, 0], 2.0 * (h1[:, 0] * h1[:, 2] - h2[:, 0] * h2[:, 2])
         b1, b2 = -h1[:, 2] * h2[:, 2], np.square(h2[:, 2]) - np.square(h1[:, 2])
         d1 = np.sum(h1[:, :2] * h2[:, :2], axis=1)
@@ -310,8 +313,9 @@ class _Quads:
         return self._with_focal_lengths(f, c, h1[good], h2[good], h3[good])
 
     def cameras(self, x: Array, y: Array) -> Cameras:
-        """The cameras for which the quadrilaterals are the rectangle between two x and two y."""
+        """Solve for the cameras if the quadrilaterals are the rectangle between two x and two y."""
         h1, h2, h3 = self.homographies(x, y)
+        # Zhang's equations A + B f^2 = 0 and D + E f^2 = 0, in least squares; what remains of both must be small
         A, B = 2.0 * np.sum(h1[:, :2] * h2[:, :2], axis=1), 2.0 * h1[:, 2] * h2[:, 2]
         D = np.sum(np.square(h1[:, :2]) - np.square(h2[:, :2]), axis=1)
         E = np.square(h1[:, 2]) - np.square(h2[:, 2])
@@ -325,9 +329,12 @@ class _Quads:
         return self._with_focal_lengths(f, np.zeros_like(f), h1[good], h2[good], h3[good])
 
     def _with_focal_lengths(self, f: Array, column: Array, h1: Array, h2: Array, h3: Array) -> Cameras:
-        """Cameras above the ground by columns (N, 3) of homographies, with principal points in columns from the own."""
-        # noise makes the columns of a homography neither of one length nor at right angles: the nearest ones that are
-        # share the error between both directions of the field
+        """Decompose homographies, given by columns (N, 3), into cameras; keep those above the ground.
+
+        `column` (N,) is that of the principal point relative to `c`, in widths of the picture.
+        """
+        # noise makes the columns h1 and h2 neither equally long nor perpendicular: the nearest perpendicular unit
+        # vectors share the error between both directions of the field
         h1, h2, h3 = (np.column_stack([(h[:, 0] - column * h[:, 2]) / f, h[:, 1] / f, h[:, 2]]) for h in (h1, h2, h3))
         scale = 0.5 * (np.linalg.norm(h1, axis=1) + np.linalg.norm(h2, axis=1))[:, None]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -343,7 +350,7 @@ class _Quads:
 
 
 def _places(start: Array, along: Array, ends: Array) -> Array:
-    """Places (N, 2) of pixels (N, 2, 2) on lines with the homogeneous points ``start + place * along``, (N, 3) each."""
+    """Parameters (N, 2) of pixels (N, 2, 2) on lines of homogeneous points ``start + place * along``, (N, 3) each."""
     from_start = start[:, None, :2] - ends * start[:, None, 2:]
     step = along[:, None, :2] - ends * along[:, None, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -352,7 +359,7 @@ def _places(start: Array, along: Array, ends: Array) -> Array:
 
 
 def are_within(ends: Array, reach: Array) -> BoolArray:
-    """Whether both ends (..., 2) of lines, in ascending order, lie between the ends of their markings, (..., 2).
+    """Whether both ends (..., 2) of lines, in ascending order, lie between the ends `reach` (..., 2) of their markings.
 
     Lines may be a little longer than the markings.
     """

@@ -1,11 +1,12 @@
-"""The likeliest cameras of a field in the long lines of a picture, before they are refined on it.
+"""Ranking of the cameras that a search proposes for a picture, before they are refined on it.
 
-Which cameras see a field alike, by a grid of points on it, and which of those that were searched are others.
+`rank_cameras` collects the hypotheses from lines and ellipses, scores them by all stripes of the picture, and keeps the
+likeliest. Two cameras count as the same if they project a grid of points on the field to nearly the same pixels;
+`Rivals` gives the score of the best camera that differs from a given one in this sense.
 
-Cameras that take the same picture of a field that looks the same some steps further along.
-
-Yard lines look alike every 5 yards (`Field.repeats`): where neither an end nor anything else in view tells which ones
-they are, the camera moved along the field by some steps takes the same picture.
+Some fields look the same some steps further along: yard lines repeat every 5 yards (`Field.repeats`). If neither an end
+of the field nor anything else in view tells the yard lines apart, the camera moved along the field by some steps takes
+the same picture (`moved_by_steps`), and is no rival.
 """
 
 from __future__ import annotations
@@ -27,40 +28,40 @@ from fieldcalib.images.search.long_lines import LongLines
 from fieldcalib.images.search.straightened import Bend
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 
-ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points of the field, and cameras that go on to the next round
-PULLED = 100  # of these are pulled onto stripes, at the points of the second round
-ROWS = (-0.25, 0.0, 0.25)  # of the principal point, in widths of the picture, where it may be anywhere
-CUT_OUT = 0.1  # standard deviation of the principal point of stands, in widths of the picture
-SURE = 400.0  # score: of 23 rendered views of measured cameras right ones have 394 and more, wrong ones at most 214
+ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points per camera, and number of cameras kept for the next round
+PULLED = 100  # best cameras that are pulled onto stripes, with the points of the second round
+ROWS = (-0.25, 0.0, 0.25)  # rows tried for a principal point anywhere, in widths of the picture from its middle
+CUT_OUT = 0.1  # picture widths: a larger deviation of a stand's principal point means pictures cut out of larger ones
+SURE = 400.0  # score: in 23 rendered views of measured cameras right ones have 394 and more, wrong ones at most 214
 
-Curves: TypeAlias = tuple[LongLines, Sequence[Ellipse]]  # of a picture
+Curves: TypeAlias = tuple[LongLines, Sequence[Ellipse]]  # long lines and ellipses of a picture
 
 GRID = 7  # points of the field along and across at which cameras are compared
 BEYOND = 0.1  # share of the picture beyond its border within which the field is compared
-OTHER = 20.0  # px: cameras that are further from one than this in the median are others
+OTHER = 20.0  # px: cameras whose grids differ by more than this in the median are different cameras
 
-MOST_STEPS = 10  # by which a camera is moved along the field: half of one of American football
+MOST_STEPS = 10  # of `Field.repeats` by which a camera is moved: half the length of an American football field
 
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """Cameras that were searched, the most likely ones first."""
+    """The B cameras that a search proposes for a picture, the most likely ones first."""
 
     cameras: Cameras
-    """Of the picture without distortion."""
+    """Cameras of the picture without its distortion."""
     score: Array
-    """(B,)."""
+    """Log likelihood ratio of each camera, (B,)."""
     bend: Bend
     """The distortion of the picture."""
 
     @property
     def turned(self) -> Ranked:
-        """The same on the other side of the field, turned by 180 degrees about the centre mark."""
+        """All cameras turned by 180 degrees about the centre mark, to the other side of the field."""
         every = np.ones(len(self.score), dtype=bool)
         return replace(self, cameras=self.cameras.turned(every))
 
     def camera(self, index: int) -> Camera:
-        """One of them, with its lens."""
+        """The camera at an index, with the lens of the picture."""
         return self.bend.with_lens(self.cameras.camera(index))
 
     def projected(self, X: Array) -> Array:
@@ -72,10 +73,10 @@ class Ranked:
 
 
 def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
-    """Search the cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
+    """Find cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
 
-    Curves and maps are those of the picture without distortion. Where no camera is likely, and pictures `are_cut_out`
-    of larger ones, the principal point is looked for elsewhere too.
+    `curves` and `maps` are those of the picture without distortion. If no camera is likely, and pictures of the field
+    `are_cut_out` of larger ones, principal points outside the middle are tried too.
     """
     lines, ellipses = curves
     widened = 1.0 + bend.a
@@ -94,19 +95,19 @@ def is_often_cut_out(field: Field) -> bool:
 
 
 def principal_point(field: Field) -> float:
-    """Standard deviation of the principal point from the middle, in widths of the picture."""
+    """Largest standard deviation of the principal point from the middle, in widths of the picture, of the stands."""
     return max(stand.principal_point for stand in field.stands or field.named_stands.values())
 
 
 def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
-    """The most likely cameras, the best one first."""
+    """Select the most likely cameras in rounds, with more points for fewer cameras; the best one first."""
     for points, kept in ROUNDS:
         cameras, _ = in_order(maps, cameras, MarkingPoints.of(field, points), kept)
     return cameras
 
 
 def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
-    """The cameras and the best of them pulled onto stripes, in the order of their scores; and these."""
+    """Add copies of the best cameras, pulled onto stripes; returns all in the order of their scores, and the scores."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
     near = near.take(stands(near, field))
@@ -115,27 +116,28 @@ def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, 
 
 
 def in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:
-    """The most likely cameras, so many, the best one first, and their scores."""
+    """Score cameras at some points; returns the `kept` best ones, the best one first, and their scores."""
     score = maps.scores(cameras, points)
     best = np.argsort(-score, kind="stable")[:kept]
     return cameras.take(best), score[best]
 
 
 def grid_of(field: Field) -> Array:
-    """Points (N, 3) on the ground, all over the field."""
+    """Grid of points (N, 3) on the ground, all over the field, at which cameras are compared."""
     x, y = (np.linspace(-half, half, GRID) for half in field.half_extent)
     return np.array([(a, b, 0.0) for a in x for b in y])
 
 
 def seen_grids(camera: Camera, field: Field) -> list[Array]:
-    """The grid (N, 2) as a camera sees it, and as those do that are further along a field whose markings repeat."""
+    """Project the field's grid by a camera, and by the cameras that take the same picture some steps further along."""
     return [one.project(grid_of(field)) for one in (camera, *moved_by_steps(camera, field))]
 
 
 def distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = False) -> Array:
-    """Largest or median distances (B,) between points that cameras (B, N, 2) and another one (N, 2) see in the picture.
+    """Largest or median distance, for each of B cameras, between its grid `xy` (B, N, 2) and another camera's (N, 2).
 
-    They are infinite where no point is in the picture, or one of both cameras has it behind itself.
+    Points count that are in the picture of either camera. The distance is infinite if there are none; so is that of a
+    point that is behind one of both cameras.
     """
     half = (0.5 + BEYOND) * np.array(size)
     inside = np.all(np.abs(xy - 0.5 * np.array(size)) < half, axis=2)
@@ -149,7 +151,7 @@ def distances(xy: Array, other: Array, size: tuple[int, int], *, median: bool = 
 
 
 def first_apart(xy: Array, among: Sequence[int], size: tuple[int, int], apart: float, *, median: bool) -> Iterator[int]:
-    """Those among some cameras (B, N, 2) that are further than `apart` pixels from all before them (`distances`)."""
+    """Yield the cameras `among` B with grids (B, N, 2) that are over `apart` pixels from all yielded before."""
     chosen: list[int] = []
     for k in among:
         if not chosen or np.min(distances(xy[chosen], xy[k], size, median=median)) > apart:
@@ -158,28 +160,31 @@ def first_apart(xy: Array, among: Sequence[int], size: tuple[int, int], apart: f
 
 
 def are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
-    """Which cameras (B, N, 2) project the field elsewhere than all others (N, 2)."""
+    """Whether cameras with grids `xy` (B, N, 2) project the field elsewhere than each of some other grids (N, 2)."""
     apart = [distances(xy, other, size, median=True) > OTHER for other in others]
     return np.asarray(np.all(apart, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Rivals:
-    """The B cameras of a search, and where refinement took some of them."""
+    """The B ranked cameras of a search, M of which were refined, to find the strongest rival of a camera."""
 
     xy: Array
-    """Where they see a grid on the field, pixels (B, N, 2)."""
+    """Grid on the field as each camera projects it, pixels (B, N, 2)."""
     score: Array
-    """(B,)."""
+    """Score of each camera, (B,)."""
     near: Array
-    """Which of them are near to each of those that were refined, (M, B)."""
+    """Whether each camera is near to each of the refined cameras before refinement, (M, B)."""
     ends: list[Array | None]
-    """Where these see the grid (N, 2) after refinement; None where no camera can be that."""
+    """Grid (N, 2) as each of the M cameras projects it after refinement; None if refinement failed."""
     size: tuple[int, int]
 
     @classmethod
     def of(cls, ranked: Ranked, field: Field, refined: Mapping[int, Camera | None]) -> Rivals:
-        """Those of a search, and what some of them by their indices became by refinement, None if that is no camera."""
+        """Collect the rivals from a ranked search.
+
+        `refined` maps the index of a camera to its refined camera, or to None if refinement failed.
+        """
         size = ranked.bend.size
         xy = ranked.projected(grid_of(field))
         near = [distances(xy, xy[k], size, median=True) <= OTHER for k in refined]
@@ -187,9 +192,9 @@ class Rivals:
         return cls(xy, ranked.score, np.array(near, dtype=bool).reshape(len(ends), len(xy)), ends, size)
 
     def best_score(self, grids: Sequence[Array]) -> float:
-        """The highest score of those that see the grid elsewhere than a camera does, in any of some ways (N, 2).
+        """Highest score among the cameras that project the field elsewhere than all `grids` (N, 2).
 
-        Those are no rivals that refinement takes to that camera, or to none.
+        Cameras near to one that refinement moves onto one of these grids, or for which it fails, do not count.
         """
         are_rivals = are_apart(self.xy, grids, self.size)
         for near, end in zip(self.near, self.ends, strict=True):
@@ -199,7 +204,7 @@ class Rivals:
 
 
 def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:
-    """The camera moved along the field by up to `MOST_STEPS` steps after which its markings look alike; [] without any.
+    """Move a camera along a field whose markings repeat, by up to `MOST_STEPS` steps either way; [] on other fields.
 
     Examples
     --------

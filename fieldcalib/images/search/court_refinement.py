@@ -1,11 +1,13 @@
-"""Refinement of the cameras that a search of a court proposes, and the errors of those that it leaves as they were.
+"""Refinement of the cameras that a search proposes for a court, and the evidence of its hidden markings.
 
-Markings of a court that are hidden, with other lines beside them that are not their paint.
+Proposed cameras are refined on the picture; a camera that refinement could not improve is at least fitted to the lines
+at its markings, so that its errors are known (`with_errors`).
 
-The far side line of a hall is often hidden by boards, or too thin, and the upper edge of the boards lies beside it. A
-camera that was fitted to the other markings of a court whose size is fixed tells where the marking is, to a few
-centimetres: a line that is further away than that is not its paint. Of 39 cameras that were found by search with
-markings off their paint and a probability of 0.8 or more, all were right (evidence of `data_tools.score_courts`).
+Markings may be hidden while other lines lie beside them (`with_hidden_markings`): the far side line of a hall is often
+hidden by boards, or too thin, and the upper edge of the boards lies beside it. If the size of the court is fixed, a
+camera fitted to the other markings determines where the hidden one is, to a few centimetres: a line further away than
+that is not its paint. Of 39 cameras that were found by search with markings off their paint and a probability of 0.8 or
+more, all were right (evidence of `data_tools.score_courts`).
 """
 
 from __future__ import annotations
@@ -27,17 +29,17 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
-FARTHER = 5.0  # standard deviations of the ground at a marking, beyond which a line is not its paint
+FARTHER = 5.0  # standard deviations of the projected marking, beyond which a line is not its paint
 LEAST_OFF = 6.0  # px of a 960 x 540 image: nearer lines may be its paint, as lenses and courts differ from their models
-STEP = 0.1  # m across a marking, for its scale in the picture
+STEP = 0.1  # m across a marking, to measure its scale in the picture
 
 FOUND = Finding(What.SEARCHED)
 
 
 def with_hidden_markings(calibration: Calibration) -> Calibration:
-    """A calibration of a court by a camera that is sure, in which hidden markings are no evidence against it.
+    """Remove hidden markings from the evidence against a camera that is sure.
 
-    Nothing is changed if the court may have another size, or the camera's errors are not known.
+    The calibration is returned unchanged if the court may have another size, or the camera's errors are not known.
     """
     field = calibration.field
     if not calibration.accepted or field is None or calibration.solved is None:
@@ -74,7 +76,7 @@ def _is_other(calibration: Calibration, marking: MarkingInView) -> bool:
 
 
 def refine_courts(task: Task, field: Field, image: Image, cameras: Sequence[Camera]) -> list[Refined]:
-    """Searched cameras of a picture, of any size of it, refined on it."""
+    """Refine the cameras that a search proposes on the picture; they may be of any size of it."""
     at_size = [camera.scaled(size_of(image)) for camera in cameras]
     nothing = Calibration(None, Status.ACCEPTED, str(FOUND), np.nan, np.nan, {}, field=field, _found=(FOUND,))
     started = [replace(nothing, camera=one) for one in at_size]
@@ -82,9 +84,10 @@ def refine_courts(task: Task, field: Field, image: Image, cameras: Sequence[Came
 
 
 def with_errors(task: Task, field: Field, image: Image, refined: Sequence[Refined]) -> list[Refined]:
-    """The cameras, those that refinement left as they were fitted to the lines at their markings.
+    """Fit the cameras that refinement could not improve to the detected lines, so that their errors are known.
 
-    A camera without a lens may support the lines so well that no refined one does better, but its errors are not known.
+    The lines may support a camera without a lens so well that no refined camera does better; its errors are then not
+    known from refinement.
     """
     found, markings = list(refined), Markings.of(field)
     left = [k for k, one in enumerate(found) if one.calibration.solved is None and one.calibration.camera is not None]

@@ -1,20 +1,20 @@
-"""Cameras of a court from a picture alone, by search: no network, no labels.
+"""Search for the camera of a court from a picture alone: no network, no labels.
 
 picture, scaled to 1280 columns
-  |  stripes; the distortion without which they lie on straight lines  stripes, straightened
-  |  the longest of these lines, and ellipses                           long_lines, ellipses
+  |  stripes; lens distortion, so that stripes lie on straight lines   stripes, straightened
+  |  the longest of these lines, and ellipses                          long_lines, ellipses
   v
-cameras that see four lines of the field in four lines of the picture  court_hypotheses
-or three in three                                                      cameras_from_lines
-or a circle in an ellipse, and a line in a line                        cameras_from_ellipses
-  |  ranked by a likelihood ratio, in three rounds with more points     court_ranking, stripe_likelihood
-  |  the best ones pulled onto stripes                                  stripe_likelihood
+hypotheses: cameras that project four lines of the field onto four     court_hypotheses
+lines of the picture, or three onto three,                             cameras_from_lines
+or a circle onto an ellipse and a line onto a line                     cameras_from_ellipses
+  |  ranked by a likelihood ratio, in three rounds with more points    court_ranking, stripe_likelihood
+  |  the best ones pulled onto stripes                                 stripe_likelihood
   v
-the best different cameras, refined on the picture, lens included      refinement
-  |  equal ones merged; what each explains of the picture              here
-  |  in halls the same for the stripes of each paint, and darker ones, until one camera is sure
+the best cameras that differ, refined on the picture, with lens        court_refinement
+  |  equal ones merged; evidence of the picture for each               here
+  |  in halls again for the stripes of each paint, and for darker stripes, until one camera is sure
   v
-cameras by their probability of being right, the first one accepted or not
+cameras by their probability of being right, each accepted or not
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 
-EXPLAINED = 6.0  # px from a projected marking
+EXPLAINED = 6.0  # px from a projected marking within which a stripe lies on it
 ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
@@ -64,26 +64,28 @@ MARGIN = 0.02  # of the half extent: markings at the border of the field belong 
 # frames of clips, rinks, a hall, synthetic frames and rendered views of measured cameras under their own field; courts,
 # rinks and soccer under other fields.
 COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.71])
-# Of an accepted camera. In 328 pictures of their own field (`data_tools.score_courts`) 289 first cameras are right; of
-# these 272 are accepted from here on, 268 from 0.75 on, of the wrong ones 7 by either, and none of 256 of other fields.
+# Least probability of an accepted camera. In 328 pictures searched for the right field (`data_tools.score_courts`) the
+# first camera is right in 289. Of these 272 are accepted with this threshold and 268 with 0.75; of the wrong ones 7
+# with either. None is accepted in 256 pictures searched for other fields.
 LEAST_PROBABILITY = 0.65
-LEAST_SCORE = 250.0  # three lines fit many cameras: with a lower one the markings in view must show their paint
-UNKNOWN = 0.5  # share of painted markings where the paint of none should be visible
-LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # smaller ones tell no more
-MOST_RIVAL = 1.3  # of the runner-up
-MOST_OFF = 3  # markings off their paint: more tell no more
-FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4  # from which on evidence is a doubt
+LEAST_SCORE = 250.0  # with a lower score the markings in view must show their paint, as three lines fit many cameras
+UNKNOWN = 0.5  # `CourtEvidence.painted` if no marking's paint should be visible
+LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # lower limits of the evidence: smaller values carry no more information
+MOST_RIVAL = 1.3  # upper limit of `CourtEvidence.runner_up`
+MOST_OFF = 3  # upper limit of `CourtEvidence.off`
+# limits of explained, runner_up, paint, mean and confirmed beyond which they are given as doubts
+FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
 
 POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
-PAINTS = 2  # whose stripes are searched alone, where the search among all is not sure
-ENOUGH = 0.95  # probability of a camera from which on no other stripes are searched
-HOPELESS = 60.0  # score of cameras that are not refined
+PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
+ENOUGH = 0.95  # probability of a camera above which no other stripes are searched
+HOPELESS = 60.0  # score up to which cameras are not refined
 REFINED = 4  # cameras that are refined on the picture
 APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
-ABOVE = 0.95  # of the half extent: cameras on a backboard or above a goal stand beyond
+ABOVE = 0.95  # of the half extent, within which a camera is above the field; a backboard or a goal is further out
 SURE = 0.9  # least probability of a camera that tells which markings are hidden
-SAME = 8.0  # px: refined cameras that are nearer to each other than this are one
+SAME = 8.0  # px: refined cameras whose projections of the field differ by less are the same
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
     "no camera was found by search: two lines across the field and one along it must show, one across and two along, "
@@ -91,31 +93,31 @@ NOTHING = (
     FOUND,
 )
 UNDETERMINED = "the lines near its markings do not determine it"
-ALIKE = 0.9  # share of a camera's score from which on it may as well be moved along the field
+ALIKE = 0.9  # share of a camera's score that a camera moved along the field must reach to be an alternative
 
 
 @dataclass(frozen=True)
 class CourtEvidence:
-    """Evidence of the stripes in a picture for a camera."""
+    """Evidence for a camera from the stripes and the paint in the picture."""
 
     score: float
     """Log likelihood ratio of the projected markings (`fieldcalib.images.search.stripe_likelihood`)."""
     mean: float
-    """The same for each independent point in view whose paint should be found."""
+    """The score divided by the number of independent points in view whose paint should be found."""
     explained: float
-    """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, those
-    above the ground included; by their contrast, since the grain of wood is striped too."""
+    """Share of the long stripes on the field, of the colour of the markings, that lie on projected markings, also those
+    above the ground. Stripes are weighted by their contrast, since the grain of wood is striped too."""
     runner_up: float
-    """Score of the best camera of the search that projects the field elsewhere, as a share of this one's."""
+    """Score of the best camera of the search that projects the field elsewhere, divided by this camera's score."""
     paint: float
     """Share of the places along the markings in view that show paint (`fieldcalib.assess.paint_in_view`)."""
     visible: float
-    """Share of the points in view whose paint should be found: far lines are too thin."""
+    """Share of the points in view whose paint should be found; far lines are too thin."""
     confirmed: int
     """Number of markings that show paint nearly everywhere, at enough places."""
     painted: float
-    """Share of the markings in view whose paint should be visible that show it nearly everywhere; `UNKNOWN` if there
-    are none, since far lines of large fields are thin."""
+    """Share of the markings whose paint should be visible that show it nearly everywhere; `UNKNOWN` without any such,
+    as far lines of large fields are thin."""
     off: int
     """Number of markings that lie beside their paint, or that show none."""
     misfit: float
@@ -125,7 +127,7 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """What the odds are computed from, (9,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
+        """Features of the logistic model of the odds, (9,): 1 and the evidence; logarithms of mean, confirmed, misfit."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above = min(self.off, MOST_OFF), float(self.is_above)
@@ -133,12 +135,12 @@ class CourtEvidence:
 
     @property
     def odds(self) -> float:
-        """Odds of the camera against that none of those that were refined is right."""
+        """Odds that this camera is right, against the case that none of the refined cameras is right."""
         return float(np.exp(self.features @ COEFFICIENTS))
 
     @property
     def is_enough(self) -> bool:
-        """Whether it is enough for a probability to be believed."""
+        """Whether there is enough evidence to trust the probability."""
         return self.score >= LEAST_SCORE or self._paint_shown >= LITTLE_PAINT
 
     @property
@@ -157,21 +159,21 @@ class CourtEvidence:
 
     @property
     def _paint_shown(self) -> float:
-        """`paint` as a share of what should be found, at most 1."""
+        """Share of the paint that should be found (`visible`) that is found (`paint`), at most 1."""
         return min(self.paint / max(self.visible, self.paint, 1e-9), 1.0)
 
 
 def probabilities(odds: Array, are_alike: BoolArray) -> Array:
-    """Probability (N,) of each of N cameras that were searched for in a picture, one of which may be right, or none.
+    """Probabilities (N,) of the N cameras found in a picture, if at most one view of the field is right.
 
-    It is ``sum of the odds of those like it / (1 + sum of all odds)``.
+    That of a camera is ``sum of the odds of all cameras like it / (1 + sum of all odds)``.
 
     Parameters
     ----------
     odds : (N,) array
         `CourtEvidence.odds`.
     are_alike : (N, N) array of bool
-        Which cameras project the field about alike, each camera with itself too.
+        Whether two cameras project the field about alike; true on the diagonal.
 
     Examples
     --------
@@ -187,12 +189,12 @@ class Picture:
 
     stripes: Stripes
     is_long: BoolArray
-    """Which stripes lie on a long line, (N,)."""
+    """Whether each stripe lies on a long line, (N,)."""
     colours: StripeColours
     maps: StripeMaps
 
     def explained(self, field: Field, camera: Camera) -> float:
-        """Share of the long stripes on the field, of the paint's colour, that lie on markings, by their contrast."""
+        """Compute `CourtEvidence.explained` for a camera."""
         from scipy.spatial import cKDTree
 
         xy = self.stripes.xy[self.is_long]
@@ -204,6 +206,7 @@ class Picture:
         seen = seen[np.all(np.isfinite(seen), axis=1)]
         if not np.any(on_field) or not len(seen):
             return 0.0
+        # stripes on the projected markings show the colour of the paint; stripes of other colours do not count
         distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
         explained = np.isfinite(distance)
         is_paint = explained | self.colours.take(np.flatnonzero(self.is_long)[on_field]).are_like(explained)
@@ -212,7 +215,7 @@ class Picture:
 
 
 def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
-    """Which stripes lie on each long line, (N,) masks."""
+    """Mask (N,) of the stripes that lie on each long line."""
     found = []
     for normal, offset in zip(lines.normal, lines.offset, strict=True):
         turn = stripes.angle - np.arctan2(normal[0], -normal[1])
@@ -229,11 +232,11 @@ class FoundCourt:
     """Its status says whether it is accepted."""
     evidence: CourtEvidence
     probability: float
-    """Probability that it is right, 0 if its errors are not known; it knows that the camera was searched for."""
+    """Probability that the camera is right, given that it was chosen by a search; 0 if its errors are not known."""
     twin: Camera | None = None
-    """The camera on the other side of the field whose picture is the same; None if the field tells its sides apart."""
+    """The camera on the other side of the field that takes the same picture; None if the sides look different."""
     moved: tuple[Camera, ...] = ()
-    """Cameras further along a field whose markings repeat (`Field.repeats`) that explain the picture as well."""
+    """Cameras moved along a field whose markings repeat (`Field.repeats`) that explain the picture as well."""
 
 
 def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL) -> list[FoundCourt]:
@@ -244,13 +247,14 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
     image : (height, width, 3) uint8 array
         Blue, green, red.
     field : Field
-        With markings along and across it: at least two lines of one direction and one of the other must show, or a
-        line and a circle. On a floor in a hall, lines are looked for that are darker than it too; the field of such a
-        camera says so. Of a field whose size varies (`size_model`) and is not known (`size_known`) the size is
-        estimated with each camera, where the picture determines it (`Calibration.field`).
+        The picture must show at least two lines of one direction and one of the other, or a line and a circle. On the
+        floor of a hall, lines darker than the floor are looked for too; the field of such a camera says so. If the size
+        of the field varies (`size_model`) and is not known (`size_known`), it is estimated with each camera, where the
+        picture determines it (`Calibration.field`).
     flags, prior
-        As in `calibrate_from_segments`, for the refined cameras; the search itself is over cameras with square pixels
-        and, where the field's stands do not say that pictures are cut out of others, the principal point in the middle.
+        As in `calibrate_from_segments`, for the refined cameras. The search itself is over cameras with square pixels
+        and the principal point in the middle, or elsewhere if the field's stands say that pictures are cut out of
+        larger ones.
 
     Returns
     -------
@@ -279,16 +283,17 @@ def find_courts(image: Image, field: Field, *, flags: int = DEFAULT_FLAGS, prior
 def courts_in(
     picture: PictureToSearch, field: Field, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
 ) -> list[FoundCourt]:
-    """`find_courts` of a picture that is searched for several fields: its stripes are found once."""
+    """Search a prepared picture for a field as `find_courts` does; for several fields its stripes are found once."""
     task = Task(field, flags=flags, prior=prior)
     task.options(size_of(picture.image))  # raises what the user did wrong before the search
     return _found(task, field, picture, estimate_size=True)
 
 
 def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = False) -> list[Calibration]:
-    """The first camera of each picture by `find_courts`, accepted or not; a ValueError if the object is no field.
+    """Search each picture as `find_courts` does and take the first camera, accepted or not.
 
-    The size of a field whose size varies is the given one by default, as pictures of one clip must show one field.
+    A size that varies is not estimated by default, as pictures of one clip must show one field. A ValueError is raised
+    if the object is no field, or anything of the camera is given.
     """
     field = task.field
     if field is None:
@@ -301,7 +306,7 @@ def search_courts(task: Task, images: Sequence[Image], *, estimate_size: bool = 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A refined camera, and the stripes that speak for it."""
+    """A refined camera with its evidence, and the stripes among which it was found."""
 
     refined: Refined
     evidence: CourtEvidence
@@ -309,12 +314,12 @@ class _Candidate:
 
     @property
     def odds(self) -> float:
-        """Odds that it is right; 0 if its errors are not known."""
+        """Odds that the camera is right; 0 if its errors are not known."""
         return 0.0 if self.refined.calibration.solved is None else self.evidence.odds
 
 
 def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size: bool) -> list[FoundCourt]:
-    """`find_courts` of a checked picture."""
+    """Search for candidates until one is sure; return all as courts, accepted and most probable ones first."""
     sized = estimate_size and field.moves_with_size and not field.size_known
     candidates: list[_Candidate] = []
     probability: list[float] = []
@@ -328,7 +333,7 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
 
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
-    """Cameras that explain the stripes of a picture; in halls also the stripes of each paint, and darker ones."""
+    """Yield the candidates from all stripes of a picture; in halls then from each paint's, and from darker stripes."""
     in_hall = field.surface in FLOORS
     for lighter in (field.lines.lighter, not field.lines.lighter)[: 2 if in_hall else 1]:
         is_own = lighter == field.lines.lighter
@@ -338,16 +343,16 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         stripes = picture.stripes(lighter=lighter)
         yield search(stripes)
         if stripes.bend.a != 0.0:
-            yield search(stripes.unbent)  # circles look as lines do that a lens has bent
+            yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
         paints = stripes.colours.paints(lying_on(stripes.straight, stripes.lines)) if in_hall else []
         for paint in paints[:PAINTS]:
             yield search(stripes.take(np.flatnonzero(paint)))
 
 
 def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
-    """Cameras that explain the stripes; of fields of the size that they show, where it varies (`sized`).
+    """Find the cameras that explain some stripes: rank hypotheses, refine the best different ones, weigh the evidence.
 
-    The picture may be cut out of a larger one (`are_cut_out`).
+    `sized`: also estimate the size of the field. `are_cut_out`: the picture may be cut out of a larger one.
     """
     field = task.field
     assert field is not None
@@ -369,7 +374,7 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
 
 
 def _court(candidate: _Candidate, probability: float) -> FoundCourt:
-    """A camera that was found, judged, with the others that take the same picture."""
+    """Judge a candidate, and add the other cameras that take the same picture."""
     refined, evidence, maps = candidate.refined, candidate.evidence, candidate.stripes.maps
     calibration = _judged(refined, evidence, probability)
     camera, field = refined.calibration.required_camera, _field_of(refined)
@@ -383,13 +388,13 @@ def _court(candidate: _Candidate, probability: float) -> FoundCourt:
 
 
 def _field_of(refined: Refined) -> Field:
-    """The field of a camera, in its size."""
+    """Field of a refined camera, in the size that was estimated with it."""
     assert refined.calibration.field is not None
     return refined.calibration.field
 
 
 def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEvidence:
-    """The evidence for a camera, against the others that were searched."""
+    """Collect the evidence for a camera, and against it from its rivals."""
     field, size = _field_of(refined), picture.stripes.size
     camera = refined.calibration.required_camera.scaled(size)
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
@@ -411,7 +416,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
 
 
 def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
-    """Which of N cameras project the field about alike, (N, N)."""
+    """Whether any two of N cameras project the field about alike, (N, N)."""
     grids = [_grids_of(one) for one in candidates]
     seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
     alike = [~are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
@@ -419,19 +424,19 @@ def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
 
 
 def _grids_of(candidate: _Candidate) -> list[Array]:
-    """`seen_grids` of a camera, in the picture of its stripes."""
+    """Grids of a candidate (`seen_grids`), in pixels of the picture of its stripes."""
     camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
     return seen_grids(camera.scaled(candidate.stripes.maps.size), field)
 
 
 def _different(ranked: Ranked, field: Field) -> list[int]:
-    """The first cameras that project the field differently."""
+    """Indices of the best cameras that project the field differently, at most `REFINED`."""
     xy, likely = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > HOPELESS).tolist()
     return list(islice(first_apart(xy, likely, ranked.bend.size, APART, median=False), REFINED))
 
 
 def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
-    """The calibration of a refined camera, "probably wrong" without enough evidence."""
+    """Judge a refined camera: its calibration is "probably wrong" without enough evidence."""
     calibration = refined.judged
     if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
         return with_hidden_markings(calibration) if probability >= SURE else calibration
@@ -442,9 +447,9 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Ca
 
 
 def _if_possible(refined: Refined, field: Field) -> Refined | None:
-    """A refined camera, None if the solver refused it, or it came to stand where no cameras do.
+    """Pass a refined camera on; None if it is not accepted, or stands where no camera of the field does.
 
-    A camera at the height of the ground sees the whole field in one line.
+    This excludes cameras at the height of the ground, which see the whole field in one line and so fit any line.
     """
     camera = refined.calibration.camera
     if camera is None or not refined.calibration.accepted:
@@ -453,7 +458,7 @@ def _if_possible(refined: Refined, field: Field) -> Refined | None:
 
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
-    """Of refined cameras that are the same, the best supported one."""
+    """Merge refined cameras that are the same: the one with the highest line support is kept."""
     X = grid_of(field)
     kept: list[Refined] = []
     seen: list[Array] = []

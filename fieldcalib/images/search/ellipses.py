@@ -1,8 +1,8 @@
-"""The ellipses of a picture: stripes that follow each other make arcs, and one or two of the longest arcs an ellipse.
+"""Detection of ellipses in a picture: stripes are chained to arcs, and ellipses are fitted to one or two of these.
 
-An ellipse is fitted to the stripes of one or two arcs (Fitzgibbon, Pilu and Fisher, Direct least square fitting of
-ellipses, 1999; `cv2.fitEllipseDirect`). If these lie on it, it is fitted again to all stripes that lie on it and run
-along it, and kept where they cover enough of it.
+An ellipse is fitted to the stripes of one or two of the longest arcs (Fitzgibbon, Pilu and Fisher, Direct least square
+fitting of ellipses, 1999; `cv2.fitEllipseDirect`). If these stripes lie on it, it is fitted again to all stripes that
+lie on it and run along it, and kept if they cover enough of it.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.images.search.stripes import Stripes
 
-LINKED, TOUCHING = 6.0, 1.5  # px: distance of stripes that follow each other; the way between nearer ones has no angle
-SMOOTH = np.radians(14.0)  # largest angle between two that follow each other, and between them and the way
+# px: largest distance of linked stripes, and that below which the direction from one to the other is too noisy
+LINKED, TOUCHING = 6.0, 1.5
+SMOOTH = np.radians(14.0)  # largest angle between two linked stripes, and between each and the link
 FEWEST, SHORTEST = 10, 40.0  # stripes of an arc; px from end to end
-BENT = 0.01  # root mean square distance from a straight line, as a share of the length: less is none
-ARCS = 20  # the longest, of which pairs are taken
-NEAR, ALONG = 2.5, np.radians(10.0)  # px and angle: stripes of an ellipse
-OWN = 0.7  # share of the stripes of an arc that lie on its ellipse
-FITS = 2
-PIECE = 4.0  # px: squares in which an ellipse counts once, however many stripes it has there
-COVERED = 0.2  # share of an ellipse on which stripes lie
-FLATTEST, LARGEST = 0.06, 2500.0  # the shorter axis by the longer one; px, half of that
-SAME = 0.5  # share of the stripes of one of two ellipses from which on they are one
+BENT = 0.01  # rms distance from a straight line, as a share of the length, below which a chain is no arc
+ARCS = 20  # longest arcs that are used, alone and in pairs
+NEAR, ALONG = 2.5, np.radians(10.0)  # px and angle within which a stripe belongs to an ellipse
+OWN = 0.7  # least share of the stripes of an arc that lie on its ellipse
+FITS = 2  # fits of an ellipse to all stripes that lie on it
+PIECE = 4.0  # px: squares that count once for the length, however many stripes they hold
+COVERED = 0.2  # least share of an ellipse on which stripes lie
+FLATTEST, LARGEST = 0.06, 2500.0  # least ratio of the shorter axis to the longer one; largest half axis, px
+SAME = 0.5  # ellipses that share at least this much of the stripes of one of them are the same
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,13 @@ class Ellipse:
     """An ellipse in a picture, and how much of it shows."""
 
     centre: tuple[float, float]
-    """Pixels."""
+    """x and y, pixels."""
     axes: tuple[float, float]
-    """Half lengths, pixels."""
+    """Half lengths of the two axes, pixels."""
     turn: float
     """Direction of the first axis, from x towards y, radians."""
     length: float = 0.0
-    """About the length of the stripes on it, pixels: 4 for each square of 4 x 4 pixels with one."""
+    """Approximate length of the stripes on it, pixels: 4 for each square of 4 x 4 pixels that holds a stripe."""
 
     def conic(self, origin: Array, unit: float) -> Array:
         """The matrix Q (3, 3) with ``p' Q p = 0`` on the ellipse, for ``p = ((xy - origin) / unit, 1)``.
@@ -63,10 +64,11 @@ class Ellipse:
         return float(np.pi * (3.0 * (a + b) - np.sqrt((3.0 * a + b) * (a + 3.0 * b))))
 
     def holds(self, stripes: Stripes) -> BoolArray:
-        """Which stripes lie on it and run along it, (N,)."""
+        """Whether each stripe lies on the ellipse and runs along it, (N,)."""
         x, y = stripes.xy[:, 0] - self.centre[0], stripes.xy[:, 1] - self.centre[1]
         reach = max(self.axes) + 2.0 * NEAR
         around = np.flatnonzero((np.abs(x) < reach) & (np.abs(y) < reach))
+        # distance to first order, |u^2 + v^2 - 1| / |gradient|, where (u, v) maps the ellipse to the unit circle
         u, v = self._to_unit_circle @ (x[around], y[around])
         across_x, across_y = 2.0 * self._to_unit_circle.T @ (u, v)
         near = np.abs(u * u + v * v - 1.0) < NEAR * np.hypot(across_x, across_y)
@@ -83,7 +85,7 @@ class Ellipse:
 
 
 def find_ellipses(stripes: Stripes, most: int) -> tuple[Ellipse, ...]:
-    """Find the ellipses with the longest stripes on them, at most so many, the best supported one first.
+    """Find the ellipses with the longest stripes on them, at most `most`, the best supported one first.
 
     Examples
     --------
@@ -97,7 +99,7 @@ def find_ellipses(stripes: Stripes, most: int) -> tuple[Ellipse, ...]:
     """
     arcs = _arcs(stripes)
     found: list[tuple[Ellipse, BoolArray]] = []
-    explained: list[set[int]] = []  # the arcs on each
+    explained: list[set[int]] = []  # indices of the arcs on each ellipse found
     for group in (*combinations(range(len(arcs)), 1), *combinations(range(len(arcs)), 2)):
         if not any(own.issuperset(group) for own in explained):
             for ellipse, on in _grown(stripes, [arcs[k] for k in group]):
@@ -108,7 +110,7 @@ def find_ellipses(stripes: Stripes, most: int) -> tuple[Ellipse, ...]:
 
 
 def _arcs(stripes: Stripes) -> list[IntArray]:
-    """The stripes of the longest arcs, the longest one first."""
+    """Stripes of the longest arcs, as indices, the longest arc first."""
     found = []
     for arc in _chains(stripes):
         xy = stripes.xy[arc] - stripes.xy[arc].mean(axis=0)
@@ -121,7 +123,7 @@ def _arcs(stripes: Stripes) -> list[IntArray]:
 
 
 def _chains(stripes: Stripes) -> list[IntArray]:
-    """Stripes that follow each other smoothly, as many and as far as those of an arc."""
+    """Chains of stripes that follow each other smoothly, if they have enough stripes and length for an arc."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -131,7 +133,7 @@ def _chains(stripes: Stripes) -> list[IntArray]:
     dx, dy = (stripes.xy[second] - stripes.xy[first]).T
     way, touching = np.arctan2(dy, dx), np.hypot(dx, dy) < TOUCHING
     smooth = _turn(stripes.angle[first] - stripes.angle[second]) < SMOOTH
-    # a link must run along both of its stripes, so that parallel lines stay apart; over a pixel or so its way is noise
+    # a link must run along both of its stripes, so that parallel lines stay apart; its direction is noise over a pixel
     for one in (first, second):
         smooth &= touching | (_turn(stripes.angle[one] - way) < SMOOTH)
     count = len(stripes.xy)
@@ -146,7 +148,7 @@ def _chains(stripes: Stripes) -> list[IntArray]:
 
 
 def _grown(stripes: Stripes, arcs: Sequence[IntArray]) -> list[tuple[Ellipse, BoolArray]]:
-    """The ellipse of arcs with all stripes on it, and which these are; nothing if the arcs are not on one ellipse."""
+    """Fit an ellipse to arcs, then to all stripes on it; returns it and their mask, [] if the arcs are not on one."""
     ellipse = _fitted(stripes.xy[np.concatenate(arcs)])
     if ellipse is None or any(np.mean(ellipse.holds(stripes.take(arc))) < OWN for arc in arcs):
         return []
@@ -161,7 +163,7 @@ def _grown(stripes: Stripes, arcs: Sequence[IntArray]) -> list[tuple[Ellipse, Bo
 
 
 def _fitted(xy: Array) -> Ellipse | None:
-    """The ellipse through pixels (N, 2), None if there is none, or one as flat as a line or larger than the picture."""
+    """Fit an ellipse to pixels (N, 2); None if it is as flat as a line or too large, or there are too few pixels."""
     import cv2
 
     if len(xy) < FEWEST:
@@ -176,7 +178,7 @@ def _fitted(xy: Array) -> Ellipse | None:
 
 
 def _different(found: Iterable[tuple[Ellipse, BoolArray]]) -> list[tuple[Ellipse, BoolArray]]:
-    """Those that have their stripes for themselves, the first ones first."""
+    """Drop ellipses that share most of their stripes with one before."""
     kept: list[tuple[Ellipse, BoolArray]] = []
     for ellipse, on in found:
         shared = (np.count_nonzero(on & other) / min(on.sum(), other.sum()) for _, other in kept)
@@ -186,5 +188,5 @@ def _different(found: Iterable[tuple[Ellipse, BoolArray]]) -> list[tuple[Ellipse
 
 
 def _turn(angle: Array) -> Array:
-    """Angles between directions of lines, at most 90 degrees."""
+    """Absolute angles between directions of lines, at most 90 degrees."""
     return np.abs(angle - np.pi * np.round(angle / np.pi))

@@ -1,4 +1,4 @@
-"""The long straight lines of a picture: a Hough transform in which its stripes vote in their own direction."""
+"""Detection of the long straight lines of a picture, by a Hough transform in which stripes vote in their direction."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.images.search.stripes import Stripes
 
-DEGREES = 0.5  # between directions of the transform
-PIXELS = 2.0  # between its distances from the middle of the picture
-SPREAD = 4  # directions on both sides of its own for which a stripe votes: structure tensors are 1 to 2 degrees off
-NEAR, ALIKE = 3.0, np.radians(6.0)  # px and angle: stripes of a line, to which it is fitted
-OWN, OWN_ALIKE = 5.0, np.radians(8.0)  # stripes that vote for no other line: a lens bends lines
-PIECE = 4.0  # px: length in which a line counts once, however many stripes it has there
+DEGREES = 0.5  # step of direction in the transform
+PIXELS = 2.0  # step of distance from the middle of the picture
+SPREAD = 4  # steps to both sides of its direction for which a stripe votes: structure tensors are 1 to 2 degrees off
+NEAR, ALIKE = 3.0, np.radians(6.0)  # px and angle within which stripes belong to a line, which is fitted to them
+OWN, OWN_ALIKE = 5.0, np.radians(8.0)  # the same for stripes that then vote for no other line: lenses bend lines
+PIECE = 4.0  # px: pieces of a line that count once for its length, however many stripes they hold
 SHORTEST = 50.0  # px of stripes on a line
-FITS = 2
-ENDS = 0.04, 0.96  # quantiles of the stripes along a line: a few far ones belong to something else
+FITS = 2  # fits of a line to the stripes on it
+ENDS = 0.04, 0.96  # quantiles of the stripes along a line that are its ends: a few far stripes belong to something else
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,11 @@ class LongLines:
     normal: Array
     """Unit vectors across the lines, (K, 2)."""
     offset: Array
-    """d, pixels, (K,)."""
+    """Distances d from the pixel (0, 0), pixels, (K,)."""
     ends: Array
-    """Pixels between which most of the stripes on each lie, (K, 2, 2)."""
+    """Pixels between which most of the stripes on each line lie, (K, 2, 2)."""
     length: Array
-    """Length of the stripes on each, pixels, (K,)."""
+    """Total length of the stripes on each line, pixels, (K,)."""
 
     def __len__(self) -> int:
         return len(self.offset)
@@ -42,14 +42,14 @@ class LongLines:
         return np.column_stack([self.normal, -self.offset])
 
     def seen_from(self, origin: Array, unit: float) -> tuple[Array, Array]:
-        """`homogeneous` and `ends` for pixels from an origin (2,), in a unit of so many pixels."""
+        """Convert `homogeneous` and `ends` to coordinates relative to an origin (2,), in a unit given in pixels."""
         line = self.homogeneous
         line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ origin) / unit])
         return line, (self.ends - origin) / unit
 
 
 def long_lines(stripes: Stripes, most: int) -> LongLines:
-    """Find the lines with the longest stripes on them, at most so many.
+    """Find the lines with the longest stripes on them, at most `most`, the longest first.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
     while len(found) < most:
         normal, offset = votes.best()
         on = left & _is_on(xy, across, normal, offset, NEAR, ALIKE)
-        # cells of the transform are too coarse for a homography: the line is fitted to the stripes that it then holds
+        # cells of the transform are too coarse for a homography, so the line is fitted to the stripes on it
         for _ in range(FITS):
             if np.count_nonzero(on) * 1.0 < SHORTEST / PIECE:
                 break
@@ -91,12 +91,12 @@ def long_lines(stripes: Stripes, most: int) -> LongLines:
 
 @dataclass(eq=False)
 class _Votes:
-    """Number of stripes on the lines of each direction and distance from the middle of the picture."""
+    """Accumulator of the Hough transform: stripes on the line of each direction and distance from the middle."""
 
     cells: IntArray
     """Cells for which each stripe votes, (N, 2 SPREAD + 1)."""
     count: Array
-    """Votes (directions, distances), flattened."""
+    """Votes of all cells (directions, distances), flattened."""
     shape: tuple[int, int]
 
     @classmethod
@@ -112,7 +112,7 @@ class _Votes:
         return cls(cells, np.bincount(cells.ravel(), minlength=directions * distances).astype(float), shape)
 
     def best(self) -> tuple[Array, float]:
-        """Normal and offset of the line with the most votes, those of neighbouring distances included."""
+        """Normal and offset of the line with the most votes; neighbouring cells in the flat order count by half."""
         smooth = self.count.copy()
         smooth[1:] += 0.5 * self.count[:-1]
         smooth[:-1] += 0.5 * self.count[1:]
@@ -121,19 +121,19 @@ class _Votes:
         return np.array([np.cos(angle), np.sin(angle)]), PIXELS * (column - self.shape[1] // 2)
 
     def withdraw(self, stripes: IntArray) -> None:
-        """Take the votes of some stripes back."""
+        """Take back the votes of some stripes."""
         self.count -= np.bincount(self.cells[stripes].ravel(), minlength=len(self.count))
 
 
 def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, alike: float) -> BoolArray:
-    """Which stripes lie on a line and run along it."""
+    """Whether each stripe lies on a line and runs along it."""
     turn = across - np.arctan2(normal[1], normal[0])
     turn -= np.pi * np.round(turn / np.pi)
     return np.asarray((np.abs(xy @ normal - offset) < near) & (np.abs(turn) < alike))
 
 
 def _fitted(xy: Array) -> tuple[Array, float]:
-    """Normal and offset of the line with the least squared distances from pixels."""
+    """Fit a line to pixels by total least squares; returns its normal and offset."""
     centre = xy.mean(axis=0)
     normal = np.linalg.eigh(np.cov((xy - centre).T))[1][:, 0]
     return normal, float(normal @ centre)

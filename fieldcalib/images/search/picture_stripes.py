@@ -1,4 +1,4 @@
-"""The stripes of a picture, found once for all fields that it is searched for, and the likeliest cameras of each."""
+"""Cache of what a search finds in a picture: its stripes, lines and ellipses once, ranked cameras once per field."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from fieldcalib.images.search.stripe_likelihood import StripeMaps
 from fieldcalib.images.search.stripes import StripeColours, Stripes, at_working_size, find_stripes
 from fieldcalib.io.image import Image
 
-LINES = 16  # long lines from which pairs are taken: 15 do as well as 26
-ELLIPSES = 6  # from which circles are taken: on ice there are letters too
+LINES = 16  # long lines used for hypotheses: 15 do as well as 26
+ELLIPSES = 6  # ellipses used for hypotheses: on ice there are also ellipses of letters
 
 
 @dataclass(frozen=True, eq=False)
 class PictureToSearch:
-    """A picture, whose stripes are found once, for all fields that it is searched for."""
+    """A picture to be searched for one or more fields; its stripes are found once."""
 
     image: Image
     """(height, width, 3), blue, green, red."""
     _found: dict[bool, PictureStripes] = field(default_factory=dict, repr=False)
 
     def stripes(self, *, lighter: bool) -> PictureStripes:
-        """Its stripes that are lighter than the ground, or darker."""
+        """Stripes of the picture that are lighter than the ground, or darker."""
         if lighter not in self._found:
             self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter)
         return self._found[lighter]
@@ -37,62 +37,64 @@ class PictureToSearch:
 
 @dataclass(frozen=True, eq=False)
 class PictureStripes:
-    """Stripes of a picture, or those of one paint."""
+    """Stripes of a picture, all or those of one paint, and what follows from them."""
 
     seen: Stripes
+    """Stripes at their pixels in the picture."""
     straight: Stripes
-    """The same without distortion."""
+    """The same stripes in the picture without its distortion."""
     colours: StripeColours
     bend: Bend
+    """Distortion of the picture."""
     _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, image: Image, *, lighter: bool, bend: Bend | None = None) -> PictureStripes:
-        """Those of an image of the working size, whose bend is found from them if it is not known."""
+        """Find the stripes of an image of the working size, and its distortion from them unless `bend` is given."""
         stripes = find_stripes(image, lighter=lighter)
         bend = bend or bend_of(stripes)
         return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
 
     def take(self, index: IntArray) -> PictureStripes:
-        """Some of them."""
+        """Select stripes by index."""
         return PictureStripes(self.seen.take(index), self.straight.take(index), self.colours.take(index), self.bend)
 
     @cached_property
     def unbent(self) -> PictureStripes:
-        """The same for a lens without distortion."""
+        """The stripes if the lens had no distortion."""
         return self.with_bend(0.0)
 
     def with_bend(self, a: float) -> PictureStripes:
-        """The same for another bend of the picture (`Bend`)."""
+        """Assume another distortion of the picture (`Bend.a`)."""
         bend = replace(self.bend, a=a)
         return PictureStripes(self.seen, bend.straight(self.seen), self.colours, bend)
 
     @cached_property
     def lines(self) -> LongLines:
-        """Long lines without distortion."""
+        """Long lines of the picture without distortion."""
         return long_lines(self.straight, LINES)
 
     @cached_property
     def ellipses(self) -> tuple[Ellipse, ...]:
-        """Ellipses without distortion."""
+        """Ellipses of the picture without distortion."""
         return find_ellipses(self.straight, ELLIPSES)
 
     @cached_property
     def maps(self) -> StripeMaps:
-        """Likelihood ratios in the picture."""
+        """Tables of likelihood ratios in the picture."""
         return StripeMaps.of(self.seen)
 
     @cached_property
     def straight_maps(self) -> StripeMaps:
-        """Those in the picture without distortion."""
+        """Tables of likelihood ratios in the picture without distortion."""
         return self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
 
     def curves(self, court: Field) -> Curves:
-        """The long lines, and for a field with circles the ellipses: finding them takes 0.1 s."""
+        """Long lines, and ellipses if the field has circles; finding ellipses takes 0.1 s."""
         return self.lines, self.ellipses if len(circles_of(court)) else ()
 
     def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
-        """The likeliest cameras of a field; `are_cut_out` as in `rank_cameras`."""
+        """Rank the cameras for a field, once; `are_cut_out` as in `rank_cameras`."""
         if (court, are_cut_out) not in self._ranked:
             ranked = rank_cameras(self.curves(court), self.straight_maps, court, self.bend, are_cut_out=are_cut_out)
             self._ranked[court, are_cut_out] = ranked

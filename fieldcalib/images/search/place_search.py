@@ -1,24 +1,21 @@
-"""Cameras of a court from a picture, where the place of the camera is known: of a tripod, from its other pictures.
+"""Search for the camera of a picture from a known place, and for the place that several pictures share (a tripod).
 
-Views through the lines and ellipses of the picture are compared with its stripes by the likelihood ratio of
-`fieldcalib.images.search.stripe_likelihood`, with larger deviations than are expected of cameras as place and bend are
-only known roughly. The best different ones are pulled onto the stripes; the best of these is refined on the picture,
+Search from a place (`search_from`). Hypotheses are cameras at the place ("views") that project lines or circles of the
+field onto lines or ellipses of the picture. They are compared with the stripes by the likelihood ratio of
+`fieldcalib.images.search.stripe_likelihood`, with a larger deviation than elsewhere, as place and distortion are only
+known roughly. The best views that differ are pulled onto the stripes, and the best of these are refined on the picture,
 with the place as a prior.
 
-Views from a known place see lines or circles of a field in lines or ellipses of a picture. Two lines are enough for
-pan, tilt, roll and focal length: the planes through the camera and its lines must meet at the same angle as those
-through the two lines of the field. A line alone, or an ellipse, leaves the focal length of a level camera open; for
-each of some, a direction of the world that is seen in a known ray gives pan and tilt. Such directions are the normal
-of the plane through a line, and the way to the middle of a circle. So a few thousand views are left of the half
-million that a grid needs.
+Two lines determine pan, tilt, roll and focal length: the planes through the camera and the two lines of the picture
+must meet at the same angle as the planes through the place and the two lines of the field. A single line, or an
+ellipse, does not determine the focal length, even of a level camera. So several are tried; for each, a direction in the
+world and the ray along which it is seen give pan and tilt. The direction is the normal of the plane through a line, or
+points at the centre of a circle. This gives a few thousand views, where a grid would need half a million.
 
-Where the camera of several pictures stands, which show a court from one tripod.
-
-Frames that were found by themselves vote for the place. Where none was found, every camera that a search of a picture
-proposes stands at a place that may be the right one; places are compared by how well views from them explain some of
-the pictures together. From there all pictures are searched again, and those that are found vote for the place anew.
-
-Where a camera stands, and how far the pictures of its views from there differ.
+Place of several pictures (`pooled_place`). Pictures whose camera is accepted in a search of its own vote for the place.
+If there are none, the positions of all cameras that these searches propose are compared by how well views from there
+explain some of the pictures together. From the place found, all pictures are searched again, and the accepted cameras
+vote anew.
 """
 
 from __future__ import annotations
@@ -64,42 +61,42 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
-NEARBY = 3.4  # standard deviations: 99 % of chi-squared with three degrees of freedom
-WIDTHS = 1.96  # standard deviations between the mean and the end of a range of a stand
+NEARBY = 3.4  # standard deviations from a place: 99 % of chi-squared with three degrees of freedom
+WIDTHS = 1.96  # standard deviations between the middle and the ends of a stand's range of positions
 
-COARSE = 8.0  # px: deviation of stripes from views
-POINTS, PULLING = 300, 60  # of the field, by which views are compared and pulled
-KEPT, PULLED = 2000, 40  # the likeliest views, of which different ones are pulled
-BEYOND = 1.05  # half extents of the field within which the middle of a picture looks
-APART = 40.0  # px: views that are further from each other than this are different
-OTHER = 100.0  # px: cameras that are further from the best one than this in the median are others
+COARSE = 8.0  # px: standard deviation of stripes from the projected markings of unrefined views
+POINTS, PULLING = 300, 60  # points of the field's markings with which views are compared, and pulled
+KEPT, PULLED = 2000, 40  # number of likeliest views that are kept, and of different views that are pulled
+BEYOND = 1.05  # half extents of the field within which the optical axis must meet the ground
+APART = 40.0  # px: views that differ by more (`apart`) are pulled separately
+OTHER = 100.0  # px: cameras whose projections differ from the best one's by more, in the median, are different
 LEAST_SCORE = 60.0  # of an accepted camera: views of pictures without the field had 50 at most
-SURE_SCORE = 250.0  # of one that tells which markings are hidden
+SURE_SCORE = 250.0  # of a camera that is sure enough to decide which markings are hidden
 REFINED = 3  # cameras that are refined on the picture
-RIVAL = 0.7  # share of the score that another camera must not reach
+RIVAL = 0.7  # share of the best score from which another camera makes it doubtful
 NOTHING = "no view from the place of the camera shows the field's lines"
 
-STEP = 9.0  # px: by which focal lengths that are tried move the border of the picture
-HEIGHT = 1.3  # factor by which the height of the camera that a circle tells may differ from that of the place
+STEP = 9.0  # px by which the border of the picture moves from one focal length that is tried to the next
+HEIGHT = 1.3  # factor by which the camera's height from the size of a circle may differ from that of the place
 
 MOST = 24  # pictures from which the place is found
-SAMPLE = 6  # pictures by which places are compared
+SAMPLE = 6  # pictures with which places are compared
 PLACES = 12  # places that are compared
-NEAR = 0.1  # of the distance from the middle of the field: places that are nearer to each other support each other
+NEAR = 0.1  # of the distance from the middle of the field: places nearer to each other than this support each other
 FIRST, LAST = 0.06, 0.015  # of that distance: standard deviations of a place before and after the pictures agree on it
-ROUNDS = 2  # of searching all pictures and voting for the place
-ZOOM = 1.6  # factor by which a picture may be zoomed more or less than those that were found
-AGREE = 3  # pictures that were found and agree on a place make it known
+ROUNDS = 2  # rounds of searching all pictures and voting for the place
+ZOOM = 1.6  # factor by which a picture may be zoomed more or less than the pictures with accepted cameras
+AGREE = 3  # accepted pictures that are needed for a place
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a camera stands, and how it may be zoomed."""
+    """Position of a camera with its uncertainty, its range of zoom and its distortion."""
 
     C: Array
-    """Metres, (3,)."""
+    """Position, metres, (3,)."""
     sigma: Array
-    """Standard deviations, (3,)."""
+    """Standard deviations of the position, metres, (3,)."""
     zoom: tuple[float, float]
     """Least and largest focal length, in widths of the picture."""
     bend: float = 0.0
@@ -107,12 +104,12 @@ class Place:
     lengths."""
 
     def focal_lengths(self, width: int, step: float) -> Array:
-        """Focal lengths, pixels, of a picture of a width; from one to the next, its border moves by a step, pixels."""
+        """Focal lengths to try, pixels, for a picture of a width; its border moves by `step` pixels between two."""
         low, high = np.log(np.array(self.zoom) * width)
         return np.asarray(np.exp(np.arange(low, high + 1e-9, 2.0 * step / width)))
 
     def is_near(self, camera: Camera) -> bool:
-        """Whether a camera may stand there."""
+        """Whether a camera's position agrees with the place."""
         return float(np.linalg.norm((camera.C - self.C) / self.sigma)) < NEARBY
 
     def stand(self, field: Field) -> CameraDistribution:
@@ -125,7 +122,10 @@ class Place:
 
 
 def apart(cameras: Cameras, camera: Camera) -> Array:
-    """About how far cameras move the picture of one at the same place, (B,) pixels; a roll moves its border."""
+    """Approximate difference in pixels (B,) between the pictures of cameras and of one camera at the same place.
+
+    It is the shift of the middle by pan and tilt, plus the shift of the border by roll and zoom.
+    """
     f, half = camera.focal_length, 0.5 * cameras.size[0]
     pan, tilt, roll = (angles_from_rotation(cameras.R) - camera.angles).T
     turn = f * np.hypot(pan * np.sin(camera.angles[1]), tilt)
@@ -133,7 +133,7 @@ def apart(cameras: Cameras, camera: Camera) -> Array:
 
 
 def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
-    """The cameras about at a place that explain the stripes of a picture best."""
+    """Rank the cameras at a place, or nearly there once pulled onto the stripes, by how well they explain a picture."""
     views = views_through(stripes.curves(field), place, field, stripes.bend.size)
     points, maps = MarkingPoints.of(field, POINTS), stripes.straight_maps
     score = StripeMaps.of(stripes.straight, COARSE).scores(views, points)
@@ -144,7 +144,7 @@ def rank_from(place: Place, stripes: PictureStripes, field: Field) -> Ranked:
 
 
 def _different(views: Cameras) -> Cameras:
-    """The first views that are different from those before them."""
+    """Select the first `PULLED` views that differ from all selected before (`apart`)."""
     left = np.ones(len(views), dtype=bool)
     chosen: list[int] = []
     while len(chosen) < PULLED and left.any():
@@ -173,13 +173,13 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
 
 
 def _to_refine(ranked: Ranked, field: Field) -> list[int]:
-    """The first camera, and others that explain the picture nearly as well."""
+    """Indices of the best camera and of different ones that explain the picture nearly as well."""
     xy, near = ranked.projected(grid_of(field)), np.flatnonzero(ranked.score > RIVAL * ranked.score[0]).tolist()
     return list(islice(first_apart(xy, [0, *near], ranked.bend.size, OTHER, median=True), REFINED))
 
 
 def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calibration:
-    """The best of accepted cameras, "probably wrong" if little speaks for it, or as much for another one."""
+    """Choose the accepted camera with the best score; "probably wrong" if that is low, or another's nearly as high."""
     cameras = [one.required_camera.scaled(maps.size) for one in found]
     score = np.array([maps.score(camera, MarkingPoints.of(field, POINTS))[0] for camera in cameras])
     first = int(np.argmax(score))
@@ -199,9 +199,9 @@ def _best(found: Sequence[Calibration], maps: StripeMaps, field: Field) -> Calib
 
 
 def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, int]) -> Cameras:
-    """Cameras at a place that see lines of a field in some lines, or a circle of it in an ellipse.
+    """Cameras at a place that project lines of a field onto lines of a picture, or a circle onto an ellipse.
 
-    Curves are those of the picture without distortion.
+    `curves` are those of the picture without distortion.
     """
     lines, ellipses = curves
     on_field, seen = LinesFromPlace.of(field, place), SeenLines.of(lines, size)
@@ -213,7 +213,7 @@ def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, i
 
 
 def _look_at(views: Cameras, field: Field) -> BoolArray:
-    """Which cameras are level, and show the field, or a place just beside it, in the middle of the picture, (B,)."""
+    """Whether cameras (B,) are level and look at the field, or just beside it, in the middle of the picture."""
     ahead, roll = views.R[:, 2], np.arctan2(views.R[:, 0, 2], views.R[:, 1, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         at = views.C[:, :2] - views.C[:, 2:] / ahead[:, 2:] * ahead[:, :2]
@@ -223,18 +223,18 @@ def _look_at(views: Cameras, field: Field) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class LinesFromPlace:
-    """Lines of a field, as they are seen from a place."""
+    """M lines of a field, seen from a place."""
 
     normal: Array
-    """Of the planes through the place and each, unit vectors, (M, 3)."""
+    """Unit normals of the planes through the place and each line, (M, 3)."""
     axis: IntArray
-    """The axis of the field along which each runs, 0 or 1, (M,)."""
+    """Axis of the field along which each line runs, 0 or 1, (M,)."""
     reach: Array
-    """Between which places of that axis there are markings, metres, (M, 2)."""
+    """Least and largest coordinate on that axis of the markings on each line, metres, (M, 2)."""
 
     @classmethod
     def of(cls, field: Field, place: Place) -> LinesFromPlace:
-        """Those of a field's long lines."""
+        """Take the long lines of a field."""
         lines = FieldLines.of(field)
         axis = np.repeat([1, 0], [len(lines.across), len(lines.along)])
         point = np.zeros((len(axis), 3))
@@ -245,24 +245,25 @@ class LinesFromPlace:
 
 @dataclass(frozen=True, eq=False)
 class SeenLines:
-    """Lines of a picture, from its middle, in widths of it."""
+    """L lines of a picture, in coordinates from its middle and in units of its width."""
 
     line: Array
-    """``l . (x, y, 1) = 0`` on each, with a unit normal, (L, 3)."""
+    """Vectors l with ``l . (x, y, 1) = 0`` on the line, with a unit normal (l1, l2), (L, 3)."""
     ends: Array
-    """(L, 2, 2)."""
+    """Both ends of each line, (L, 2, 2)."""
 
     @classmethod
     def of(cls, lines: LongLines, size: tuple[int, int]) -> SeenLines:
-        """The long lines of a picture."""
+        """Convert the long lines of a picture."""
         return cls(*lines.seen_from(0.5 * np.array(size), float(size[0])))
 
 
 def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Cameras:
-    """Those that see two lines of the field in two lines.
+    """Cameras that project two lines of the field onto two lines of the picture.
 
-    With normals ``(f n, c)`` of the planes through two lines, F = f^2 and k the cosine between the planes on the field,
-    ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``.
+    With normals ``(f n, c)`` of the planes through the camera and two lines of the picture, F = f^2, and k the cosine
+    between the planes through the place and two lines of the field,
+    ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``, which is quadratic in F.
     """
     one, other = np.triu_indices(len(seen.line), 1)
     pair = np.array(list(permutations(range(len(on_field.axis)), 2)), dtype=np.intp).reshape(-1, 2)
@@ -278,8 +279,8 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
         own = f[p, q]
         planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
         normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
-        # F came from the square of the cosine, and normals have no sign: the angle is made that on the field, not its
-        # supplement, and both ways round are tried
+        # squaring the cosine lost its sign, and normals have none: turn one normal so that the angle is that on the
+        # field and not its supplement, and try both signs of the pair
         alike = np.sign(np.sum(planes[0] * planes[1], axis=1) * np.sum(normals[0] * normals[1], axis=1))
         planes[1] *= alike[:, None]
         for way in (1.0, -1.0):
@@ -292,13 +293,13 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
 
 
 def _frames(a: Array, b: Array) -> Array:
-    """Orthonormal bases (N, 3, 3), in columns, of which the first two vectors span those of N pairs, a the first."""
+    """Orthonormal bases (N, 3, 3), in columns, for N pairs of vectors: a, the part of b perpendicular to it, a x b."""
     third = unit(np.cross(a, b))
     return np.stack([a, np.cross(third, a), third], axis=2)
 
 
 def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Cameras:
-    """Level ones that see a line of the field in a line, for all focal lengths (F,) in pixels."""
+    """Cameras without roll that project a line of the field onto a line, for each focal length (F,) in pixels."""
     line, focal = (one.ravel() for one in np.indices((len(seen.line), len(f))))
     plane = unit(planes_of(seen.line[line], f[focal] / size[0]))
     found = []
@@ -312,7 +313,7 @@ def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
 def _through_ellipses(
     ellipses: Sequence[Ellipse], place: Place, field: Field, size: tuple[int, int], f: Array
 ) -> Cameras:
-    """Level ones that see a circle of the field in an ellipse, for all focal lengths (F,) in pixels."""
+    """Cameras without roll that project a circle of the field onto an ellipse, for each focal length (F,) in pixels."""
     found = []
     if len(ellipses):
         seen = SeenCircles.of(ellipses, f / size[0], size)
@@ -326,10 +327,10 @@ def _through_ellipses(
 
 
 def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int, int]) -> tuple[Cameras, IntArray]:
-    """Level cameras that see a direction of the world (3,) in rays (N, 3) for focal lengths (N,), and the ray of each.
+    """Cameras without roll that see a direction of the world (3,) along rays (N, 3), and the index of each one's ray.
 
-    With down = (0, sin t, cos t) in the camera, ``ray . down`` is the direction's third coordinate: there are two tilts
-    t, or none.
+    Focal lengths (N,) are given in pixels. With down = (0, sin t, cos t) in camera coordinates, ``ray . down`` equals
+    the third coordinate of the direction, which has two solutions for the tilt t, or none; the pan follows.
     """
     _, y, z = ray.T
     with np.errstate(invalid="ignore"):
@@ -343,7 +344,7 @@ def _seen_in(ray: Array, towards: Array, f: Array, place: Place, size: tuple[int
 
 
 def _ends_on(views: Cameras, ends: Array, on_field: LinesFromPlace, index: IntArray) -> BoolArray:
-    """In which views the ends (B, 2, 2) of a line lie within the markings of a line of the field, (B,)."""
+    """Whether the ends (B, 2, 2) of a line lie on the markings of a field line `index` (B,) in each view, (B,)."""
     seen = rays_of(ends, views.f / views.size[0]) @ views.R
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(seen[..., 2] > 0.0, -views.C[:, 2:] / seen[..., 2], np.nan)
@@ -353,9 +354,10 @@ def _ends_on(views: Cameras, ends: Array, on_field: LinesFromPlace, index: IntAr
 
 
 def place_of(found: Sequence[Calibration], share: float | None = None) -> Place | None:
-    """The place on which most accepted cameras agree; None without any.
+    """Find the place on which most accepted cameras agree; None if none is accepted.
 
-    `share` of its distance is its standard deviation; by default less if several cameras agree.
+    Its standard deviation is `share` of its distance from the middle of the field; by default `LAST` of it if at least
+    `AGREE` cameras are accepted, else `FIRST`.
     """
     accepted = [one for one in found if one.accepted and one.knows_errors]
     if not accepted:
@@ -374,14 +376,14 @@ def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
 def pooled_place(
     field: Field, images: Sequence[Image], *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL, side: Side | None = None
 ) -> Place | None:
-    """The place of the one camera that took some pictures; None if too few of them are found from any.
+    """Find the place of the one camera that took some pictures; None if no place gives enough accepted cameras.
 
     Parameters
     ----------
     field : Field
         The field that the pictures show.
     images : sequence of (height, width, 3) uint8 arrays
-        Blue, green, red; a few of all are enough (`MOST`).
+        Blue, green, red; `MOST` of them are used.
     flags, prior, side
         As in `calibrate_from_images`.
 
@@ -413,7 +415,10 @@ def pooled_place(
 
 
 def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> Place | None:
-    """The place of one of some proposed cameras from which views explain some pictures best; None if there is none."""
+    """Choose among the positions of proposed cameras the place whose views explain a sample of the pictures best.
+
+    Positions that many others lie near to are tried first; None without proposed cameras.
+    """
     if not cameras:
         return None
     C = np.array([camera.C for camera in cameras])
@@ -435,5 +440,5 @@ def _best_score(stripes: PictureStripes, field: Field, place: Place) -> float:
 
 
 def _spread(count: int, most: int) -> list[int]:
-    """Up to so many of the first `count` numbers, evenly spread."""
+    """Up to `most` of the numbers below `count`, evenly spread."""
     return sorted({round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()})

@@ -1,8 +1,8 @@
-"""Stripes as a lens without distortion would show them: the bend under which most of them lie on long straight lines.
+"""Lens distortion of a picture from its stripes: with the right distortion removed, they lie on long straight lines.
 
 In units of half the diagonal from the middle of the picture, a stripe at d is moved to ``d (1 + a |d|^2)``; a > 0
-undoes the barrel distortion of wide lenses. Of some a, the one is taken for which the longest lines hold the most
-stripes (the plumb lines of Brown, Close-range camera calibration, 1971).
+undoes the barrel distortion of wide lenses. Several a are tried, and the one is taken for which the longest lines hold
+the most stripes (the plumb-line method of Brown, Close-range camera calibration, 1971).
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.long_lines import long_lines
 from fieldcalib.images.search.stripes import Stripes
 
-BENDS = (0.05, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7)
-FEW_BENDS = 3  # if the straight picture is better than so many, it is taken
-BETTER = 1.05  # times the root of the sum of the squared lengths, from which on a bend is not chance
-LINES = 12  # the longest, that are compared
-MOST = 5000  # stripes that are compared
-NEWTON = 6  # steps of the inverse
-SAMPLES = np.linspace(0.05, 1.0, 20)  # of the radius, for the polynomial of a lens
+BENDS = (0.05, 0.09, 0.14, 0.2, 0.3, 0.45, 0.7)  # values of a that are tried
+FEW_BENDS = 3  # if none of the first so many is better than no distortion, no more are tried
+BETTER = 1.05  # factor by which the length of lines must grow (`_length`) for a distortion not to be chance
+LINES = 12  # longest lines whose lengths count
+MOST = 5000  # stripes that are used
+NEWTON = 6  # Newton steps of the inverse
+SAMPLES = np.linspace(0.05, 1.0, 20)  # radii at which the polynomial of a lens is fitted
 
 
 @dataclass(frozen=True)
 class Bend:
-    """The map of the pixels of a picture to those of a picture without distortion, whose corners are the same."""
+    """Map from the pixels of a picture to those of the picture without distortion; its corners stay in place."""
 
     a: float
     size: tuple[int, int]
 
     @classmethod
     def of(cls, camera: Camera) -> Bend:
-        """The bend with which the lens of a camera moves the corners of its picture, on average.
+        """Distortion of a camera's lens, as the mean over the corners of its picture.
 
         Examples
         --------
@@ -50,7 +50,7 @@ class Bend:
 
     @property
     def middle(self) -> Array:
-        """Of the picture, pixels."""
+        """Middle of the picture, pixels."""
         return 0.5 * np.array(self.size)
 
     @property
@@ -59,7 +59,7 @@ class Bend:
         return float(np.hypot(*self.middle))
 
     def straight(self, stripes: Stripes) -> Stripes:
-        """The stripes without distortion."""
+        """Move stripes to where they are without distortion."""
         if self.a == 0.0:
             return stripes
         d = (stripes.xy - self.middle) / self.rho
@@ -71,7 +71,7 @@ class Bend:
         return Stripes(xy, angle, stripes.contrast, stripes.size)
 
     def bent(self, xy: Array) -> Array:
-        """Pixels (..., 2) of the picture, of those of the picture without distortion.
+        """Convert pixels (..., 2) of the picture without distortion to pixels of the picture; inverse of `straight`.
 
         Examples
         --------
@@ -90,7 +90,7 @@ class Bend:
         return np.asarray(self.middle + self.rho * u * d / np.maximum(radius, 1e-9))
 
     def with_lens(self, camera: Camera) -> Camera:
-        """A camera of the picture without distortion, with the lens of the picture."""
+        """Add the lens of the picture to a camera of the picture without distortion."""
         if self.a == 0.0:
             return camera
         u = SAMPLES * (1.0 + self.a * SAMPLES**2)
@@ -103,7 +103,7 @@ class Bend:
 
 
 def bend_of(stripes: Stripes) -> Bend:
-    """The bend of a picture by its stripes, none if no other explains them clearly better."""
+    """Estimate the distortion of a picture from its stripes; none unless another value explains them clearly better."""
     few = stripes.take(np.arange(0, len(stripes.xy), max(len(stripes.xy) // MOST, 1)))
     none = best = Bend(0.0, stripes.size)
     straight = longest = _length(few)

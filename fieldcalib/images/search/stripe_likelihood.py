@@ -1,23 +1,22 @@
-"""How much better the stripes of a picture are explained by a camera's projected markings than by chance.
+"""Likelihood ratio of cameras by the stripes of a picture: explained by projected markings, or by chance.
 
-A point of a marking that a camera projects is compared with the nearest stripe that runs in the direction of the
-projected marking, at a distance d across it. If the camera is right, d is half-normal where the paint is seen, which is
-the case for a share s of the points; if it is wrong, d is exponential, by the density of such stripes around that
-place: a stripe in a crowd is no evidence. The sum of the logarithms of
+Each projected point of a marking is compared with the nearest stripe that runs in the direction of the projected
+marking, at a distance d. If the camera is right, the paint is seen at a share s of the points, and there d is
+half-normal with density N. If it is wrong, d is exponential, with the density rho of such stripes around that place, so
+that a stripe in a crowd is no evidence. The sum of the logarithms of
 
     s N(d) / (2 rho exp(-2 rho d)) + 1 - s
 
 over points in even steps in the picture ranks cameras. Stripes are sorted by direction into `BINS` maps, in which the
-ratios are tabulated, so that thousands of cameras are ranked at once. Far lines are thinner than a pixel, and seldom
-found: s is ``SEEN w / (w + HALF_SEEN)`` where the paint is w pixels wide in the picture. In the gaps of a dashed
-marking there are no points.
+ratios are tabulated, so that thousands of cameras are ranked at once. Far lines are thinner than a pixel and seldom
+found: s is ``SEEN w / (w + HALF_SEEN)`` where the paint is w pixels wide in the picture. Points lie on paint only, not
+in the gaps of a dashed marking.
 
-Cameras that were searched, pulled onto the stripes near the markings that they project.
-
-At each point of a marking, the likeliest place for it is looked up at several distances across its projection; the
-cameras are moved towards these places by least squares, regularised by how far cameras from search are usually off:
-a step of Gauss and Newton, for all cameras at once, in a shrinking band. So hypotheses from few lines, from lines that
-a lens has bent, or of a wrong focal length come near enough to be compared, and to be refined on the picture.
+The same maps serve to improve cameras (`pulled`): for each point of a marking, the likeliest of several places across
+its projection is looked up, and the cameras are moved towards these places by a Gauss-Newton step, for all cameras at
+once. It is regularised by how far cameras from search are usually off, and repeated in a shrinking band. So hypotheses
+from few lines, from lines that a lens has bent, or with a wrong focal length come near enough to be compared, and to be
+refined on the picture.
 """
 
 from __future__ import annotations
@@ -38,45 +37,45 @@ from fieldcalib.images.search.stripes import Stripes
 from fieldcalib.problem.projection import pinhole_derivatives
 
 BINS = 12  # directions, 15 degrees apart
-OVERLAP = np.radians(6.0)  # stripes that are nearer to a bin than this belong to it too
-CELL = 2  # px: the maps are smaller than the picture
-SIGMA = 4.0  # px: distances of right cameras without a lens
+OVERLAP = np.radians(6.0)  # stripes whose direction is within this of a bin belong to it too
+CELL = 2  # px: size of a cell of the maps
+SIGMA = 4.0  # px: standard deviation of d for right cameras without a lens
 # Share of the points of markings in view whose paint is found, by its width in the picture: measured at true cameras of
 # 60 synthetic frames of five sports, 0.2 below 0.15 px, 0.57 at 0.4, 0.77 at 0.9, 0.87 at 1.7 and 0.97 from 4.5 px on.
-SEEN, HALF_SEEN = 0.8, 0.25  # of wide paint, as players hide some of it; px: width of which half of that is found
-AROUND = 80.0  # px: half the size of the place whose density of stripes is compared
-SPARSEST = 1.0 / 400.0  # stripes per px: of places without any
-FARTHEST = 40.0  # px: larger distances are alike
+SEEN, HALF_SEEN = 0.8, 0.25  # share found of wide paint, as players hide some; px: width with half of that share
+AROUND = 80.0  # px: half the side of the square in which the density of stripes is measured
+SPARSEST = 1.0 / 400.0  # stripes per square px, assumed where there are none
+FARTHEST = 40.0  # px: upper limit of d
 STEP = 12.0  # px along a marking that count as one independent point
-MOST = 3.0  # independent points that one may stand for, where it is near to the camera
-AHEAD = 0.02  # m along a marking and across it, for its direction and its width in the picture
+MOST = 3.0  # independent points that a single point may count for, where it is near to the camera
+AHEAD = 0.02  # m along and across a marking, for its direction and its width in the picture by differences
 DOWN = np.array([0.0, 0.0, 1.0])
-AT_ONCE = 1024  # cameras: their arrays still fit the processor's cache
+AT_ONCE = 1024  # cameras whose arrays still fit the processor's cache
 
 Pixels: TypeAlias = Array | Float32
 
-REACHES = (32.0, 20.0, 12.0, 8.0)  # px: half the band across each marking, in each step
-PLACES = 13  # across it
+REACHES = (32.0, 20.0, 12.0, 8.0)  # px: half width of the band across each marking, in successive steps
+PLACES = 13  # places across the band that are compared
 FARTHER = 1.0  # log likelihood ratio by which a place at the border of the band is less likely than one in its middle
-LEAST = 0.3  # log likelihood ratio of a place that pulls
-OFF = 5.0  # px: standard deviation of places that pull
-TURN, ZOOM = 30.0, 0.1  # standard deviations: px; of log f
-UNKNOWNS = 9  # turn, zoom, place of the camera, principal point
-MOST_ZOOM = 0.5  # largest step of log f: derivatives hold near by
+LEAST = 0.3  # least log likelihood ratio of a place towards which a camera is moved
+OFF = 5.0  # px: standard deviation of these places
+TURN, ZOOM = 30.0, 0.1  # prior standard deviations of the rotation, px in the picture, and of log f
+UNKNOWNS = 9  # rotation 3, log f 1, position 3, principal point 2
+MOST_ZOOM = 0.5  # largest step of log f, as derivatives hold only nearby
 
 
 @dataclass(frozen=True, eq=False)
 class StripeMaps:
-    """Likelihood ratios of points of markings whose paint is seen, by place and by direction."""
+    """Tables of the likelihood ratio of a point whose paint is seen, by direction and place."""
 
     table: Float32
-    """(BINS, h, w), one cell for `CELL` pixels."""
+    """Ratios N(d) / (2 rho exp(-2 rho d)), (BINS, h, w), one cell per `CELL` pixels."""
     size: tuple[int, int]
     """Width and height of the picture."""
 
     @classmethod
     def of(cls, stripes: Stripes, sigma: float = SIGMA) -> StripeMaps:
-        """Tabulate the stripes of a picture, for cameras that are so many pixels off."""
+        """Tabulate the stripes of a picture, for cameras with `sigma` px standard deviation of projected markings."""
         import cv2
 
         width, height = stripes.size
@@ -106,9 +105,10 @@ class StripeMaps:
         return score
 
     def score(self, camera: Camera, points: MarkingPoints) -> tuple[float, float, float]:
-        """Log likelihood ratio of a camera with its lens, the number of independent points in view, and of seen ones.
+        """Score one camera with its lens.
 
-        The last one is how many of them are expected to be found.
+        Returns its log likelihood ratio, the number of independent points in view, and how many of these are expected
+        to be found.
         """
         ways = np.stack([points.along, np.cross(points.along, DOWN)])
         xy = camera.project(points.X)
@@ -125,7 +125,7 @@ class StripeMaps:
         return np.asarray(np.sum(log * weight, axis=1), dtype=float)
 
     def logarithms(self, x: Pixels, y: Pixels, direction: Pixels, seen: Pixels) -> Float32:
-        """Logarithms of points of markings that are seen with these probabilities, 0 out of the picture."""
+        """Log likelihood ratios of points that are seen with probabilities `seen`; 0 outside the picture."""
         inside = self._is_inside(x, y)
         ratio = np.where(inside, self._table_at(inside, x, y, direction), np.float32(1.0))
         return np.asarray(np.log1p(seen * (ratio - np.float32(1.0))), np.float32)
@@ -142,40 +142,40 @@ class StripeMaps:
     def _looked_up(
         self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels, seen: Pixels
     ) -> tuple[Float32, Float32]:
-        """Logarithms of points of markings, and how many independent points each counts for; 0 out of the picture."""
+        """Log likelihood ratio of points, and how many independent points each counts for; 0 outside the picture."""
         weight = np.where(self._is_inside(x, y), np.minimum(step / np.float32(STEP), np.float32(MOST)), np.float32(0.0))
         return self.logarithms(x, y, direction, seen), np.asarray(weight, np.float32)
 
 
 def _seen(width: Pixels) -> Pixels:
-    """Shares of points whose paint is found, by its width in the picture."""
+    """Share s of points whose paint is found, by its width in the picture, px."""
     return np.asarray(SEEN * width / (width + HALF_SEEN))
 
 
 def _ratio(distance: Float32, density: Float32, sigma: float) -> Float32:
-    """The ratio at the top of the module of a point that is seen."""
+    """Likelihood ratio of a point that is seen, ``N(d) / (2 rho exp(-2 rho d))`` (see the module)."""
     rate = 2.0 * np.maximum(density, np.float32(SPARSEST))
-    exponent = distance * (rate - np.float32(0.5 / sigma**2) * distance)  # of both distributions together
+    exponent = distance * (rate - np.float32(0.5 / sigma**2) * distance)  # 2 rho d - d^2 / (2 sigma^2)
     return np.asarray(np.float32(np.sqrt(2.0 / np.pi) / sigma) * np.exp(exponent) / rate, np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class MarkingPoints:
-    """Points of painted markings on the ground, and which way the markings run there."""
+    """N points of painted markings on the ground."""
 
     X: Array
-    """(N, 3) metres."""
+    """Points, metres, (N, 3)."""
     along: Array
-    """Unit vectors, (N, 3)."""
+    """Unit vectors along the markings, (N, 3)."""
     spacing: Array
-    """Length of paint for which each stands, metres, (N,)."""
+    """Length of paint that each point represents, metres, (N,)."""
     width: Array
-    """Of the paint, metres, (N,)."""
+    """Width of the paint, metres, (N,)."""
 
     @staticmethod
     @lru_cache(maxsize=16)
     def of(field: Field, count: int) -> MarkingPoints:
-        """About so many points in even steps on the paint of all markings on the ground together."""
+        """Sample about `count` points in even steps on the paint of all markings on the ground together."""
         markings = Markings.of(field)
         step = _steps(markings)
         ground = np.flatnonzero(markings.on_ground & ~_is_gap(field, markings, step))
@@ -189,7 +189,7 @@ class MarkingPoints:
 
 
 def _is_gap(field: Field, markings: Markings, step: Array) -> BoolArray:
-    """Which points (N,) lie in a gap of a dashed marking; the middle of one dash is that of the marking."""
+    """Whether each point (N,) lies in a gap of a dashed marking, whose middle is the middle of a dash."""
     is_gap = np.zeros(len(markings.X), dtype=bool)
     for k, label in enumerate(markings.labels):
         dashes, own = field.paint_of(label).dashes, np.flatnonzero(markings.member == k)
@@ -201,17 +201,18 @@ def _is_gap(field: Field, markings: Markings, step: Array) -> BoolArray:
 
 
 def _steps(markings: Markings) -> Array:
-    """Length of marking (N,) for which each of its points stands."""
+    """Length of the marking (N,) that each of its points represents."""
     joined = markings.member[1:] == markings.member[:-1]
     gap = np.where(joined, np.linalg.norm(np.diff(markings.X, axis=0), axis=1), 0.0)
     return np.asarray(0.5 * (np.append(gap, 0.0) + np.append(0.0, gap)))
 
 
 def projected(P: Float32, points: MarkingPoints) -> tuple[Float32, Float32, Float32, Float32, Float32]:
-    """Pixels x and y, direction and length in the picture of points of markings, and how probably each is seen.
+    """Project points of markings by B cameras: pixels x and y, direction and length in the picture, and share seen.
 
-    (B, N) each; pixels are NaN behind the camera. An area of the ground is scaled by ``|det H| / depth^3`` in the
-    picture, H the homography of the ground: divided by how lengths along the marking are scaled, that scales its width.
+    Each is (B, N); pixels are NaN behind the camera. With H the homography of the ground, areas are scaled by
+    ``|det H| / depth^3`` in the picture. Divided by the scale of lengths along the marking, this is the scale of its
+    width.
     """
     X = np.vstack([points.X.T, np.ones(len(points.X))]).astype(np.float32)
     u, v, depth = np.moveaxis(P @ X, 1, 0)
@@ -231,23 +232,23 @@ def projected(P: Float32, points: MarkingPoints) -> tuple[Float32, Float32, Floa
 
 @dataclass(frozen=True)
 class Freedom:
-    """Standard deviations of what is known of cameras."""
+    """Prior standard deviations of cameras that are pulled onto stripes."""
 
     principal_point: float
-    """In widths of the picture."""
+    """Principal point, in widths of the picture."""
     place: float = 0.1
-    """In heights of the camera."""
+    """Position, in heights of the camera."""
 
 
 def pulled(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, freedom: Freedom) -> Cameras:
-    """The cameras, moved onto the stripes near their markings."""
+    """Move cameras onto the stripes near their projected markings, in several Gauss-Newton steps."""
     for reach in REACHES if len(cameras) else ():
         cameras = moved(cameras, _step(cameras, maps, points, reach, freedom))
     return cameras
 
 
 def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: float, freedom: Freedom) -> Array:
-    """The step of Gauss and Newton (B, 9), by the unknowns of `derivatives`."""
+    """Gauss-Newton step (B, 9) in the unknowns of `derivatives`, regularised by their prior."""
     x, y, direction, _, seen = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
     nx, ny = -np.sin(direction), np.cos(direction)
     # a marking that lies on its stripe looks the same further along it: points are compared and pulled across it only
@@ -268,7 +269,7 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
 def derivatives(cameras: Cameras, X: Array, xy: Array, n: Array) -> Array:
     """Derivatives (B, 9, N) of the pixels xy (2, B, N) of points X (N, 3) along directions n (2, B, N) of the picture.
 
-    By the turn of the scene about the axes of each camera, log f, the place of the camera and the principal point.
+    The unknowns are the rotation of the scene about the axes of each camera, log f, its position and principal point.
     """
     with np.errstate(divide="ignore"):
         inverse_depth = 1.0 / ((X - cameras.C[:, None]) @ cameras.R[:, 2, :, None])[..., 0]
@@ -278,14 +279,14 @@ def derivatives(cameras: Cameras, X: Array, xy: Array, n: Array) -> Array:
 
 
 def moved(cameras: Cameras, step: Array) -> Cameras:
-    """The cameras moved by steps (B, 9) of the unknowns of `derivatives`."""
+    """Apply steps (B, 9) of the unknowns of `derivatives` to cameras."""
     f = cameras.f * np.exp(np.clip(step[:, 3], -MOST_ZOOM, MOST_ZOOM))
     R, C = rotation_from_vector(step[:, :3]) @ cameras.R, cameras.C + step[:, 4:7]
     return replace(cameras, f=f, c=cameras.c + step[:, 7:], R=R, C=C)
 
 
 def _units(cameras: Cameras, freedom: Freedom) -> Array:
-    """Standard deviations (B, 9) of the unknowns of cameras from search."""
+    """Prior standard deviations (B, 9) of the unknowns of cameras from search."""
     turn, place = TURN / cameras.f, freedom.place * np.abs(cameras.C[:, 2])
     zoom, c = np.full_like(turn, ZOOM), np.full_like(turn, freedom.principal_point * cameras.size[0])
     return np.column_stack([turn, turn, turn, zoom, place, place, place, c, c])

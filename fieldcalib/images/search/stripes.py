@@ -1,17 +1,17 @@
-"""Painted stripes in a picture, of no known field: where their middle is, and which way they run.
+"""Detection of painted stripes in a picture, without knowing the field: their middle, direction and colour.
 
-A stripe is lighter (or darker) than the ground on both of its sides, and the two sides differ less than the stripe does
-from them; the border between two areas is no stripe. It is looked for in four directions and with several distances
-to the sides, so that near and far lines are both found. Neighbouring pixels must agree on its direction: letters, nets
-and crowds are full of narrow light places, but these run in all directions.
+A stripe is lighter (or darker) than the ground on both of its sides, and the two sides differ less from one another
+than the stripe does from them, so that the border between two areas is no stripe. Stripes are looked for in four
+directions and with several distances to the sides, so that near and far lines are both found. Neighbouring pixels must
+agree on the direction: letters, nets and crowds are full of narrow light places, but these run in all directions.
 
 Pixels are those of the given picture, which `at_working_size` scales: a line of a court is then 2 to 15 px wide.
 
-The colours of stripes and of the ground beside them: whether stripes may be of one paint.
-
-Blur mixes the paint of a narrow stripe with its ground, so that it has the colour ``g + t (p - g)`` with ground g,
-paint p and t from 0 to 1: the direction from the ground towards the stripe is that towards the paint, however narrow it
-is, and on any ground. The lines of other sports in a hall, and the boards of a floor, point elsewhere.
+The colours of stripes and of the ground beside them decide whether stripes may be of one paint (`StripeColours`). Blur
+mixes the paint of a narrow stripe with its ground, so that it has the colour ``g + t (p - g)`` with ground g, paint p
+and t from 0 to 1. The direction in colour space from the ground towards the stripe is therefore that towards the paint,
+however narrow the stripe, and on any ground. Lines of other sports in a hall, and the boards of a floor, have other
+directions.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.io.image import Image, size_of
 
-WORKING_WIDTH = 1280  # columns: pictures of 426 columns are searched as well as larger ones if they are enlarged to it
-LEAST_SIDE = 16  # px, of very narrow pictures
-SIDES = (3, 6, 11)  # px from the middle of a stripe to the ground on both sides
-BLUR = 0.8  # px, of the picture: noise and interlacing
+WORKING_WIDTH = 1280  # columns; enlarged to this, pictures of 426 columns are searched as well as larger ones
+LEAST_SIDE = 16  # px: least size of the shorter side of very narrow pictures
+SIDES = (3, 6, 11)  # px from the middle of a stripe to the ground on both sides, for narrow and wide stripes
+BLUR = 0.8  # px of the picture, against noise and interlacing
 ACROSS = ((1, 0), (0, 1), (1, 1), (1, -1))  # directions in which the sides are looked for
 DIAGONAL = np.sqrt(0.5)
 LEAST_CONTRAST = 6.0  # levels of brightness
-LARGEST_DIFFERENCE = 2.0  # of both sides, times the contrast: court and surroundings differ, and the line between them
-STRONG = 40.0  # contrast from which on a stripe counts fully for the direction of its neighbourhood
-MIDDLE_BLUR = 1.2  # px, of the response: a wide stripe has its largest response in a row of pixels
-DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that agrees on a direction
-LEAST_COHERENCE = 0.55  # 1 where all of it runs in one direction, 0 where in all
-MOST = 15_000  # pixels, those that stand out most: the boards of a wooden floor are stripes too, and so are crowds
-AROUND, LEAST_AROUND = 161, 3.0  # px, of the neighbourhood from which they stand out; its least mean response
+LARGEST_DIFFERENCE = 2.0  # of both sides, times the contrast: the line between court and surroundings has unequal sides
+STRONG = 40.0  # contrast up to which a stripe's weight in the direction of its neighbourhood grows
+MIDDLE_BLUR = 1.2  # px, of the response: without it a wide stripe has its largest response in several pixels
+DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that must agree on a direction
+LEAST_COHERENCE = 0.55  # of the directions in the neighbourhood: 1 if all are the same, 0 if there is none
+MOST = 15_000  # pixels that stand out most are kept: boards of a wooden floor and crowds are stripes too
+AROUND, LEAST_AROUND = 161, 3.0  # px: size of the neighbourhood from which they stand out; its least mean response
 LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
 
 SIDE = 11.0  # px from the middle of a stripe to the ground
 COLOUR_BLUR = 1.0  # px
 PURE = 0.7  # quantile of the contrast above which stripes of a paint show it unmixed
-LARGEST_ANGLE = np.radians(25.0)  # between the directions towards the stripe and towards the paint
+LARGEST_ANGLE = np.radians(25.0)  # in colour space, between the directions from the ground to stripe and paint
 FEWEST_LINES, MOST_OF_LINE = 3, 0.6  # lines of a paint, and share of the stripes of a line that are of its paint
-LEAST = 20  # stripes that tell the colour of a paint
+LEAST = 20  # stripes that determine the colour of a paint
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +53,21 @@ class Stripes:
     """Pixels along the middle of stripes."""
 
     xy: Array
-    """(N, 2)."""
+    """Pixels, to a fraction of a pixel across the stripe, (N, 2)."""
     angle: Array
-    """Direction in which the stripe runs, from x towards y, in [0, pi), (N,)."""
+    """Direction in which the stripe runs, from x towards y, radians in [0, pi), (N,)."""
     contrast: Array
-    """By how much it differs from both sides, levels of brightness, (N,)."""
+    """Difference of the stripe from both sides, levels of brightness, (N,)."""
     size: tuple[int, int]
     """Width and height of the picture."""
 
     def take(self, index: BoolArray | IntArray) -> Stripes:
-        """Some of them, by mask or by index."""
+        """Select pixels by mask or by index."""
         return Stripes(self.xy[index], self.angle[index], self.contrast[index], self.size)
 
 
 def at_working_size(image: Image) -> Image:
-    """The picture scaled to 1280 columns, one that is higher than wide to 1280 rows."""
+    """Scale a picture to 1280 columns, or to 1280 rows if it is higher than wide."""
     import cv2
 
     longer = max(size_of(image))
@@ -115,7 +115,7 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
 
 
 def _response(luma: Float32) -> Float32:
-    """How much each pixel is lighter than both of its sides, the mean of the distances to them; 0 where it is not."""
+    """How much each pixel is lighter than both of its sides, averaged over the distances `SIDES`; 0 where it is not."""
     reach = max(SIDES)
     padded = np.pad(luma, reach, mode="edge")
     height, width = luma.shape
@@ -137,7 +137,7 @@ def _response(luma: Float32) -> Float32:
 
 
 def _direction(response: Float32) -> tuple[Float32, Float32]:
-    """Angle across the stripes in the neighbourhood of each pixel, and how much the neighbourhood agrees on it."""
+    """Angle across the stripes around each pixel, from the structure tensor, and its coherence in [0, 1]."""
     import cv2
 
     dx, dy = cv2.Sobel(response, cv2.CV_32F, 1, 0), cv2.Sobel(response, cv2.CV_32F, 0, 1)
@@ -147,7 +147,7 @@ def _direction(response: Float32) -> tuple[Float32, Float32]:
 
 
 def _middles(response: Float32, across: Float32, coherence: Float32) -> tuple[IntArray, IntArray, Float32]:
-    """Columns and rows of pixels in the middle of stripes, and how far across it is from each."""
+    """Columns and rows of pixels in the middle of stripes, and the offset from each across the stripe to its top."""
     candidates = (response > 0.5 * LEAST_CONTRAST) & (coherence > LEAST_COHERENCE)
     candidates[[0, 1, -2, -1]] = candidates[:, [0, 1, -2, -1]] = False
     y, x = np.nonzero(candidates)
@@ -161,7 +161,7 @@ def _middles(response: Float32, across: Float32, coherence: Float32) -> tuple[In
 
 
 def _sampled(values: Float32, x: Array | Float32, y: Array | Float32) -> Float32:
-    """Values at places between pixels, none of them at the border."""
+    """Interpolate values bilinearly at places between pixels, none of them at the border."""
     column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     u, v = (x - column).astype(np.float32), (y - row).astype(np.float32)
     upper = (1.0 - u) * values[row, column] + u * values[row, column + 1]
@@ -174,13 +174,13 @@ class StripeColours:
     """Colours of stripes, blue, green, red."""
 
     paint: Array
-    """(N, 3), in the middle of each."""
+    """Colour in the middle of each stripe, (N, 3)."""
     ground: Array
-    """(N, 2, 3), on both sides."""
+    """Colours on both sides of each stripe, (N, 2, 3)."""
 
     @classmethod
     def of(cls, image: Image, stripes: Stripes) -> StripeColours:
-        """The colours of the stripes of a picture."""
+        """Sample the colours of the stripes of a picture."""
         import cv2
 
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), COLOUR_BLUR), np.uint8)
@@ -189,11 +189,11 @@ class StripeColours:
         return cls(middle, np.stack(sides, axis=1))
 
     def take(self, index: IntArray) -> StripeColours:
-        """Some of them."""
+        """Select stripes by index."""
         return StripeColours(self.paint[index], self.ground[index])
 
     def are_like(self, own: BoolArray) -> BoolArray:
-        """Which stripes may be of the same paint as those of a mask; all of them if these are few.
+        """Whether each stripe may be of the same paint as the stripes of the mask `own`; all may if these are too few.
 
         Examples
         --------
@@ -213,10 +213,10 @@ class StripeColours:
         return np.asarray(np.max(cosine, axis=1) > np.cos(LARGEST_ANGLE))
 
     def paints(self, lines: Sequence[BoolArray]) -> list[BoolArray]:
-        """Masks of the stripes of each paint on at least three lines but not on all, that of the longest lines first.
+        """Masks of the stripes of each paint that is on at least three lines but not on all, by order of the lines.
 
-        `lines` are the masks of the stripes on each. Two lines are of one paint if most stripes of one are like the
-        other: a thin line shows its paint less purely, so that not both need be.
+        `lines` are the masks of the stripes on each line. Two lines are of one paint if most stripes of one of them are
+        like the other's: it need not hold both ways, as a thin line shows its paint less purely.
         """
         like = [self.are_like(one) for one in lines]
         shares = np.array([[np.mean(mask[one]) for one in lines] for mask in like]).reshape(len(lines), len(lines))

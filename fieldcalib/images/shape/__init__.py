@@ -1,7 +1,7 @@
-"""What a picture is of: a whole frame, or one with borders, in a window, squashed or enlarged.
+"""How a picture relates to the camera's frame: the whole frame, or one with borders, in a window, squashed or enlarged.
 
-`borders_and_squash` and `picture_in_picture` find the frame; `enlarged` doubts that it is a whole one; `why_no_camera`
-says what is wrong with pictures that give no camera.
+`borders_and_squash` and `picture_in_picture` find the frame within the picture; `enlarged` checks whether it may be an
+enlarged part of a frame; `why_no_camera` states what is wrong with pictures that give no camera.
 """
 
 import lazy_loader

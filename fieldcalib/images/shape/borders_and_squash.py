@@ -1,12 +1,11 @@
 """Calibration of pictures that may have black borders, show frames in windows, or may have been squashed.
 
-Black borders, letterboxes and pillarboxes, are taken off. They are black, even, and equal on opposite sides: night
-skies and dark stands are on one side, or have structure. They are compressed with the picture, so black is not quite
-zero, and their last rows show a little of the picture.
+Black borders (letterboxes and pillarboxes) are taken off. They are black, even, and equal on opposite sides, whereas
+night skies and dark stands are on one side only, or have structure. Borders are compressed with the picture, so black
+is not quite zero, and their last rows show a little of the picture.
 
-Of a picture that shows a frame in a window, or several views (`fieldcalib.images.shape.picture_in_picture`), the
-windows are calibrated, and the best of their cameras is taken; where there are several, it is to be checked whose it
-is.
+If a picture shows a frame in a window, or several views (`fieldcalib.images.shape.picture_in_picture`), the windows are
+calibrated, and the best of their cameras is taken; with several windows, the user is told to check which view it is.
 
 A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it had been squashed, and the
 calibration that the lines in it make more likely is returned (`fieldcalib.solve.picture_shape`).
@@ -30,7 +29,7 @@ from fieldcalib.solve.picture_shape import likelier, log_evidence, may_be_squash
 from fieldcalib.solve.request import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
-Step = Callable[[Method, Sequence[Image]], list[Calibration]]  # one around a method
+Step = Callable[[Method, Sequence[Image]], list[Calibration]]  # a method that calls another one
 BLACK = 30  # brightest channel; black of video is 16
 FEW = 0.02  # share of brighter pixels that a black row may have: noise, a logo
 EVEN = 4.0  # largest standard deviation of the brightness of a border; dark stands have more
@@ -39,7 +38,7 @@ STEP = 3  # one pixel in three of each row is used
 
 
 def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibration]:
-    """Calibrate what pictures show between black borders or in windows; cameras are in the whole pictures' pixels."""
+    """Calibrate the parts of pictures between black borders or in windows; cameras are in pixels of whole pictures."""
     shapes = [shape_within(shown_part(image)) for image in images]
     found = _in_windows(
         calibrate, [shape.placement.image_in_frame(image) for shape, image in zip(shapes, images, strict=True)]
@@ -50,7 +49,7 @@ def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibrat
 
 
 def _in_windows(calibrate: Method, images: Sequence[Image]) -> list[Calibration]:
-    """Calibrate pictures, each in the window whose camera is most likely right; whole if none has a camera."""
+    """Calibrate pictures, each by the window whose camera is most likely right, or as a whole if no window has one."""
     ways = [[Shape(within_borders(size_of(image), (0, 0))), *window_shapes(image)] for image in images]
     parts = [way.placement.image_in_frame(image) for some, image in zip(ways, images, strict=True) for way in some]
     of_parts = iter(calibrate(parts))
@@ -62,7 +61,7 @@ def _in_windows(calibrate: Method, images: Sequence[Image]) -> list[Calibration]
 
 
 def window_shapes(image: Image) -> list[Shape]:
-    """The shapes of the windows of a picture; where there are several, each complains of the others."""
+    """Shapes of the windows of a picture; if there are several, each has a finding that says so."""
     windows = windows_of(image)
     findings = (SEVERAL_VIEWS,) if len(windows) > 1 else ()
     return [replace(shape_within(placement_of(one, size_of(image))), findings=findings) for one in windows]
@@ -81,7 +80,7 @@ def placement_of(window: Window, image_size: tuple[int, int]) -> Placement:
 
 
 def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """The camera of a window that is most likely right; of none, that of the whole picture, with doubts."""
+    """Choose the window's camera that is most likely right; if none is accepted, the whole picture's, with doubts."""
     accepted = [one for one in others if one.accepted]
     if accepted:
         return max(accepted, key=lambda one: one.probability(size_known=True) if one.has_probability else 0.0)
@@ -91,7 +90,7 @@ def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibrati
 
 
 def with_aspect_estimated(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
-    """Calibrate pictures; those of another shape than 16:9 as they are or as they would be shown if squashed."""
+    """Calibrate pictures; those of another shape than 16:9 both as they are and unsquashed, the likelier is kept."""
     found = calibrate(images)
     odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(size_of(image))]
     if not odd:
@@ -108,8 +107,9 @@ def log_ratio_of_squash(
 ) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
-    The camera of either shape has its own lines, found near its markings. Cameras of both shapes are fitted to both,
-    with `task_of_shown` as shown if what is known of the camera is not the same in its pixels.
+    Each of the two cameras has its own lines, found near its markings. To both sets of lines, cameras of both shapes
+    are fitted. `task_of_shown` is the task for the picture as shown, if what is known of the camera differs there (a
+    focal length in pixels, say).
     """
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0
@@ -128,7 +128,7 @@ def log_ratio_of_squash(
 
 
 def as_shown(image: Image) -> Image:
-    """A picture as it would be shown if it had been squashed."""
+    """Stretch a picture to the shape in which it would be shown if it had been squashed."""
     import cv2
 
     size = shown_size(size_of(image))
@@ -138,7 +138,7 @@ def as_shown(image: Image) -> Image:
 
 
 def shown_part(image: Image) -> Placement:
-    """The placement of a picture between black borders: above and below, left and right, or both.
+    """Find the part of a picture between black borders: above and below, left and right, or both.
 
     Examples
     --------
@@ -156,7 +156,7 @@ def shown_part(image: Image) -> Placement:
 
 
 def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Placement:
-    """The placement of frames between borders of `border` columns left and right, and rows above and below.
+    """Placement of frames between borders: `border` has the columns left and right, and the rows above and below.
 
     Examples
     --------
@@ -169,7 +169,7 @@ def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Plac
 
 
 def shape_within(placement: Placement) -> Shape:
-    """The shape of frames between borders; its message describes what is between them, and is empty without any."""
+    """Shape of frames between borders; its message gives the part between them, and is empty without borders."""
     if placement.is_whole:
         return Shape(placement)
     (width, height), (x, y) = placement.frame_size, placement.corner
@@ -177,7 +177,7 @@ def shape_within(placement: Placement) -> Shape:
 
 
 def _border(pixels: Image) -> int:
-    """Rows of the smaller of the borders above and below pixels (N, M, 3); 0 if there are none."""
+    """Height in rows of the smaller of the borders above and below, in pixels (N, M, 3); 0 if there are none."""
     count = len(pixels)
     most = int(LARGEST * count)
     least = max(round(SMALLEST * count), 2)
@@ -192,6 +192,6 @@ def _border(pixels: Image) -> int:
 
 
 def _black_rows(rows: NDArray[np.uint8]) -> int:
-    """Number of black rows from the first one on."""
+    """Number of black rows from the first row on."""
     is_black = np.mean(rows > BLACK, axis=1) <= FEW
     return int(len(rows) if np.all(is_black) else np.argmin(is_black))

@@ -1,11 +1,11 @@
-"""Pictures that may be enlarged parts of frames (digital zoom): evidence for it, and cameras of free principal points.
+"""Pictures that may be enlarged parts of frames (digital zoom): evidence for it, and cameras with free principal point.
 
-An enlarged part has the shape of a frame, but its principal point anywhere. Often the labels tell that hardly
-(`fieldcalib.assess.cropping_evidence`). It also has less detail than its size allows: enlarging makes no fine detail.
-Whole frames may be as soft, where they were enlarged as a whole or are out of focus. So detail counts only together
-with the labels: a camera is doubted that would be wrong if the principal point were elsewhere, the sooner the softer
-its picture is. It is then fitted once more with a principal point that may lie anywhere, and that camera is taken if
-its errors, which contain those of the principal point, are small.
+An enlarged part has the shape of a frame, but its principal point may lie anywhere, and the labels often hardly
+determine it (`fieldcalib.assess.cropping_evidence`). It also has less detail than its size allows, as enlarging makes
+no fine detail. Whole frames may be as soft, if they were enlarged as a whole or are out of focus. So detail counts only
+together with the labels: a camera is doubted if it would be wrong with the principal point elsewhere, and the softer
+the picture, the sooner. It is then fitted once more with a principal point that may lie anywhere, and that camera is
+taken if its errors, which include those of the principal point, are small.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior, checked_prior
 
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
-PIECE, EVERY = 64, 4  # px: length of the pieces whose spectrum is taken; of one row and one column in four
+PIECE, EVERY = 64, 4  # px: length of the pieces whose spectrum is taken; one row and one column in four is used
 COARSE, FINE = slice(4, 9), slice(17, 24)  # bands of the spectrum, of 32 up to Nyquist's frequency
 MOST_STRUCTURE = 0.95  # quantile of the power in the coarse band: edges above it tell how much detail there is
-FAINT = 0.5  # power, levels squared, that keeps the logarithm finite
-# Of 199 broadcast pictures with a good camera 85 % have more detail than -4.7, of enlarged parts of them 4 %.
+FAINT = 0.5  # power, levels squared, added to keep the logarithm finite
+# Softness grows from 0 at a `detail` of SHARP downwards. Of 199 broadcast pictures with a good camera 85 % have more
+# detail than -4.7, of enlarged parts of them 4 %.
 SHARP, LARGEST_SOFTNESS = -4.2, 0.9
 SOFTEST = -6.9  # few enlarged parts have less; pictures of 256 x 256 stretched to 1280 x 720 have -6.3 to -8.1
-SCORE_OF_SOFTNESS = 5.0  # in the units of `fieldcalib.assess.cropping_evidence.score`
-LEAST_SCORE = 1.0  # of softness and labels together, above which a picture may be an enlarged part
+SCORE_OF_SOFTNESS = 5.0  # score of a softness of 1, in the units of `fieldcalib.assess.cropping_evidence.score`
+LEAST_SCORE = 1.0  # score of softness and labels together above which a picture may be an enlarged part
 
 
 def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
-    """Calibrate pictures; those that may be enlarged parts of frames with a free principal point, or with a doubt."""
+    """Calibrate pictures; if one may be an enlarged part of a frame, its principal point is freed or a doubt added."""
     markings = Markings.of(task.object_segments)
     return [
         _as_enlarged(task, markings, image, one) if may_be_enlarged(image, one) else one
@@ -52,7 +53,7 @@ def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Tas
 
 
 def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
-    """Whether a picture may be an enlarged part of a frame, and its camera, which is otherwise good, then wrong."""
+    """Whether a picture may be an enlarged part of a frame, so that its otherwise good camera may be wrong."""
     camera, solved = calibration.camera, calibration.solved
     if camera is None or solved is None or calibration.verdict is not Verdict.GOOD:
         return False
@@ -67,9 +68,9 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
 
 
 def softness(image: Image) -> float:
-    """How much less than usual the fine detail of a picture is, from 0 for sharp ones to 0.9.
+    """Lack of fine detail in a picture compared with usual ones, from 0 for sharp pictures to 0.9.
 
-    Pictures that are softer than enlarged parts of frames are small ones that were enlarged as a whole: 0.
+    It is 0 again for pictures softer than enlarged parts of frames: these are small pictures enlarged as a whole.
 
     Examples
     --------
@@ -104,7 +105,7 @@ def _detail_along_rows(brightness: Float32) -> float:
 
 
 def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration:
-    """The camera with a free principal point if that is sure, or the calibration with a doubt."""
+    """Take the camera with a free principal point if it is sure, else add a doubt to the calibration."""
     freed = _freed(task, markings, image, calibration)
     if freed is not None and freed.verdict is Verdict.GOOD and freed.probability(level=True) >= SURE:
         x, y = freed.required_camera.principal_point
@@ -114,7 +115,7 @@ def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Cali
 
 
 def _freed(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration | None:
-    """The calibration from the lines near its markings if the principal point lies anywhere; None without one."""
+    """Refine a calibration with a principal point that may lie anywhere; None if that gives no camera."""
     camera, solved = calibration.required_camera, calibration.solved
     assert solved is not None
     if calibration.field is not None and calibration.field is not task.field:  # of another size
@@ -127,7 +128,7 @@ def _freed(task: Task, markings: Markings, image: Image, calibration: Calibratio
 
 
 def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
-    """The prior for pictures that are windows, moving or still, of larger ones.
+    """Widen the prior of the principal point for pictures that are parts, moving or still, of larger ones.
 
     A window with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
     narrower pictures the prior allows for that already (`fieldcalib.problem.prior`).

@@ -1,9 +1,9 @@
-"""Windows of a picture: frames that are shown shrunk before a background, and views side by side.
+"""Detection of windows in a picture: frames shown shrunk before a background, and views side by side.
 
 The sides of a window are steps of brightness or colour that are exactly vertical or horizontal, and go on from one
-corner to the other. Here the places of a picture are found where a step is the largest of its neighbourhood across the
-side. Of a side, nearly all places are such steps in one column (one row); in stands or grass one in five is by chance.
-Posts and markings are as steep, but do not end where others begin.
+corner to the other. A pixel counts as a step if the change to its neighbour is the largest within a few pixels across
+the side. Along a side nearly all pixels of one column (one row) are steps; in stands or grass one in five is by chance.
+Posts and markings are as steep, but do not meet others at their ends to form a rectangle.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.prior import BROADCAST_SHAPE
 
-LOOKED_AT = 200  # rows (columns) of a picture at which vertical (horizontal) steps are looked for, about
+LOOKED_AT = 200  # approximate number of rows (columns) at which vertical (horizontal) steps are looked for
 STEP = 8  # levels: smaller steps are compression and noise
 AROUND = 2  # px to each side, among which the step is the largest
-COVERED, COVERED_PART = 0.78, 0.42  # least shares of the places of a side, and of each of its `PARTS`, that are steps
-FAINT, FAINT_PART = 0.45, 0.15  # the same of one side of a window that touches no border of the picture
-WEAK, STRONG = 1, 2
-PARTS = np.array([0.0, 0.06, 0.24, 0.41, 0.59, 0.76, 0.94, 1.0])
-CANDIDATE, MOST = 0.25, 16  # least share of all places of a column that are steps; largest number of columns
+COVERED, COVERED_PART = 0.78, 0.42  # least shares of the pixels of a side, and of each of its `PARTS`, that are steps
+FAINT, FAINT_PART = 0.45, 0.15  # the same for a weak side: a window that touches no border of the picture may have one
+WEAK, STRONG = 1, 2  # certainty of a side
+PARTS = np.array([0.0, 0.06, 0.24, 0.41, 0.59, 0.76, 0.94, 1.0])  # bounds of the parts of a side
+CANDIDATE, MOST = 0.25, 16  # least share of steps in a whole column for a candidate; largest number of candidates
 NARROWEST, LOWEST = 0.25, 0.3  # least width and height of a window, shares of the picture's
 SMALLEST = 180  # px: the sides of smaller pictures are too short to be told from chance
 NARROWEST_BORDER = 0.01  # share of the picture's size: nearer steps come from compression and resizing
-SHOWN = 0.4  # share of the picture's height that the highest window has
-SAME_SHAPE = 0.05  # log ratio of shapes that are the same
-SAME = 0.02  # share of the picture's size: sides that are nearer belong to one border
+SHOWN = 0.4  # least height of the highest window, as a share of the picture's
+SAME_SHAPE = 0.05  # largest log ratio of two aspect ratios that count as the same
+SAME = 0.02  # share of the picture's size: sides that are nearer to each other belong to one border
 
 
 class Window(NamedTuple):
-    """A window, in pixels: first column and row, and those after the last ones."""
+    """A window in pixels: its first column and row, and the column and row after its last ones."""
 
     left: int
     top: int
@@ -51,7 +51,7 @@ class Sides:
     at: tuple[int, ...]
     """Columns; the first and the last are the picture's borders."""
     covered: Array
-    """Number of steps in the first n looked-at rows of each, (candidates, rows + 1)."""
+    """Number of steps of each candidate in the first n of the rows looked at, (candidates, rows + 1)."""
     every: float
     """Rows from one that is looked at to the next."""
 
@@ -79,7 +79,7 @@ class Sides:
         return cls((0, *(candidates + 1).tolist(), width), np.concatenate([border, inner, border]).astype(float), every)
 
     def between(self, first: int, last: int) -> IntArray:
-        """How certainly each candidate is a side from a row to another: 0 for not at all, `WEAK` or `STRONG`."""
+        """Whether each candidate is a side from row `first` to row `last`: 0 for no, `WEAK` or `STRONG`."""
         ends = np.rint((first + (last - first) * PARTS) / self.every).astype(int)
         ends = np.clip(ends, 0, self.covered.shape[1] - 1)
         shares = np.diff(self.covered[:, ends]) / np.maximum(np.diff(ends), 1)
@@ -90,7 +90,7 @@ class Sides:
 
 
 def windows_of(image: Image) -> list[Window]:
-    """The windows of a picture to a few pixels, from left to right; none of a picture that is one frame.
+    """Find the windows of a picture to a few pixels, from left to right; none if the picture is one frame.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def windows_of(image: Image) -> list[Window]:
 
 
 def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
-    """Rectangles all of whose sides are steps or borders of the picture, and that no step divides."""
+    """Rectangles whose four sides are steps or borders of the picture, and that no side divides."""
     columns, rows = np.array(vertical.at), np.array(horizontal.at)
     levels: dict[tuple[int, int], IntArray] = {}
     found = []
@@ -138,19 +138,24 @@ def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
 
 
 def _is_divided(sides: IntArray, first: int, last: int, whole: int) -> bool:
-    """Whether there are sides between the first and the last one."""
+    """Whether any of the sides lies between the sides `first` and `last`, and on neither."""
     gap = SAME * whole
     return bool(np.any((sides > first + gap) & (sides < last - gap)))
 
 
 def _is_within(inner: Window, outer: Window, size: tuple[int, int]) -> bool:
-    """Whether a window is another one without the line around it."""
+    """Whether `inner` is `outer` without a narrow frame line around it."""
     off = np.subtract(inner, outer) * (1, 1, -1, -1)
     return bool(np.any(off) and np.all(off >= 0) and np.all(off <= SAME * np.array([*size, *size])))
 
 
 def _may_be_window(window: Window, size: tuple[int, int]) -> bool:
-    """Whether the borders of a picture and a rectangle make a window: an upright or a level step alone does not."""
+    """Whether a rectangle has the shape of a window, and not that of a picture divided by a single line.
+
+    It has at least three sides off the picture's border, or an aspect ratio of 16:9 or the picture's, or reaches from
+    the top of the picture to the bottom (views side by side). One as wide as the picture counts only if that is upright
+    and the margins above and below are equal.
+    """
     (width, height), (left, top, right, bottom) = size, window
     if (
         right - left == width

@@ -1,4 +1,4 @@
-"""Pictures of which no camera can be made: too small, showing nothing, or perhaps another sport; results say so."""
+"""Reasons why a picture gives no camera: it is too small, shows nothing, or shows perhaps another sport."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from fieldcalib.images.shape.borders_and_squash import Method
 from fieldcalib.io.image import Image, size_of
 
 LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
-SMALL_SIDE = 200  # px: of 24 broadcast frames reduced to 320 x 180 none got a camera, of those with 400 x 225 20 did
+SMALL_SIDE = 200  # px: of 24 broadcast frames none got a camera when reduced to 320 x 180, 20 did at 400 x 225
 FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
-LOOKED_AT = 128  # rows and columns of a picture that are compared, about
+LOOKED_AT = 128  # approximate number of rows and columns whose brightness is compared
 ASK_SPORT = Finding(What.MAY_BE_OTHER_SPORT)
 DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
 
@@ -26,9 +26,9 @@ DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
 def said_plainly(
     calibrate: Method, images: Sequence[Image], *, object_segments: ObjectSegments, by_network: bool
 ) -> list[Calibration]:
-    """Calibrate pictures; those that are too small, or show nothing, get no camera, and a reason.
+    """Calibrate pictures; those that are too small, or show nothing, get no camera and a message that says why.
 
-    Where a network for soccer has seen next to nothing of a soccer field, the reason asks whether it is one.
+    Where a network for soccer has seen next to nothing of a soccer field, the message asks whether it is one.
     """
     large = [min(size_of(image)) >= LEAST_SIDE for image in images]
     some = [image for image, is_large in zip(images, large, strict=True) if is_large]
@@ -45,12 +45,12 @@ def said_plainly(
 
 
 def is_small(image_size: tuple[int, int]) -> bool:
-    """Whether the lines of a field are hardly ever found in pictures of a size."""
+    """Whether pictures of this size are too small for the lines of a field to be found in most of them."""
     return min(image_size) < SMALL_SIDE
 
 
 def small_words(image_size: tuple[int, int]) -> str:
-    """Words for small pictures without a camera that can be used.
+    """Message for a picture too small to give a usable camera.
 
     Examples
     --------
@@ -63,12 +63,12 @@ def small_words(image_size: tuple[int, int]) -> str:
 
 
 def has_cameras(found: VideoCalibration) -> bool:
-    """Whether a frame of a clip has a camera that can be used."""
+    """Whether any frame of a clip has a usable camera."""
     return any(np.any(tripod.accepted) for tripod in found.tripods)
 
 
 def notes_without_camera(object_segments: ObjectSegments, image_size: tuple[int, int]) -> tuple[str, ...]:
-    """Note of a clip in which a network for soccer has found no camera that can be used: too small, or not soccer?"""
+    """Note for a clip in which a network for soccer has found no usable camera: too small, or maybe not soccer."""
     if is_small(image_size):
         return (f"no frame has a camera that can be used: {small_words(image_size)}",)
     return (f"no frame has a camera that can be used: {ASK_SPORT} {NOT_SOCCER.text.capitalize()}",) * _may_be_soccer(
@@ -87,7 +87,7 @@ def _too_small(image: Image) -> Calibration:
 
 
 def _judged(image: Image, calibration: Calibration) -> Calibration:
-    """The calibration; none where a rejected camera is of a picture without any contrast, or with words if small."""
+    """Explain a rejected calibration: a picture without contrast gets no camera, a small one a message that says so."""
     step = max(min(size_of(image)) // LOOKED_AT, 1)
     if calibration.accepted:
         return calibration
@@ -100,7 +100,7 @@ def _judged(image: Image, calibration: Calibration) -> Calibration:
 
 
 def _asked(calibration: Calibration) -> Calibration:
-    """The calibration; a rejected one, of which hardly anything was seen, asks whether it is soccer."""
+    """Add the question whether it is soccer to a rejected calibration with hardly any detected lines."""
     if calibration.status not in DOUBTED and not calibration.has_finding(What.FEW_LINES):
         return calibration
     if calibration.accepted:

@@ -1,4 +1,4 @@
-"""Frames of one camera, calibrated together: `from_sequence` is the entry, `sequence_solver` draws the way."""
+"""Joint calibration of frames of one camera: `from_sequence` is the entry, `sequence_solver` outlines the steps."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """Ties between the frames of one tripod: matches of static points, thinned out to a few for each pair of frames.
 
-Matches next to each other have similar errors, of optical flow, lens and depth. So the picture is divided into cells,
-matches of one cell are averaged, and each cell counts as one observation.
+Matches next to each other have similar errors of optical flow, lens and depth. So the picture is divided into cells,
+the matches of one cell are averaged, and each cell counts as one observation.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from fieldcalib.solve.solver_options import Options, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture
-NOISE = 0.75  # px: standard deviation of a coordinate of a cell: flow is off by 0.1 to 0.3, the zoom law by more
+NOISE = 0.75  # px: standard deviation of a coordinate of a cell; flow is off by 0.1 to 0.3, the zoom law by more
 LOSS_SCALE = 2.5  # px: cells that are farther off are not background
-DISAGREE = 6.0  # px: median distance at which the cameras of two frames contradict their tie
+DISAGREE = 6.0  # px: median distance above which the cameras of two frames contradict their tie
 BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands around it
 LEAST_CELLS = 5  # smallest number for a tie
-APPROACHED = 1e-3  # relative decrease of the cost at which tied cameras are good enough as initial ones
+APPROACHED = 1e-3  # relative decrease of the cost at which tied cameras are good enough as initial cameras
 MOST_ITERATIONS = 50
-POINT_MOVES = 0.1  # of width and height: motion of a window from a frame to one that is tied to it
+POINT_MOVES = 0.1  # of width and height: motion of a window (its principal point) from a frame to a tied one
 DAMPING = 1e-4  # share of the Hessian's diagonal
 FROM_AFAR = RobustLoss("linear", 1.0)  # tied frames may be far apart, where a robust loss has no gradient
 
@@ -112,9 +112,9 @@ class Ties:
         return np.flatnonzero(found & ~known & ~left_out)
 
     def agreeing(self, theta: Array, known: BoolArray, layout: Layout) -> BoolArray:
-        """Mask (T,) of frames with known cameras whose ties do not contradict one another.
+        """Mask (T,) of frames with known cameras that agree with their ties.
 
-        Frames with the most contradictions are left out one by one.
+        The frames with the most contradicted ties are left out one by one, until no tie is contradicted.
         """
         kept, frames = known.copy(), np.arange(len(known))
         pairs = self.among(frames[known])
@@ -158,8 +158,8 @@ def _checked_match(
 def cell_means(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
     """Average matched pixels (N, 2) over the cells of the first frame; it is idempotent.
 
-    Pixels of the second frame are averaged relative to a quadratic map between the frames, which is not linear in a
-    cell.
+    Pixels of the second frame are averaged as residuals of a quadratic map between the frames, since the map is not
+    linear within a cell.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def with_tied(
     wanted: IntArray,
     layout: Layout,
 ) -> tuple[Array, BoolArray]:
-    """Add cameras of frames that are tied, directly or through others, to those with known cameras.
+    """Add cameras of frames that are tied, directly or through other frames, to frames with known cameras.
 
     theta (T, n) are the cameras of all frames, `known` (T,) masks the known ones; new arrays of both are returned.
 
@@ -206,6 +206,7 @@ def with_tied(
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
+    # layer by layer: each new frame starts at the camera of the nearest known frame that it is tied to
     while len(frames := ties.reached(known, left_out)):
         pairs = ties.towards(frames, theta, known)
         nearest = np.argsort(np.abs(pairs.first - frames[pairs.second]), kind="stable")
@@ -226,9 +227,9 @@ def with_tied(
 
 
 def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
-    """Prior of principal points near those of cameras (B, n): static points hardly distinguish a turn from a shift.
+    """Prior that keeps principal points near those of cameras (B, n), None if frames have none of their own.
 
-    It is None if frames have no principal point of their own.
+    Without it, static points would hardly distinguish a rotation of the camera from a shift of the principal point.
     """
     if not np.any(layout.free[PRINCIPAL_POINT]):
         return None
@@ -238,10 +239,9 @@ def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
 
 
 def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array, BoolArray]:
-    """Move cameras (B, n) by one Gauss-Newton step; also returns which of them most of their ties then contradict,
-    (B,).
+    """Move cameras (B, n) by one Gauss-Newton step; also returns whether most of each one's ties contradict it, (B,).
 
-    They may be off by a few pixels only: distances after the step are those of the linear model.
+    Cameras may be off by a few pixels only, as distances after the step are taken from the linear model.
     """
     background = BackgroundTerm(pairs, layout, theta)
     hessian, diagonal = background.hessian.copy(), np.arange(background.hessian.shape[1])

@@ -1,7 +1,7 @@
-"""`calibrate_sequence`: frames of one camera, whose shared parameters are estimated from all of them together.
+"""`calibrate_sequence`: calibration of frames of one camera, whose shared parameters are estimated from all of them.
 
-The law by which principal point and lens follow the zoom, the size of the field and, on a tripod, the centre are
-constant over a shot. The steps are in `fieldcalib.solve.sequence.sequence_solver`.
+Over a shot the law by which principal point and lens follow the zoom, the size of the field and, on a tripod, the
+centre are constant. The steps are in `fieldcalib.solve.sequence.sequence_solver`.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def calibrate_sequence(
         As in `calibrate_batch`. By default k2 is estimated too: frames together determine it.
     shared : sequence of str
         Names of the shared parameters: ``"centre"``, ``"principal point"``, ``"lens"``, ``"zoom law"`` and ``"field
-        size"`` (unless that is known, or the frames hardly determine it). Others belong to each frame, under their
-        prior; without a zoom law no parameter follows the zoom, and a size that is not shared is the given one, with
+        size"`` (unless it is known, or the frames hardly determine it). Other parameters belong to each frame, under
+        their prior. Without a zoom law no parameter follows the zoom; a size that is not shared is the given one, with
         its prior uncertainty. Without the centre the camera moves on a smooth path: the frames must be in order, evenly
         spaced in time, at about 25 per second.
     paint : float, optional
@@ -61,10 +61,10 @@ def calibrate_sequence(
         a quarter of the width of the field's lines, 3 cm on a soccer pitch.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.images.match_background`; None for a pair without matches. They tie frames without labels to those
+        `fieldcalib.images.match_background`; None for a pair without matches. They tie frames without labels to frames
         that have some. Frames that come first in a pair are solved together; the others are solved from them.
     start : SequenceCalibration, optional
-        Calibration of the same frames from fewer pixels: no cameras are searched. The labels must be trusted.
+        Calibration of the same frames from fewer pixels, as initial cameras. The labels must be trusted.
 
     Returns
     -------

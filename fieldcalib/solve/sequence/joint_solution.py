@@ -1,13 +1,12 @@
-"""Frames of one camera that were solved together, with the covariance of the parameters that they share.
+"""Joint solution of frames of one camera, with the covariance of the parameters that they share.
 
-The crown of a field, the height of its middle above the touchlines, estimated from frames of one camera together.
-
-Frames are solved on a level field. To first order their labels give an estimate h of the crown with a variance v from
-the noise of the pixels and the freedom of all shared parameters. A priori a share of the fields is level; the crown of
-the others is normal around 0 with variance p (`fieldcalib.fields.traits.Crown`). So h has variance v on a level field
-and ``p + v`` on the others, which gives the posterior probabilities of both; the second moment of the crown of the
-others is ``(p / (p + v))^2 h^2 + p v / (p + v)``. The cameras stay those of a level field; the second moment over both
-enters their covariance.
+The covariance includes the crown of the field, which is the height of its middle above the touchlines. Frames are
+solved on a level field. To first order their labels give an estimate h of the crown, with a variance v from the noise
+of the pixels and the freedom of all shared parameters. A priori a share of the fields is level; on the other fields the
+crown is normal around 0 with variance p (`fieldcalib.fields.traits.Crown`). So h has variance v on a level field and
+``p + v`` on the others, which gives the posterior probabilities of both. Given that the field is not level, the second
+moment of its crown is ``(p / (p + v))^2 h^2 + p v / (p + v)``. The cameras stay those of a level field; the posterior
+second moment over both cases enters their covariance.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.sequence.joint_start import Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import PixelNoise, SequenceProblem, SharedParameters
 
-LARGEST_SIZE_SIGMA = 0.4  # m: of a size that is estimated; clips of a penalty area and the middle reach 0.2
+LARGEST_SIZE_SIGMA = 0.4  # m: largest sigma of a size to be estimated; clips of a penalty area and the middle reach 0.2
 
 
 def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
@@ -59,10 +58,10 @@ class JointSolution:
     """Numbers of the frames, (B,)."""
     evaluation: Evaluation
     considered: Considered
-    """Shared parameters, and a size of the field that is not estimated, as considered ones of a single frame."""
+    """Covariance of the shared parameters and of a size that is not estimated, as considered parameters of a frame."""
     noise: PixelNoise
     fixed_sizes: Mapping[str, float]
-    """Variances of length and width where these are not estimated."""
+    """Variances of length and width if these are not estimated."""
     left_out: Mapping[int, float] = field(default_factory=dict)
     """Misfit, pixels, of the frames whose labels contradict the others."""
     alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -113,7 +112,7 @@ class JointSolution:
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
     def shared_parameters(self, problem: SequenceProblem) -> SharedParameters:
-        """The shared parameters as known ones, with their covariance, for the calibration of further frames."""
+        """Fix the shared parameters at their values, with their covariance, for the calibration of further frames."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
         if size is not None and pitch is not None:
@@ -131,7 +130,7 @@ class JointSolution:
 
 
 def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
-    """Solve frames together; those of length and width in `fixed_sizes` are kept at their uncertain values."""
+    """Solve frames together; length and width, if in `fixed_sizes`, are kept at their uncertain values."""
     options = problem.options
     index, evaluation = joint_start(problem, start, fixed_sizes)
     solved = levenberg_marquardt(
@@ -152,7 +151,7 @@ def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolu
 def _considered(
     problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
 ) -> Considered:
-    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors affect them."""
+    """Joint covariance of the shared parameters and of a size (and crown) that is not estimated but affects them."""
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
@@ -172,7 +171,7 @@ def _considered(
 
 
 def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
-    """Covariance (c, c) of length, width and crown that are not estimated: a priori, or from the frames if smaller."""
+    """Covariance (c, c) of length, width and crown if not estimated: the prior one, or the frames' if smaller."""
     index = np.flatnonzero(layout.considered)
     if not len(index):
         return np.zeros((0, 0))
@@ -183,9 +182,9 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
 
 
 def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
-    """Length and width if the frames hardly determine them: as estimates they would absorb errors of lens and zoom.
+    """Find which of length and width the frames hardly determine; estimated, they would absorb errors of lens and zoom.
 
-    The values are mean square differences from the given size according to the frames.
+    The values are their mean square differences from the given size, according to the frames.
     """
     layout, theta = joint.layout, joint.evaluation.theta[0]
     if layout.field_size is None:

@@ -1,7 +1,4 @@
-"""Cameras of frames of one sequence, as the start of a joint solution.
-
-Frames that were solved one by one, as one problem with shared parameters.
-"""
+"""Start of a joint solution: cameras of frames that were solved one by one, as one problem with shared parameters."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ from fieldcalib.solve.sequence.background_matches import with_tied
 from fieldcalib.solve.sequence.sequence_problem import SequenceProblem
 from fieldcalib.solve.sequence.tripod_position import ACCELERATION
 
-# Parameters that each part of the zoom law changes: the part is fixed unless these are shared.
+# The parameter that each part of the zoom law changes; the part is fixed unless the frames share this parameter.
 CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}
 
 
@@ -39,9 +36,9 @@ def joint_evaluation(
 ) -> Evaluation:
     """Evaluate the labelled pixels of T frames as one group at the cameras theta (T, n).
 
-    All but the observations is taken from `problem`. Pixels past the end of a segment get no second residual:
-    annotators place ends too carelessly for estimates of shared parameters. The prior (T, n) of the parameters `once`
-    (n,) counts once for all frames: the prior of one camera's position must not count again in every frame.
+    Everything except the observations is taken from `problem`. Pixels past the end of a segment get no second residual,
+    as annotators place ends too carelessly for estimates of shared parameters. The prior (T, n) of the parameters in
+    the mask `once` (n,) counts once for all frames: that of a shared position, say, must not count in every frame.
     """
     layout, prior, count = problem.layout, problem.prior, pixels.count
     if prior is not None:
@@ -65,7 +62,7 @@ class Start(NamedTuple):
 
     @classmethod
     def of(cls, found: Mapping[int, Calibration]) -> Start | None:
-        """Start from frames that were calibrated by themselves; None if there are none."""
+        """Start from frames that were calibrated by themselves; None if none has a solution."""
         parts = {t: c.solved for t, c in found.items() if c.solved is not None}
         if not parts:
             return None
@@ -74,7 +71,7 @@ class Start(NamedTuple):
         return cls(layout, theta, {t: part.pixels for t, part in parts.items()})
 
     def moved(self, centre: Array, size: tuple[float, float]) -> Start:
-        """The start with another centre (3,), and a field whose length and width are larger by `size`."""
+        """Change the centre to another one (3,), and enlarge length and width of the field by `size`."""
         theta, model = {t: one.copy() for t, one in self.theta.items()}, self.layout.field_size
         for one in theta.values():
             one[CENTER] = centre
@@ -95,7 +92,7 @@ class Start(NamedTuple):
         return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
 
     def in_layout(self, layout: Layout, count: int) -> Array:
-        """Cameras (count, n) in a joint layout, 0 for missing ones; shared parameters are medians."""
+        """Convert to cameras (count, n) in a joint layout, 0 for missing ones; shared parameters are medians."""
         index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
         theirs = np.array([self.theta[t] for t in index.tolist()])
         theta = np.zeros((count, layout.size))
@@ -132,7 +129,7 @@ def joint_start(
     among : int array, optional
         If frames are tied, numbers of the frames to choose from; by default those that are solved together.
     agreeing : bool
-        Whether to use labels only of frames whose cameras the ties do not contradict.
+        Whether labels are used only of frames whose cameras the ties do not contradict.
     """
     options, ties = problem.options, problem.ties
     layout = joint_layout(problem, start.reference, fixed_sizes)
@@ -165,8 +162,8 @@ def _without_contradicted(
 ) -> tuple[Array, BoolArray, BoolArray]:
     """Remove known cameras that the ties contradict, and add cameras of tied frames.
 
-    Returned are the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,). Ties to
-    other known frames, or to frames that are tied to these, reveal wrong cameras.
+    Returns the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,). Wrong cameras
+    are revealed by ties to other known frames, or to frames that are tied to these.
     """
     right = problem.ties.agreeing(theta, known, layout)
     while True:
@@ -185,7 +182,7 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
     reference : float
         Reference log f of the zoom law.
     fixed_sizes : collection of str
-        Those of length and width that are kept at an uncertain value.
+        Which of length and width are kept at an uncertain value.
     """
     base = problem.options.layout
     law = ZoomLaw(reference) if "zoom law" in problem.shared and base.free[LOG_F] else None
@@ -208,7 +205,7 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
 
 
 def _free_size(problem: SequenceProblem) -> SizeBlock | None:
-    """Length and width, with the prior for fields of estimated size; None if the size is not a parameter."""
+    """Length and width as parameters, with the prior for fields of estimated size; None if they are no parameters."""
     field = problem.options.field
     if problem.options.layout.field_size is None or field is None:
         return None

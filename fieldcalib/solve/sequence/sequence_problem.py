@@ -1,8 +1,8 @@
-"""Frames of one camera that are to be calibrated together: the checked arguments of `calibrate_sequence`.
+"""Problem and results of a joint calibration of frames of one camera, as passed between the steps of its solution.
 
-The known shared parameters of the frames of one camera, and the solution of further frames with them.
-
-Solved frames as rows of the table of a sequence, with their status and messages.
+`SequenceProblem` has the checked arguments of `calibrate_sequence`. `SharedParameters` are the estimated shared
+parameters, from which further frames are solved. `solved_rows` turns solved frames into rows of the table of a
+sequence, with their status and messages.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is don
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a moving camera
+SHARED_IN_MOTION = SHARED[1:]  # shared by the frames of a moving camera
 MOST_TOGETHER = 400  # largest number of frames that are solved together,
 MOST_TIED_TOGETHER = 100  # and if matches tie them, which couples all of them in one system
 
@@ -67,7 +67,7 @@ class SharedParameters:
     """Shared parameters of the frames of one camera, with their covariance."""
 
     options: Options
-    """Options with the shared parameters as known and considered ones, and an object of the known size."""
+    """Options in which the shared parameters are known and considered, and the object has the estimated size."""
     noise: PixelNoise
 
     @property
@@ -107,7 +107,7 @@ class SharedParameters:
         return levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=tolerance).evaluation
 
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
-        """Errors of solved frames; `of_first` are those of the first frame of each pair, if its camera is known."""
+        """Errors of solved frames; `of_first` has those of the first frame of each pair, if its camera is known."""
         return own_errors(solved, *self.noise, of_first)
 
 
@@ -170,7 +170,7 @@ class SequenceProblem:
 
     @cached_property
     def solved_together(self) -> IntArray:
-        """Numbers of the frames that are solved together: those to which others are tied, and labelled ones."""
+        """Numbers of the frames that are solved together: frames to which others are tied, and labelled frames."""
         most = MOST_TIED_TOGETHER if self.is_linked else MOST_TOGETHER
         hubs = np.unique(self.ties.pairs.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), MOST_TOGETHER), endpoint=False, dtype=int)]
@@ -187,7 +187,7 @@ class SequenceProblem:
     def calibrate_alone(
         self, index: IntArray, options: Options, given: Mapping[int, Array] | None = None
     ) -> dict[int, Calibration]:
-        """Calibrate labelled frames by themselves, from given cameras; without one, the camera is searched."""
+        """Calibrate labelled frames by themselves, from `given` cameras or, without one, from a search for a camera."""
         found: dict[int, Calibration] = {}
         given = given or {}
         labelled = index[self.pixels.has_pixels[index]].tolist()
@@ -200,7 +200,7 @@ class SequenceProblem:
         return found
 
     def fitted(self, t: int, alone: Calibration | None = None) -> PixelTable:
-        """Labelled pixels of frame t that its fit by itself accepted, or all of them if labels are trusted."""
+        """Labelled pixels of frame t: all if labels are trusted, else those that its calibration `alone` accepted."""
         if self.options.trust_labels:
             return self.pixels.of_frames([t])
         return NO_PIXELS if alone is None or not alone.accepted or alone.solved is None else alone.solved.pixels
@@ -216,7 +216,7 @@ class SolvedFrames(NamedTuple):
 
 
 def table_without_cameras(shared: SharedParameters, count: int) -> FrameTable:
-    """The table of frames of a tripod before any of them is solved."""
+    """Table of the frames of a sequence before any of them is solved."""
     return FrameTable.without_cameras(count, shared.options.layout, tuple(shared.object_segments), NOTHING_LABELLED)
 
 

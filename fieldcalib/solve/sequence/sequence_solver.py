@@ -1,4 +1,4 @@
-"""Frames of one camera, calibrated together.
+"""Solver for the joint calibration of frames of one camera.
 
     frames one by one -> position of the tripod -> frames from there -> all together -> every frame again
 
@@ -9,11 +9,11 @@ each frame, and are eliminated (`fieldcalib.problem.levenberg_marquardt`). A few
 parameters as well as all frames would, since errors of paint and zoom law then exceed those of noise; the other frames
 are solved one by one. So the time is linear in the number of frames.
 
-Joint solutions from several starts: the best one wins; other centres that fit equally well are alternatives.
-
-Position of the tripod, size of the field and lens trade off, so that the joint problem has several minima. Labels that
-contradict a start are outliers under a narrow loss and cannot move the solution out of its minimum. Under a wide loss
-they can, so the loss is wide at first and then narrowed.
+Errors of the position of the tripod, the size of the field and the lens compensate one another, so that the joint
+problem has several minima. If frames contradict the first solution, it is therefore solved from several starts
+(`best_of_other_starts`); the best solution wins, and other centres that fit equally well are its alternatives. Labels
+that contradict a start are outliers under a narrow loss and cannot move the solution out of its minimum. Under a wide
+loss they can, so the loss is wide at first and then narrowed.
 """
 
 from __future__ import annotations
@@ -54,19 +54,19 @@ from fieldcalib.solve.sequence.tripod_position import KnownCentres, expected_cen
 from fieldcalib.solve.solver_options import Options
 
 WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
-FEW = 30  # iterations with each of them,
-APPROACHED = 1e-3  # and relative decrease of the cost at which the next one takes over
-HELD = 1e-6  # standard deviation, in any unit, of parameters that are to stay
-SAME = 0.3  # m: nearer centres belong to the same minimum
+FEW = 30  # largest number of iterations with each factor,
+APPROACHED = 1e-3  # and relative decrease of the cost at which the next factor takes over
+HELD = 1e-6  # prior standard deviation, in any unit, that keeps a parameter at its value
+SAME = 0.3  # m: centres nearer to each other than this belong to the same minimum
 APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
 AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
 MOST_CENTRES = 2  # centres with most votes from which frames are solved together
-GIVEN_SIZE = (0.0, 0.0)  # m: length and width of starts, minus the given ones
+GIVEN_SIZE = (0.0, 0.0)  # m: length and width of a start, minus the given length and width
 OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
-RUNS = 4  # of consecutive frames: if one of them is wrong, the others may agree without it
+RUNS = 4  # number of runs of consecutive frames: if one run is wrong, the others may agree without it
 
-FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
-ROUNDS = 3  # of solving all together, and every frame again
+FIRST = 60  # number of frames that are calibrated one by one, to find the position of the tripod
+ROUNDS = 3  # rounds of solving all together and then every frame again
 
 OFF_PATH = "its centre is off the path of the frames around it"
 
@@ -76,7 +76,8 @@ def best_of_other_starts(
 ) -> JointSolution:
     """Solve from several positions and sizes, and take the solution of least cost; `joint` if there is no other start.
 
-    Positions are those that frames calibrated `alone` vote for, and those of all frames but a run of them.
+    Positions are the one of `joint`, those that frames calibrated `alone` vote for, and those of all frames except one
+    run of consecutive frames.
     """
     accepted = {t: c for t, c in alone.items() if c.accepted}
     voters = Start.of(accepted)
@@ -112,13 +113,13 @@ def best_of_other_starts(
 def _solved(
     problem: SequenceProblem, start: Start, widths: Sequence[float], among: IntArray | None = None
 ) -> JointStart:
-    """Solve frames together with all their labels."""
+    """Solve frames together with all their labels, also labels of frames whose cameras the ties contradict."""
     index, evaluation = joint_start(problem, start, problem.fixed_sizes, among=among, agreeing=False)
     return JointStart(index, _narrowing(evaluation, widths, problem.options.max_iterations, problem.options.tolerance))
 
 
 def _without(problem: SequenceProblem, start: Start, run: IntArray) -> Start:
-    """Start from the shared parameters of all frames but a run of them; the cameras of the run follow."""
+    """Start from the shared parameters of all frames except a run of them; the cameras of the run are then solved."""
     left = {t: one for t, one in start.theta.items() if t not in set(run.tolist())}
     if not left:
         return start
@@ -160,7 +161,7 @@ def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, 
 
 
 def _own_parameters_solved(start: Evaluation, max_iterations: int) -> Evaluation:
-    """Solve for the frames' own parameters; shared ones are kept."""
+    """Solve for the frames' own parameters; shared parameters are kept."""
     layout, theta = start.problem.layout, start.theta
     prior = start.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
     held = layout.roles == Role.SHARED
@@ -169,7 +170,7 @@ def _own_parameters_solved(start: Evaluation, max_iterations: int) -> Evaluation
 
 
 def _other_centres(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
-    """Other centres (3,) of solutions that fit as well as the best one; `covariance` (3, 3) is of the best centre."""
+    """Other centres (3,) of solutions that fit as well as the best; `covariance` (3, 3) is that of the best centre."""
     others: list[Array] = []
     least, V = _cost(best), covariance + SAME**2 * np.eye(3)
     for one in sorted(found, key=_cost):
@@ -181,7 +182,7 @@ def _other_centres(found: Sequence[Evaluation], best: Evaluation, covariance: Ar
 
 
 class SolvedSequence(NamedTuple):
-    """The calibration of all frames, and the shared parameters for the calibration of further ones."""
+    """Calibration of all frames, and the shared parameters for the calibration of further frames."""
 
     calibration: SequenceCalibration
     shared: SharedParameters | None
@@ -222,7 +223,7 @@ def solve_from_cameras(
 
 
 def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
-    """Calibrate labelled frames by themselves, which share nothing."""
+    """Calibrate labelled frames one by one, without shared parameters."""
     options = problem.options
     alone = problem.calibrate_alone(np.arange(len(problem)), options)
     found = [c.solved.alone.uncertainty for c in alone.values() if c.solved is not None]
@@ -239,9 +240,9 @@ def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
 
 
 def _first_start(problem: SequenceProblem) -> tuple[Start | None, Mapping[int, Calibration]]:
-    """Cameras of some frames, at the position on which they agree or along a path; None if there is none.
+    """Find cameras of some frames, at the position on which they agree or along a path; None if there is none.
 
-    Also returned are the calibrations by themselves of the frames that voted for that position.
+    Also returns the calibrations, each by itself, of the frames that voted for that position.
     """
     if not problem.finds_centre:
         return _start_of(problem, problem.calibrate_alone(problem.solved_together, problem.options)), {}
@@ -254,7 +255,7 @@ def _first_start(problem: SequenceProblem) -> tuple[Start | None, Mapping[int, C
 
 
 def _with_known_centre(options: Options, centre: Array) -> Options:
-    """Options with a known centre (3,); unknown parameters of the pose stay unknown."""
+    """Fix the centre (3,) in options; other unknown parameters of the pose stay unknown."""
     is_pose = np.arange(len(options.known)) < CENTER.stop
     known = np.where(is_pose & options.layout.free, np.nan, options.known)
     known[CENTER] = centre
@@ -264,13 +265,13 @@ def _with_known_centre(options: Options, centre: Array) -> Options:
 def _start_of(
     problem: SequenceProblem, alone: Mapping[int, Calibration], left_out: Mapping[int, float] | None = None
 ) -> Start | None:
-    """Cameras of frames that were accepted by themselves; for a moving camera, of those on its path."""
+    """Start from frames that were accepted by themselves; for a moving camera, only from frames on its path."""
     found = {t: c for t, c in alone.items() if c.accepted and c.solved is not None and t not in (left_out or {})}
     return Start.of(on_path(found) if problem.moves else found)
 
 
 def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSolution:
-    """Solve again with the labels of frames that are accepted only since the tripod is known."""
+    """Solve again with the labels of further frames that are accepted now that the shared parameters are known."""
     for _ in range(ROUNDS - 1):
         shared, some = joint.shared_parameters(problem), problem.solved_together
         alone = problem.calibrate_alone(some, shared.options, joint.tied_cameras)
@@ -288,7 +289,7 @@ def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSo
 def _finished(
     problem: SequenceProblem, joint: JointSolution, before: SequenceCalibration | None = None
 ) -> SolvedSequence:
-    """The calibration of all frames, given those that were solved together."""
+    """Complete the calibration of all frames, given the frames that were solved together."""
     shared = joint.shared_parameters(problem)
     is_shared = joint.layout.roles == Role.SHARED
     calibration = SequenceCalibration(
@@ -320,7 +321,7 @@ class InitialFrames:
 def with_remaining_frames(
     problem: SequenceProblem, joint: JointSolution, shared: SharedParameters, before: SequenceCalibration | None = None
 ) -> FrameTable:
-    """Make the table of all frames: those that were solved together, and the others with the same shared parameters.
+    """Make the table of all frames: frames solved together, and the others with the same shared parameters.
 
     Tied frames start from their cameras in `before`, if there are any.
     """
@@ -344,7 +345,7 @@ def with_remaining_frames(
 
 
 def _each(joint: JointSolution, shared: SharedParameters) -> SolvedFrames:
-    """The frames that were solved together, each as its own problem with its own errors."""
+    """Split the joint solution into frames, each as its own problem with its own errors."""
     linked = joint.evaluation.of(replace(joint.evaluation.problem, layout=shared.options.layout, group=None))
     each = linked.of(replace(linked.problem, background=None, path=None))
     return SolvedFrames(each, shared.errors(linked), joint.is_tied)
@@ -357,7 +358,7 @@ def _initial_frames(
     done: BoolArray,
     before: SequenceCalibration | None,
 ) -> InitialFrames:
-    """Initial cameras of frames that are tied to solved ones, and calibrations of labelled frames by themselves."""
+    """Find initial cameras of frames that are tied to solved ones, and calibrate labelled frames by themselves."""
     theta, known = table.theta.copy(), done.copy()
     options = shared.options
     if problem.is_linked:
@@ -375,7 +376,7 @@ def _initial_frames(
 
 
 def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFrames:
-    """Add the cameras of untied frames by themselves if these are on the path; reject the others."""
+    """Add the cameras of untied frames that were calibrated by themselves, if on the path; reject the others."""
     accepted = {t: c for t, c in initial.alone.items() if c.accepted and not initial.known[t]}
     near = near_path(accepted, known_centres)
     off_path = Calibration.without_camera(Status.IMPROBABLE, OFF_PATH)
@@ -389,7 +390,7 @@ def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFram
 def with_frames_alone(
     table: FrameTable, shared: SharedParameters, alone: Mapping[int, Calibration], largest_error: float | None
 ) -> FrameTable:
-    """The table with untied frames filled in as they were calibrated by themselves."""
+    """Fill untied frames into the table as they were calibrated by themselves."""
     table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
     parts: dict[int, list[int]] = {}  # frames that were solved at once
     for t, calibration in alone.items():
@@ -405,7 +406,7 @@ def with_frames_alone(
 
 
 def _next(problem: SequenceProblem, done: BoolArray, known: BoolArray) -> IntArray:
-    """Numbers of the frames to be solved next: those tied to solved ones or, if none is left, those on the path."""
+    """Numbers of the frames to solve next: frames tied to solved ones or, if none is left, frames on the path."""
     tied = problem.ties.reached(done, ~known)
     return tied if len(tied) or not problem.moves else np.flatnonzero(known & ~done)
 
@@ -418,7 +419,7 @@ def _followed(
     initial: InitialFrames,
     part: IntArray,
 ) -> FrameTable:
-    """Solve frames `part` (B,) from their labels and from solved frames; returns their rows."""
+    """Solve frames `part` (B,) from their labels and from the solved frames they are tied to; returns their rows."""
     pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
@@ -436,7 +437,7 @@ def _followed(
 
 
 def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
-    """Numbers of the frames whose own camera is contradicted by most of their ties."""
+    """Numbers of the frames whose camera, calibrated by itself, is contradicted by most of their ties."""
     solved = {k: one for k, t in enumerate(index.tolist()) if t in alone and (one := alone[t].solved) is not None}
     if not solved:
         return set()

@@ -1,6 +1,6 @@
-"""The centre of one camera from its frames: the position on which most of them agree, or a path.
+"""Centre of one camera from frames that were calibrated by themselves: the position on which most agree, or a path.
 
-Frames with wrong labels, or with a fit in a wrong minimum, have another centre: they are outvoted.
+Frames with wrong labels, or whose fit ended in a wrong minimum, have other centres and are outvoted.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Centres(NamedTuple):
     """Standard deviations, (B, 3)."""
 
     def of_prior(self, prior: GaussianPrior | None, size: int) -> GaussianPrior:
-        """The prior (B, n) with its centre replaced by these; None is a prior without information."""
+        """Replace the centre in a prior (B, n) by these; None is a prior without information."""
         if prior is None:
             prior = GaussianPrior(np.zeros((len(self.mean), size)), np.full((len(self.mean), size), np.inf))
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
@@ -63,7 +63,7 @@ class KnownCentres(NamedTuple):
 
 
 def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]:
-    """Up to `most` centres (3,) of one tripod: the one on which most frames agree, then most of the rest, and so on."""
+    """Find up to `most` centres (3,): the one on which most frames agree, then that of most of the rest, and so on."""
     found: list[Array] = []
     C, V = _centres(calibrations)
     while len(C) and len(found) < most:
@@ -87,10 +87,10 @@ def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
 
 
 def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
-    """The centres of frames `index` (B,), from those of known frames.
+    """Interpolate the centres of frames `index` (B,) from the centres of known frames.
 
     Between two known frames a uniform motion is expected, with the uncertainty of an acceleration during that time;
-    before the first and after the last one the centre may move in any direction at its largest speed.
+    before the first and after the last known frame the centre may move in any direction at its largest speed.
     """
     time, C, sigma = known
     after = np.clip(np.searchsorted(time, index), 0, len(time) - 1)
@@ -105,7 +105,7 @@ def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
 
 
 def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
-    """The frames whose centre can be reached from at least half of the frames around them at the largest speed."""
+    """Keep the frames whose centre can be reached from at least half of the frames around them at the largest speed."""
     frames = np.array(sorted(found), dtype=np.intp)
     C, V = _centres([found[t] for t in frames.tolist()])
     way = SPEED * np.abs(frames[:, None] - frames)
@@ -117,7 +117,7 @@ def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
 
 
 def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int, Calibration]:
-    """The frames whose centre agrees with the one expected from known frames."""
+    """Keep the frames whose centre agrees with the centre expected from known frames."""
     frames = np.array(sorted(found), dtype=np.intp)
     mean, sigma = expected_centres(known, frames)
     C, V = _centres([found[t] for t in frames.tolist()])
