@@ -1,4 +1,4 @@
-"""Files with the labels of a person, in the formats of SoccerNet and of other tools: written by the editor, and read."""
+"""Files with the labels of a person, in the formats of SoccerNet and of other tools, written and read by the editor."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ def blobs_on_ground(image: Image) -> Image:
 
 
 def _is_ground(lab: Any) -> Any:
-    """Mask of the ground in a CIE Lab picture: 1 for the commonest colour of the lower part with the local lightness."""
+    """Mask of the ground in a CIE Lab picture: 1 for the commonest colour of the lower part, at the local lightness."""
     import cv2
 
     lower = lab[int(GROUND_BELOW * len(lab)) :]

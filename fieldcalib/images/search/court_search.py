@@ -127,7 +127,7 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """Features of the logistic model of the odds, (9,): 1 and the evidence; logarithms of mean, confirmed, misfit."""
+        """Features of the logistic model of the odds, (9,): 1 and the evidence, in part as logarithms."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above = min(self.off, MOST_OFF), float(self.is_above)
