@@ -13,6 +13,8 @@ from fieldcalib._types import Array
 
 LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
 
+SCALES = (1e-6, 1e9)  # px: squares of others, times numbers of pixels, are no longer exact
+
 
 @dataclass(frozen=True)
 class RobustLoss:
@@ -31,8 +33,11 @@ class RobustLoss:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or self.name not in get_args(LossName):
             raise ValueError(f"loss must be one of {', '.join(get_args(LossName))}, got {self.name!r}")
-        if not (is_number(self.scale) and 0.0 < self.scale < np.inf):
-            raise ValueError(f"the scale of a loss must be a positive number of pixels, got {self.scale}")
+        low, high = SCALES
+        if not (is_number(self.scale) and low <= self.scale <= high):
+            raise ValueError(
+                f"the scale of a loss must be a number of pixels from {low:g} to {high:g}, got {self.scale}"
+            )
 
     def evaluate(self, squared: Array) -> tuple[Array, Array]:
         """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2, the weight of a residual."""

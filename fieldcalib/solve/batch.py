@@ -46,6 +46,7 @@ from fieldcalib.solve.solver_options import (
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames
+FARTHEST_START = 1e12  # m: the squares of much larger numbers are not finite, and end a whole batch
 
 
 def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
@@ -273,6 +274,11 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
         if not isinstance(camera, Camera):
             raise ValueError(
                 f"frame {index}: expected a Camera, got {type(camera).__name__}; calibrate frames without one apart"
+            )
+        if np.max(np.abs(camera.C)) > FARTHEST_START:
+            raise ValueError(
+                f"frame {index}: expected a camera within {FARTHEST_START:g} m, got one at {camera.C.tolist()}; "
+                f"calibrate frames without an initial camera apart"
             )
     return [one if one.checked else Camera(one.K, one.R, one.C, one.image_size, one.dist) for one in found]
 

@@ -1,5 +1,7 @@
 """Robust losses: values as SciPy has them, slopes that are their derivatives."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -76,7 +78,7 @@ def test_unknown_names(name):
         RobustLoss(name, 3.0)
 
 
-@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf, 1e-320, 1e200])
 def test_scales_that_are_no_length(scale):
-    with pytest.raises(ValueError, match=f"must be a positive number of pixels, got {scale}"):
+    with pytest.raises(ValueError, match=re.escape(f"must be a number of pixels from 1e-06 to 1e+09, got {scale}")):
         RobustLoss("cauchy", scale)

@@ -149,6 +149,17 @@ def test_a_batch_takes_an_initial_camera_of_each_frame(fixed):
             np.testing.assert_allclose(together.camera.C, camera.C, rtol=1e-12)
 
 
+@pytest.mark.parametrize("y", [1e10, 1e20, 1e100])
+def test_an_absurd_initial_camera_does_not_end_the_others(y):
+    far = Camera(CAMERA.K, CAMERA.R, (0.0, y, -17.0), SIZE)
+    if y > 1e12:
+        with pytest.raises(ValueError, match="frame 1: expected a camera within"):
+            calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, far])
+    else:
+        found = calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, far])
+        assert [bool(one) for one in found] == [True, False]
+
+
 def test_initial_cameras_that_do_not_fit_the_frames():
     with pytest.raises(ValueError, match="expected cameras for each of 2 frames, got 1"):
         calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA])
