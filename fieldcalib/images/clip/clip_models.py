@@ -39,9 +39,7 @@ WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
 LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
 CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
 LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
-WRONG = (
-    20.0  # px of 960 x 540: labels and matches that are farther off under both of two models do not count
-)
+WRONG = 20.0  # px of 960 x 540: labels and matches that are farther off under both of two models do not count
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 LEAST_RUN = 2  # successive keyframes that make a part
 NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
@@ -49,7 +47,7 @@ NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields se
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Model of the camera: which parameters the frames of a piece share, and what follows from that."""
+    """Model of the camera of a piece: which parameters its frames share, and how the model is tried and reported."""
 
     name: str
     tripod: str = ""
@@ -291,7 +289,7 @@ class HeldOut:
 
     @classmethod
     def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> HeldOut:
-        """Leave one label out of each frame; which one changes from frame to frame.
+        """Leave one label out of each frame, a different one from frame to frame.
 
         If a frame is matched with several others, the match with the farthest one is left out too.
 
@@ -318,7 +316,7 @@ class HeldOut:
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
     ) -> Misprediction:
-        """Distances of the labels and matches left out from where cameras predict them.
+        """Measure the distances of the labels and matches left out from where cameras predict them.
 
         Parameters
         ----------
@@ -364,7 +362,7 @@ class HeldOut:
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
-    """The first keyframe of each part but the first part.
+    """Divide keyframes into parts; returns the first keyframe of each part except the first part.
 
     A part is a run of keyframes that all contradict their camera, or all do not. Shorter runs than `LEAST_RUN` belong
     to the part before.
