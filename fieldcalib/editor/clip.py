@@ -112,7 +112,7 @@ class Proposal:
     def whole(
         self, before: VideoCalibration | None, count: int, *, mended_outside: bool = False
     ) -> VideoCalibration | None:
-        """Complete the calibration to a whole clip of `count` frames by that of before; None if that does not fit.
+        """Complete the solution to a whole clip of `count` frames by the calibration before; None if it does not fit.
 
         It has a finding if anchors have cameras other than the clip's, or frames outside the window were mended since.
         """

@@ -257,7 +257,7 @@ class Editor:
         if not one.is_automatic:
             return basis_of(one.marks)
         basis = "" if self.stored is None else self.stored.basis(self.ids[number])
-        return "" if is_by_hand(basis) else basis  # a person has taken back all that was said
+        return "" if is_by_hand(basis) else basis  # if stored as by hand, the person has undone all edits since
 
     def is_to_search(self, number: int) -> bool:
         """Whether a frame that was opened still has to be searched for the court, see `search`."""

@@ -35,7 +35,7 @@ WEIGHT_OF_NETWORK = 0.3  # weight of a mark that a network set; one that a perso
 MOST_MARKS = 6  # largest number of marks taken over from a network for each label
 LEAST_WEIGHT = 0.5  # of a segment that a network found: segments below are mostly false detections
 NOTHING_YET = "nothing is labelled yet, and no network knows this field"
-STRAY = 8.0  # px of a 960 x 540 image, as `click_unit`: distance of a mark from its marking if one of them is wrong
+STRAY = 8.0  # px, in units of `click_unit`: if a mark is farther from its marking, it or the camera is wrong
 # A refined camera is not taken if it increases the rms distance of marks by more than this many px of such an image,
 FARTHER = 1.5
 FARTHER_CLICKS = 3.0  # px, but at least this: a few clicks, each 2 px off, are fitted more closely than the truth fits
@@ -112,7 +112,7 @@ def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any
         flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     arguments = {**arguments, "flags": flags, "prior": prior}
     try:
-        # as calibrate_from_segments to 1e-6, without the time of its second solver
+        # agrees with calibrate_from_segments to 1e-6, and saves the time of its second solver
         several = None if weights is None else [weights]
         (by_marks,) = calibrate_batch(field, [pixels], size, weights=several, **arguments)
     except ValueError as error:  # marks that cannot be used yet, e.g. only in a corner: more marks may help

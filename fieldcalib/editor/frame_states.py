@@ -29,11 +29,11 @@ from fieldcalib.fields.field import Field
 from fieldcalib.run_folder.frame_source import FrameSource
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled
-BY_HAND_TOO = "labelled by hand and by the network"  # of one in which marks of the network are left too
-MOST_IN_MEMORY = 100  # calibrations, of 0.1 MB each: the frames that a person goes back and forth between
+BY_HAND_TOO = "labelled by hand and by the network"  # basis of such a frame that has marks of the network too
+MOST_IN_MEMORY = 100  # calibrations of 0.1 MB each: enough for the frames that a person goes back and forth between
 
 CONCERN = {Verdict.GOOD: 0.0, Verdict.CHECK: 0.4, Verdict.REJECT: 0.7}  # least concern by verdict
-REST = 0.3  # of the concern, by the probability that the camera is right
+REST = 0.3  # concern added in proportion to the probability that the camera is wrong
 
 
 class Spilled:
@@ -97,7 +97,7 @@ class Row(NamedTuple):
     verdict: str = ""
     reason: str = ""
     concern: float = 0.0
-    """How much the frame needs to be checked, 0 to 1."""
+    """Urgency of checking the frame, 0 to 1."""
     pan: float | None = None
     tilt: float | None = None
     roll: float | None = None
@@ -140,7 +140,7 @@ class Row(NamedTuple):
 
 
 def _concern(verdict: Verdict, probability: float) -> float:
-    """How much a frame needs to be checked, 0 to 1."""
+    """Urgency of checking a frame, from its verdict and the probability that its camera is right, 0 to 1."""
     share = 1.0 - probability if np.isfinite(probability) else 0.5
     return round(CONCERN[verdict] + REST * share, 4)
 

@@ -122,7 +122,7 @@ class Replayed:
     size: int = 0
     """Bytes of the journal."""
     left_out: list[str] = attribute(default_factory=list)
-    """What is wrong with impossible edits, each with its frame."""
+    """Messages about impossible edits, each with its frame."""
     unfinished: Unfinished | None = None
 
     def apply(self, line: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Files with the labels of a person, in the formats of SoccerNet and of other tools, written and read by the editor."""
+"""Files with labels of a person, in the formats of SoccerNet and of other tools: written by the editor, and read."""
 
 from __future__ import annotations
 

@@ -152,7 +152,7 @@ class Stored:
         return is_replaced
 
     def _expect(self, id: str) -> None:
-        """Register the files of a frame that a run wrote: the camera's only if it agrees with the frame's line."""
+        """Register the files of a frame that a run has written; the camera's only if it agrees with its line."""
         record, camera, overlay = self.record, CAMERAS.file_name(id), OVERLAYS.file_name(id)
         if id not in self or record is None:
             return

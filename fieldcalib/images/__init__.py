@@ -1,4 +1,4 @@
-"""Cameras from images: line profiles, refinement on the image, hypotheses; matches between frames."""
+"""Cameras from images and clips: labels of a network or a search for the field, and refinement on the lines."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Which side of the field the camera of a picture stands on: as the user says, else the main side by convention.
+"""Side of the field on which the camera of a picture stands: as the user says, else the main side by convention.
 
 A field turned by 180 degrees about its centre mark is the same field, and a camera turned with it takes the same
 picture. A person's labels name the ends of the field and so decide between the two cameras. A network names the ends

@@ -275,7 +275,7 @@ def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequ
 
 @dataclass(frozen=True, eq=False)
 class ImageTask:
-    """How images are calibrated: the task, the network that labels pixels, and what is done beyond that."""
+    """A calibration task for images: the network that labels pixels, and whether to refine and to estimate the size."""
 
     task: Task
     network: Network

@@ -67,10 +67,10 @@ from typing import TYPE_CHECKING
 
 from fieldcalib._extras import imported
 
-LABELLED = "calibrate"  # the command of results of labelled pixels
+LABELLED = "calibrate"  # the command that writes results of labelled pixels
 
-WORST = 12  # pictures of `Results.plot`
-GROUND = (52, 92, 58)  # colour of a picture that is not there
+WORST = 12  # number of pictures in `Results.plot`
+GROUND = (52, 92, 58)  # colour of the ground if there is no picture
 SHOWN = 960  # px: width of a picture in a notebook
 
 FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})  # keys without a column

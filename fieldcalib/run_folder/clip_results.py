@@ -60,7 +60,7 @@ _Written = tuple[Frame, Calibration | None, Image | None]  # no calibration: can
 
 
 class FrameOptions(Protocol):
-    """How frames are written and drawn."""
+    """Options for writing and drawing frames."""
 
     @property
     def draws(self) -> bool:

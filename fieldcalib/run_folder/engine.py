@@ -44,7 +44,7 @@ class How(Protocol):
 
     @property
     def camera(self) -> Mount:
-        """How the camera of a clip is carried."""
+        """Mount of the camera of a clip: tripod or moving."""
 
     @property
     def refine(self) -> bool:

@@ -1,4 +1,4 @@
-"""The record of a run, run.json, with its options and its input: written before the work, to resume the run later.
+"""The record of a run, run.json: its options and its input, written before the work, so that the run can be resumed.
 
 A record may have been edited, or come from others, so it is checked when it is read. The names of files in it decide
 which files are removed when a run is replaced, and which are joined from shards. So only names that runs write are

@@ -163,7 +163,7 @@ def _snap(body: Mapping[str, Any]) -> bool:
 
 
 class Json(Response):
-    """An answer in JSON, of ASCII only: names of files may hold what is not Unicode."""
+    """Answer in JSON, in ASCII only, as names of files may contain characters that are not valid Unicode."""
 
     def __init__(self, value: Any, status: int = 200) -> None:
         super().__init__(json.dumps(value, allow_nan=False), status, media_type="application/json")
@@ -294,7 +294,7 @@ class Page:
         return Json(await asyncio.wrap_future(self.worker.drawn(number)))
 
     async def errors(self, request: Request) -> Response:
-        """How far ground points move if the clicks are 2 px off."""
+        """Shift of ground points if all clicks are 2 px off."""
         one = await self._fitted(request)
         return Json(await run_in_threadpool(error_map, one))
 
@@ -448,7 +448,7 @@ def answered(answer: Answer) -> Answer:
         try:
             return await answer(request)
         except ClientDisconnect:
-            return problem(400, "the request has no end")  # nobody is left to read it
+            return problem(400, "the request has no end")  # the client is gone and will not read it
         except NoSuchFrame as error:
             return problem(404, str(error))
         except TooLargeError as error:

@@ -35,7 +35,7 @@ class _Cancelled(Exception):
 
 @dataclass
 class _Status:
-    """Where the work stands."""
+    """State and progress of the work."""
 
     state: str = "none"
     done: int = 0

@@ -18,13 +18,13 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import at_most_wide
 from fieldcalib.run_folder.frame_source import FrameSource
 
-QUALITY = 88  # of the JPEGs
-CACHE_BYTES = 48_000_000  # of the JPEGs in memory
-LARGEST = 8192  # px: width of what is sent
+QUALITY = 88  # of JPEGs for the page
+CACHE_BYTES = 48_000_000  # of JPEGs in memory
+LARGEST = 8192  # px: largest width of a picture that is sent
 
-PICTURES = 240  # at most
-WIDTHS = (1280, 960, 720, 560, 400, 280)  # of pictures, px: the first with which all of them fit
-THUMBNAIL_QUALITY = 82  # of JPEG
+PICTURES = 240  # largest number of thumbnails
+WIDTHS = (1280, 960, 720, 560, 400, 280)  # px: widths of thumbnails, of which the first is taken with which all fit
+THUMBNAIL_QUALITY = 82  # of JPEGs for a report
 
 
 class ShownPictures:

@@ -342,7 +342,7 @@ def _marks(one: FrameEditor) -> list[dict[str, Any]]:
 
 
 def _errors(one: FrameEditor, calibration: Calibration) -> Array:
-    """Distances (N,) of the marks from their markings, pixels; NaN without a camera, or if the field lacks a label."""
+    """Distances (N,) of the marks from their markings, pixels; NaN without a camera, or without such a label."""
     errors = np.full(len(one.marks), np.nan)
     field = calibration.field or one.field
     if calibration.camera is not None:

@@ -50,13 +50,13 @@ LOOK_AND_LABEL = Remedy(
 UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
 
 MOST_BYTES = 20_000_000  # of the file
-PICTURE_BYTES = 7_500_000  # of JPEGs, of which the file has base64: 4/3 of them
+PICTURE_BYTES = 7_500_000  # of JPEGs; as base64 in the file they take 4/3 of this
 TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
-MOST_VIEWS = 20_000  # frames: of more the table has no views of the ground, which would be left out of it anyway
+MOST_VIEWS = 20_000  # frames: a table of more gets no views of the ground, which would not fit anyway
 STYLES = ("style", "report")
 
-VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers: they differ among frames of one reason
-VIEW_POINTS = 12  # of the polygon of the ground in view
+VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers, which differ among frames with one reason
+VIEW_POINTS = 12  # points of the polygon of the ground in view
 MOST_LETTERS = 240  # of a reason
 NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
@@ -256,7 +256,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class ReportTable:
-    """Columns with a value for each frame of a run."""
+    """The table of frames of a report, as columns, and the reasons for verdicts."""
 
     columns: Mapping[str, Sequence[Any]]
     reasons: Sequence[Reason]

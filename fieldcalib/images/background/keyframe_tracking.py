@@ -147,6 +147,7 @@ class KeyframeTracker:
             self._lost = 0
             return [*self._untied(), tied]
         self._lost += 1
+        # frames that are not tied to the piece may begin a new one: they wait until enough are tied to one another
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
             untied = self._untied()

@@ -254,6 +254,7 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
     y, forward, _ = cv2.calcOpticalFlowPyrLK(a, two.grey, origin, predicted.copy(), **how)
     back, backward, _ = cv2.calcOpticalFlowPyrLK(two.grey, a, y, y - (predicted - origin), **how)
     inside = np.all((y >= 0) & (y < (width, height)), axis=1)
+    # a corner is followed only if the flow back from its place in the other frame returns to it
     good = inside & (forward[:, 0] > 0) & (backward[:, 0] > 0) & (np.linalg.norm(back - origin, axis=1) < ROUND_TRIP)
     return x[good].astype(float), y[good].astype(float), len(x)
 

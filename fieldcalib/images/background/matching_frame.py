@@ -93,7 +93,7 @@ def blobs_on_ground(image: Image) -> Image:
 
 
 def _is_ground(lab: Any) -> Any:
-    """Mask of the ground in a CIE Lab picture: 1 for the commonest colour of the lower part, at the local lightness."""
+    """Mask of the ground in a CIE Lab picture: 1 for the commonest colour of the lower part at the local lightness."""
     import cv2
 
     lower = lab[int(GROUND_BELOW * len(lab)) :]
@@ -334,6 +334,7 @@ def likeness(first: VideoFrame, second: VideoFrame, H: Array) -> float:
     """
     import cv2
 
+    # pixels that are out of view, on players or on static graphics get weight 0 in the means over blocks
     a: Any = first.detail
     b: Any = second.detail
     height, width = b.shape

@@ -47,7 +47,7 @@ NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields se
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Model of the camera: which parameters the frames of a piece share, and what follows from that."""
+    """Model of the camera of a piece: which parameters its frames share, and how the model is tried and reported."""
 
     name: str
     tripod: str = ""
@@ -289,7 +289,7 @@ class HeldOut:
 
     @classmethod
     def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> HeldOut:
-        """Leave one label out of each frame; which one changes from frame to frame.
+        """Leave one label out of each frame, a different one from frame to frame.
 
         If a frame is matched with several others, the match with the farthest one is left out too.
 
@@ -316,7 +316,7 @@ class HeldOut:
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
     ) -> Misprediction:
-        """Distances of the labels and matches left out from where cameras predict them.
+        """Measure the distances of the labels and matches left out from where cameras predict them.
 
         Parameters
         ----------
@@ -362,7 +362,7 @@ class HeldOut:
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
-    """The first keyframe of each part but the first part.
+    """Divide keyframes into parts; returns the first keyframe of each part except the first part.
 
     A part is a run of keyframes that all contradict their camera, or all do not. Shorter runs than `LEAST_RUN` belong
     to the part before.

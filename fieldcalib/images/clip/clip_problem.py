@@ -101,7 +101,7 @@ class ClipProblem:
 
     @property
     def from_zero(self) -> SequenceProblem:
-        """This problem with frames numbered from 0."""
+        """Problem for the joint solver, with frames numbered from 0."""
         options, loss = self.options, line_loss(self.image_size)
         paint = paint_sigma(options.task.object_segments)
         task = replace(options.task, flags=options.flags_together, loss=loss, paint=paint, trust_labels=True)

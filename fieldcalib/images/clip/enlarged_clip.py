@@ -77,7 +77,7 @@ class Detail(NamedTuple):
 
 
 def softness_of_shot(keyframes: Sequence[Detail]) -> float:
-    """How much the keyframes of a shot look enlarged, from 0 to 0.9: their median softness; 0.9 if interpolated."""
+    """Softness of a shot, from 0 to 0.9: the median over its keyframes, or 0.9 if they are interpolated."""
     if are_interpolated([one.differences for one in keyframes]):
         return LARGEST_SOFTNESS
     return float(np.median([one.softness for one in keyframes])) if keyframes else 0.0
@@ -90,7 +90,7 @@ class SharedPrincipalPoint:
     offset: Array
     """Offset (2,) from the middle of the picture, pixels."""
     covariance: Array
-    """Its covariance, (2, 2)."""
+    """Covariance of the offset, (2, 2)."""
     prior: Array
     """Standard deviations (2,) of the prior under which it was estimated."""
     of_whole: Array
@@ -205,7 +205,7 @@ def _is_sure(freed: SequenceCalibration) -> BoolArray:
 
 
 def enlarged_note(frames: IntArray, found: SequenceCalibration) -> str:
-    """Note for the user on frames that may be enlarged, with cameras whose principal point was free."""
+    """Note for the user on frames that may be enlarged, and were solved with a free principal point."""
     x, y = (found.values[found.names.index(name)] for name in ("cx", "cy"))
     return (
         f"frames {frames[0]} to {frames[-1]}: the picture may be an enlarged part of a larger one: its principal point "

@@ -80,7 +80,7 @@ class Keyframes:
         return {t: one.labels for t, one in self.labels.items() if not one.accepted}
 
     def softness(self, frames: IntArray) -> float:
-        """How much the keyframes among some frames look enlarged (`softness_of_shot`)."""
+        """Softness of the keyframes among some frames (`softness_of_shot`), evidence that they were enlarged."""
         return softness_of_shot([self.details[t] for t in frames.tolist() if t in self.details])
 
     def calibrate(

@@ -89,10 +89,10 @@ class SegmentedImage:
     image: Image
     classes: tuple[str, ...]
     probabilities: Float32
-    """(1, K, h, w)"""
+    """Probabilities of the K classes, (1, K, h, w)."""
 
     def __call__(self, images: Sequence[Image]) -> Float32:
-        """The probabilities, whatever the images."""
+        """Return the stored probabilities, whatever the images."""
         return self.probabilities
 
 
@@ -134,7 +134,7 @@ def prepare(options: ClipOptions) -> None:
 
 
 def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolution:
-    """Match the keyframes that are to be matched, label the new one if it was segmented, and solve all of them."""
+    """Match the pairs of keyframes, label the new keyframe if it was segmented, and solve all of them."""
     problem = shot.problem
     matches = {
         pair.indices: cells
@@ -285,6 +285,8 @@ def _tied(
     local = Ties.of(shared.options.object_segments, pairs, len(keys) + 1, layout.image_size)
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
+    # rows are the known keyframes and, last, the frame itself: it starts at the camera of the last tied frame, from
+    # which one Gauss-Newton step suffices, or, without an image or such a frame, at the last keyframe
     theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
     towards = local.towards(here, theta, is_known)
     if near:

@@ -92,6 +92,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
     clip, pieces = solved.keyframes, solved.pieces
     options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
     calibration = clip.calibrate(pieces, [piece], clip.accepted)
+    # the tripod is wrong if labels of keyframes, found without it, contradict its cameras; then other models are tried
     keyframes = np.array(sorted(witnesses_of(clip.labels, frames.tolist(), calibration)), dtype=np.intp)
     excess = calibration.frames.misfit[keyframes]
     labelled = np.count_nonzero(np.isin(frames, list(clip.accepted)))

@@ -140,7 +140,7 @@ def _traced(strips: Strips, at: IntArray, labels: Array, *, is_arc: bool) -> Arr
     # labels are noisy and may belong to another marking, so distance from them is penalised with a heavy tail
     near = np.argmin(np.linalg.norm(labels[:, None] - profiles.xy, axis=-1), axis=1)
     distance = np.sum((labels - profiles.xy[near]) * profiles.normal[near], axis=1)
-    if np.all(np.abs(distance) > reach):  # a label of another marking
+    if np.all(np.abs(distance) > reach):  # the labels belong to another marking
         return np.full(len(at), np.nan)
     off = (moved[:, near] - distance) / (CLICK * unit)
     likely = total - np.sum(np.log1p(0.5 * np.square(off)), axis=1)

@@ -63,6 +63,7 @@ class Markings:
             for label, segment in object_segments.items()
             if segment.is_curve and (segment.is_whole or segment.whole not in whole) and paint[label].is_along
         }
+        # a segment may be the edge of its paint: lines are looked for in the middle of the paint, `inwards` leads back
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
         counts = [len(X) for X in points]
         member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])

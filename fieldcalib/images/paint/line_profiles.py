@@ -172,7 +172,7 @@ class Strips:
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
-    """How much lighter each sample is than the lighter of its two sides, (n, m); darker, if the lines are dark."""
+    """Excess lightness of each sample over the lighter of its two sides, (n, m); if lines are dark, darkness."""
     may_be_line: BoolArray
     """Whether both sides of each sample have the colour of ground, or the marking is above the ground, (n, m)."""
     is_black: BoolArray

@@ -71,7 +71,7 @@ EVEN = 0.5  # of the contrast: largest difference between the grounds on both si
 
 @dataclass(frozen=True, eq=False)
 class PaintEvidence:
-    """The paint that an image shows of the markings on the ground that a camera sees."""
+    """Evidence of paint in an image for the markings on the ground that a camera projects."""
 
     markings: tuple[MarkingInView, ...]
     beside: PixelTable
@@ -175,7 +175,7 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
                 off, run = _run_beside(may_be, _along(len(at), bent=True), on, unit)
                 most, is_bent = BENT, off > BENT * unit
             seen = np.isfinite(run)
-            if off <= most * unit:  # the paint of the marking after all
+            if off <= most * unit:  # near enough to be the paint on which the marking lies
                 off, on = 0.0, max(on, int(np.count_nonzero(seen)))
             elif not is_bent:
                 beside[at] = run

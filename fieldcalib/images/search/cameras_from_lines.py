@@ -99,7 +99,7 @@ class _Triples:
         along = unit(np.cross(first, second)) * turn
         across = unit(np.cross(other, along))
         down = np.cross(across, along) if are_across else np.cross(along, across)
-        # planes give axes of the ground without their signs: the vertical points down, and `turn` tries both ways along
+        # normals of planes have no sign: the vertical is made to point down, and `turn` tries both directions along
         sign = np.sign(down[:, 1:2])
         across, down = across * sign, down * sign
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0)

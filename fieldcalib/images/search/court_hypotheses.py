@@ -270,7 +270,8 @@ class _Quads:
         corners = np.stack([h3, h3 + h1, h3 + h2, h3 + h1 + h2])
         near = np.all(np.abs(corners[..., :2] / corners[..., 2:]) < FARTHEST_CORNER, axis=(0, 2))
         h1, h2, h3, a, b = h1[near], h2[near], h3[near], a[near], b[near]
-        # seen from above, y is to the right of x, as in the picture; else the pair along the field is the other way
+        # seen from above, y is to the right of x, and so it must be in the picture; else swap the two lines along the
+        # field
         (xx, xy), (yx, yy) = (((h3 + h)[:, :2] / (h3 + h)[:, 2:] - h3[:, :2] / h3[:, 2:]).T for h in (h1, h2))
         flip = (xx * yy - xy * yx < 0.0)[:, None]
         h3, h1, h2, b = np.where(flip, h3 + h2, h3), h1, np.where(flip, -h2, h2), np.where(flip, b[:, ::-1], b)

@@ -57,7 +57,7 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 
 EXPLAINED = 6.0  # px from a projected marking within which a stripe lies on it
-ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle: stripes of a long line
+ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle within which a stripe belongs to a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
 # Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
@@ -77,14 +77,14 @@ MOST_OFF = 3  # upper limit of `CourtEvidence.off`
 FEW_EXPLAINED, RIVAL, LITTLE_PAINT, LITTLE, FEW_CONFIRMED = 0.85, 0.9, 0.7, 1.2, 4
 
 POINTS = 300  # of the field, at which cameras are compared with stripes
-FLOORS = ("floor", "wood")  # of halls, with lines of several sports, some of them darker than the ground
+FLOORS = ("floor", "wood")  # surfaces of halls, with lines of several sports, some of them darker than the ground
 PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
 ENOUGH = 0.95  # probability of a camera above which no other stripes are searched
 HOPELESS = 60.0  # score up to which cameras are not refined
 REFINED = 4  # cameras that are refined on the picture
-APART = 15.0  # px: cameras that project the field nearer than this to each other are refined once
+APART = 15.0  # px: of cameras whose projections of the field differ by less, only the best one is refined
 ABOVE = 0.95  # of the half extent, within which a camera is above the field; a backboard or a goal is further out
-SURE = 0.9  # least probability of a camera that tells which markings are hidden
+SURE = 0.9  # least probability of a camera that is sure enough to decide which markings are hidden
 SAME = 8.0  # px: refined cameras whose projections of the field differ by less are the same
 NOTHING = (
     Status.TOO_FEW_SEGMENTS,
@@ -127,7 +127,7 @@ class CourtEvidence:
 
     @property
     def features(self) -> Array:
-        """Features of the logistic model of the odds, (9,): 1 and the evidence, in part as logarithms."""
+        """Features of the logistic model, (9,): 1 and the evidence; mean, confirmed and misfit as logarithms."""
         mean, runner_up = np.log(max(self.mean, LEAST_MEAN)), min(self.runner_up, MOST_RIVAL)
         confirmed, misfit = np.log1p(self.confirmed), np.log(max(self.misfit, LEAST_MISFIT))
         off, above = min(self.off, MOST_OFF), float(self.is_above)
@@ -229,7 +229,7 @@ class FoundCourt:
     """A camera that was found by search, and the evidence for it."""
 
     calibration: Calibration
-    """Its status says whether it is accepted."""
+    """Calibration of the camera; its status says whether it is accepted."""
     evidence: CourtEvidence
     probability: float
     """Probability that the camera is right, given that it was chosen by a search; 0 if its errors are not known."""

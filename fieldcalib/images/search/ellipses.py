@@ -59,7 +59,7 @@ class Ellipse:
 
     @property
     def perimeter(self) -> float:
-        """Its length by Ramanujan's approximation, pixels."""
+        """Perimeter by Ramanujan's approximation, pixels."""
         a, b = self.axes
         return float(np.pi * (3.0 * (a + b) - np.sqrt((3.0 * a + b) * (a + 3.0 * b))))
 

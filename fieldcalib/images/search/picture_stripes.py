@@ -42,7 +42,7 @@ class PictureStripes:
     seen: Stripes
     """Stripes at their pixels in the picture."""
     straight: Stripes
-    """The same stripes in the picture without its distortion."""
+    """Stripes at their pixels in the picture without its distortion."""
     colours: StripeColours
     bend: Bend
     """Distortion of the picture."""

@@ -394,6 +394,7 @@ def pooled_place(
     """
     task = Task(field, flags=flags, prior=prior)
     on = CameraSide.of(task, side)
+    # the place is found on the main side, as searches find cameras there, and turned at the end if it is opposite
     task = replace(task, side=on.side and MAIN)
     images = [images[k] for k in _spread(len(listed(images, "pictures")), MOST)]
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]

@@ -251,7 +251,7 @@ def _step(cameras: Cameras, maps: StripeMaps, points: MarkingPoints, reach: floa
     """Gauss-Newton step (B, 9) in the unknowns of `derivatives`, regularised by their prior."""
     x, y, direction, _, seen = (one.astype(float) for one in projected(cameras.projections.astype(np.float32), points))
     nx, ny = -np.sin(direction), np.cos(direction)
-    # a marking that lies on its stripe looks the same further along it: points are compared and pulled across it only
+    # a marking on its stripe looks the same when shifted along it, so points are compared and moved across it only
     off = np.linspace(-reach, reach, PLACES)
     at = x[..., None] + off * nx[..., None], y[..., None] + off * ny[..., None]
     likely = maps.logarithms(*at, direction[..., None], seen[..., None]) - FARTHER * np.abs(off) / reach

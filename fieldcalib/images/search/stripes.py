@@ -115,7 +115,7 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
 
 
 def _response(luma: Float32) -> Float32:
-    """How much each pixel is lighter than both of its sides, averaged over the distances `SIDES`; 0 where it is not."""
+    """Contrast of each pixel to both of its sides, averaged over the distances `SIDES`; 0 if it is not lighter."""
     reach = max(SIDES)
     padded = np.pad(luma, reach, mode="edge")
     height, width = luma.shape

@@ -1,4 +1,4 @@
-"""How a picture relates to the camera's frame: the whole frame, or one with borders, in a window, squashed or enlarged.
+"""Relation of a picture to the camera's frame: the frame itself, or with borders, in a window, squashed or enlarged.
 
 `borders_and_squash` and `picture_in_picture` find the frame within the picture; `enlarged` checks whether it may be an
 enlarged part of a frame; `why_no_camera` states what is wrong with pictures that give no camera.

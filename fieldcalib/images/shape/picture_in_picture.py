@@ -117,6 +117,7 @@ def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
     columns, rows = np.array(vertical.at), np.array(horizontal.at)
     levels: dict[tuple[int, int], IntArray] = {}
     found = []
+    # a vertical side is only one between the rows of the top and the bottom, so sides are judged for each pair of rows
     for top, bottom in combinations(range(len(rows)), 2):
         if rows[bottom] - rows[top] < LOWEST * rows[-1]:
             continue

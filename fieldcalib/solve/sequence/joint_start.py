@@ -138,6 +138,7 @@ def joint_start(
         some = problem.solved_together if among is None else among
         known = np.zeros(len(problem), dtype=bool)
         known[index] = True
+        # ties move each frame's own parameters only, so shared ones count as known here
         each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
         theta, known, right = _without_contradicted(problem, theta, known, some, each)
         index = some[known[some]]

@@ -90,6 +90,7 @@ def best_of_other_starts(
         found += [_solved(problem, voters.moved(centre, size), WIDTHS) for size in sizes]
     for run in np.array_split(voters.frames, RUNS):
         found.append(_solved(problem, _without(problem, voters, run), ()))
+    # costs can be compared only among solutions of the same number of frames
     most = max(len(one.frames) for one in found)
     alike = [one for one in found if len(one.frames) == most]
     best = min(alike, key=lambda one: _cost(one.evaluation))
@@ -334,7 +335,7 @@ def with_remaining_frames(
     if problem.moves:
         initial = _on_path(initial, KnownCentres.of(table, done, shared.considered))
     unlinked = {t: c for t, c in initial.alone.items() if not initial.known[t]}
-    # if nothing links the frames, one that is accepted by itself is done
+    # if nothing links the frames, a frame that was accepted by itself is final, whatever its error
     table = with_frames_alone(table, shared, unlinked, None if problem.is_linked else np.inf)
     while len(layer := _next(problem, done, initial.known)):
         for part in np.array_split(layer, -(-len(layer) // CHUNK)):
