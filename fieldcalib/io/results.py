@@ -157,8 +157,8 @@ def _check_camera(line: Mapping[str, Any]) -> None:
     )
     if not (whole and _is_triple(line.get("C"))):
         raise BrokenFileError("a camera needs 'K' and 'R', each three rows of three numbers, and 'C', three numbers")
-    if not _are_numbers(line.get("dist")) or line.get("image_size") is None:
-        raise BrokenFileError("a camera needs 'dist', a list of numbers, and 'image_size'")
+    if not (_are_numbers(line.get("dist")) and line["dist"]) or line.get("image_size") is None:
+        raise BrokenFileError("a camera needs 'dist', a list of one number or more, and 'image_size'")
 
 
 def _is_triple(values: object) -> bool:

@@ -287,7 +287,8 @@ def test_repeated_lines_are_no_results(made, tmp_path):
         (lambda line: line.update(K="K"), "'K' and 'R'"),
         (lambda line: line["R"].pop(), "'R', each three rows"),
         (lambda line: line["C"].pop(), "'C', three numbers"),
-        (lambda line: line.update(dist=None), "'dist', a list of numbers"),
+        (lambda line: line.update(dist=None), "'dist', a list of one number or more"),
+        (lambda line: line.update(dist=[]), "'dist', a list of one number or more"),
     ],
 )
 def test_cameras_that_are_not_whole_are_named(made, tmp_path, change, problem):
