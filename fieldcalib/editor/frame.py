@@ -21,11 +21,13 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
+from reprlib import repr as short
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._checks import real_array
 from fieldcalib._types import Array, Float32, IntArray
 from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Status
@@ -281,7 +283,7 @@ class FrameEditor:
     def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
         """Set marks of a label at pixels (2,) or (N, 2), snapped to paint."""
         _check_label(label, self.field)
-        clicks = np.reshape(np.asarray(xy, dtype=float), (-1, 2))
+        clicks = _checked_clicks(xy)
         return self._then(marks=self.marks.added(label, [self.place(label, one, snap=snap) for one in clicks]))
 
     def move(self, to: Mapping[int, ArrayLike], *, snap: bool = True) -> FrameEditor:
@@ -340,9 +342,9 @@ class FrameEditor:
     def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
         """Pixel for a click: snapped to paint nearby for labels of lines and arcs, unchanged for other labels."""
         segment = self.field.get(label)
-        click = np.asarray(xy, dtype=float)
+        (click,) = _checked_clicks(xy)
         if not snap or segment is None or not (segment.is_straight or segment.is_arc):
-            return click
+            return np.asarray(click)
         return snapped(self.image, click, self._direction(segment, label, click))
 
     def _direction(self, segment: Segment, label: str, xy: Array) -> Array | None:
@@ -381,6 +383,17 @@ class FrameEditor:
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)
         return replace(self, history=self.history.then(edit), found=None)
+
+
+def _checked_clicks(xy: ArrayLike) -> Array:
+    """Pixels (N, 2) of clicks; a ValueError if they are none."""
+    try:
+        clicks = real_array(xy)
+    except ValueError:
+        clicks = np.empty(0)
+    if clicks.shape[-1:] != (2,) or clicks.ndim > 2 or not np.all(np.isfinite(clicks)):
+        raise ValueError(f"expected a pixel (x, y), or several of shape (N, 2), finite numbers, got {short(xy)}")
+    return clicks.reshape(-1, 2)
 
 
 def _check_label(label: str, field: Field) -> None:

@@ -292,3 +292,14 @@ def test_marks_of_which_nothing_can_be_made_are_kept(image):
     for label, xy in ends_of().items():
         editor = editor.mark(label, xy)
     assert editor.calibration.accepted
+
+
+@pytest.mark.parametrize(
+    "xy", [(float("nan"), 2.0), [(3.0, 4.0), (np.inf, 1.0)], [1, 2, 3], None, "a", np.zeros((1, 1, 2))]
+)
+def test_clicks_that_are_no_pixels(xy):
+    frame = FrameEditor.of(np.zeros((54, 96, 3), np.uint8))
+    with pytest.raises(
+        ValueError, match=r"expected a pixel \(x, y\), or several of shape \(N, 2\), finite numbers, got "
+    ):
+        frame.mark("Middle line", xy)
