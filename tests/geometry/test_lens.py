@@ -126,6 +126,14 @@ def test_undistort_up_to_the_pole_of_a_rational_lens(radius):
     np.testing.assert_allclose(lens.undistort(lens.distort(s, b), b), s, rtol=0.0, atol=1e-9)
 
 
+def test_undistort_comes_back_from_far_beyond_the_fold():
+    """Newton's method starts at the distorted point, where both eigenvalues of the derivative are negative."""
+    lens, b = BrownConradyLens(RHO), np.zeros(12)
+    b[1], b[4] = 0.3, -0.05
+    s = along(0.0, 2.0)
+    np.testing.assert_allclose(lens.undistort(lens.distort(s, b), b), s, rtol=0.0, atol=1e-9)
+
+
 @members
 @given(data=st.data(), d=offsets(largest=5.0))
 def test_undistort_is_a_preimage_before_the_fold_or_nan(lens, data, d):

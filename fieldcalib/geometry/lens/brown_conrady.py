@@ -83,7 +83,8 @@ class BrownConradyLens(Lens):
             for _ in range(60):
                 newton, determinant = newton_step(u, a, target)
                 newton *= np.minimum(1.0, 0.5 * np.sqrt(dot(u, u) / np.maximum(dot(newton, newton), 1e-300)))
-                spreads = (determinant > 0.0) & (_denominator(dot(u, u), a) > 0.0)
+                q = dot(u, u)  # far beyond the fold the determinant is positive again, and the gain is negative
+                spreads = (determinant > 0.0) & (_numerator(q, a) > 0.0) & (_denominator(q, a) > 0.0)
                 step = np.where(spreads, newton, 0.5 * (u - inside))
                 inside = np.where(spreads, u, inside)
                 u -= step
