@@ -470,6 +470,11 @@ class ClipInput:
 
     def placement(self) -> Placement | None:
         """Placement of the images in their frames, from the first one that can be read; None if there is none."""
+        return self._first
+
+    @cached_property
+    def _first(self) -> Placement | None:
+        """Placement of the first image that can be read."""
         first = next((frame.image for frame in self.source if frame.image is not None), None)
         return None if first is None else self._placement(first)
 

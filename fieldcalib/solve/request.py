@@ -55,8 +55,6 @@ from fieldcalib.solve.solver_options import (
     pixel_unit,
 )
 
-_F = CalibrationFlags
-
 F = CalibrationFlags
 MOST_PAINT = 1000.0  # m
 
@@ -87,7 +85,7 @@ NOTHING_GIVEN = GivenCamera()
 
 def check_of_clip(flags: int) -> None:
     """Raise a ValueError if the flags fix the rotation of a clip's camera, which differs from frame to frame."""
-    if checked_flags(flags) & (_F.CALIB_FIX_ROTATION | _F.CALIB_USE_EXTRINSIC_GUESS):
+    if checked_flags(flags) & (F.CALIB_FIX_ROTATION | F.CALIB_USE_EXTRINSIC_GUESS):
         raise ValueError(
             "a rotation is of one frame, and the camera of a clip turns: CALIB_FIX_ROTATION and "
             "CALIB_USE_EXTRINSIC_GUESS are of single images (calibrate_from_images, fieldcalib run --independent)"
@@ -100,7 +98,7 @@ def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], fl
     The solver's parameters are logarithms and angles: conversion to them and back changes the last bits. `given` is for
     all calibrations, or a camera for each.
     """
-    if not flags & (_F.CALIB_FIX_FOCAL_LENGTH | _F.CALIB_FIX_POSITION | _F.CALIB_FIX_ROTATION):
+    if not flags & (F.CALIB_FIX_FOCAL_LENGTH | F.CALIB_FIX_POSITION | F.CALIB_FIX_ROTATION):
         return found
     fixed = []
     for t, one in enumerate(found):
@@ -114,14 +112,14 @@ def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], fl
 
 def _as_fixed(camera: Camera, given: Camera, flags: int) -> Camera:
     K, dist = camera.K.copy(), camera.dist
-    if flags & _F.CALIB_FIX_FOCAL_LENGTH:
+    if flags & F.CALIB_FIX_FOCAL_LENGTH:
         K[0, 0] = given.K[0, 0]
-        if flags & _F.CALIB_FIX_ASPECT_RATIO:
+        if flags & F.CALIB_FIX_ASPECT_RATIO:
             K[1, 1] = given.K[1, 1]
         if flags & WHOLE_LENS == WHOLE_LENS:
             dist = given.dist
-    R = given.R if flags & _F.CALIB_FIX_ROTATION else camera.R
-    C = given.C if flags & _F.CALIB_FIX_POSITION else camera.C
+    R = given.R if flags & F.CALIB_FIX_ROTATION else camera.R
+    C = given.C if flags & F.CALIB_FIX_POSITION else camera.C
     return Camera(K, R, C, camera.image_size, dist)
 
 
