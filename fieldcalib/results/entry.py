@@ -81,8 +81,8 @@ def calibrate(
     field : str or Field
         The name of a sport (`fieldcalib.fields.catalogue.FIELDS`), a file with a field of one's own, a `Field`, or
         ``"auto"``: all sports are tried on some of the pictures, and the best one is taken if no other explains them
-        about as well (`fieldcalib.images.which_field.which_field`). The size of a field in pictures is estimated from them, unless
-        it is declared known (`Field.size_known`).
+        about as well (`fieldcalib.images.which_field.which_field`). The size of a field in pictures is estimated from
+        them, unless it is declared known (`Field.size_known`).
     start, end : str or float, optional
         The first frame, and the one after the last: seconds, ``"1:30"``, or the number of a frame, ``"750f"``.
     step : int
