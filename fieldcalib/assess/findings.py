@@ -231,6 +231,32 @@ class What(StrEnum):
     """The labels end at a column of a picture of some width."""
     STRAY = "stray mark"
     """A mark of a person lies beside the projection of its marking by some pixels."""
+    LEFT_HANDED = "left-handed axes"
+    """The axes of the points are left-handed: one of them is to be turned over."""
+    OTHER_AXES = "other axes"
+    """Axes of the points of a field point the other way."""
+    OTHER_PICTURE = "other picture"
+    """The pixels are those of a picture of another width and height."""
+    WANTS_LENS = "wants a lens"
+    """Points want a lens, and none was estimated."""
+    EXPLAINED = "explained"
+    """All of some points then fit, to some pixels."""
+    RANK = "rank"
+    """A homography of rank 2 maps the ground onto a line."""
+    EXCHANGED_SIDES = "exchanged sides"
+    """Two sides are exchanged in all labels; the camera is that of the labels as they should be."""
+    PICTURE_CORNERS = "corners of the picture"
+    """The pixels are the corners of the picture."""
+    ONE_OF = "one of the points"
+    """Some of a few points are wrong, and nothing tells which."""
+    FARTHEST = "farthest points"
+    """The points that lie farther off than the others."""
+    AT_EDGE = "at the edge"
+    """A point that is off lies at the edge of the picture."""
+    UNCHECKED = "unchecked distances"
+    """Nothing checks the given distances."""
+    TWO_WIDTHS = "two widths"
+    """A court of another width fits as well: both widths, and the heights of both cameras, in metres."""
     INACCURATE = "inaccurate"
     """The field in view is known to some metres only."""
     NO_LINE = "no line"
@@ -271,7 +297,13 @@ class What(StrEnum):
         """Whether it is evidence against a camera; others say where the camera comes from, or why there is none."""
         return self not in NOTES
 
+    @property
+    def explains_all(self) -> bool:
+        """Whether it is the cause of all that contradicts a camera."""
+        return self in CAUSES
 
+
+CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.OTHER_PICTURE, What.EXPLAINED])
 NOTES = frozenset(
     [
         *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
@@ -305,6 +337,21 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.OTHER_SIDE: "the camera across the field, turned by 180 degrees, fits as well",
         What.REPEATS: "it may stand {0:g} m further along the field, where markings look alike, as `alternatives` say",
         What.BORDER: "the labels end at column {0:.0f} of {1:.0f}: are they of a picture that is {2:.0f} pixels wide?",
+        What.LEFT_HANDED: "the axes are left-handed: turn {about} over",
+        What.OTHER_AXES: "{about} point the other way: expected are x to the right, y towards the main camera, z down",
+        What.OTHER_PICTURE: "the pixels are those of a picture of another size, about {0:.0f} x {1:.0f}",
+        What.WANTS_LENS: "the points are bent by a lens, and none is estimated",
+        What.EXPLAINED: "all {0:.0f} points then fit to {1:.2f} px",
+        What.RANK: "H has rank 2: it maps all of the field onto one line, or a line of it to all of the picture",
+        What.EXCHANGED_SIDES: "{about} are exchanged in the labels",
+        What.PICTURE_CORNERS: "the pixels are the corners of the picture: give corners of the field that are in view",
+        What.ONE_OF: "one or more of the {0:.0f} points are wrong, and so few do not tell which",
+        What.FARTHEST: "farther off than the others: {about}",
+        What.AT_EDGE: "{about!r} is at the edge of the picture: is it the corner, or where a line leaves the picture?",
+        What.UNCHECKED: "four points of a plane always fit, so nothing checks the distances that were given: a fifth "
+        "point or a known focal length would",
+        What.TWO_WIDTHS: "a court {1:.2f} m wide fits as well as one of {0:.2f} m, singles as well as doubles: the "
+        "camera is then {3:.1f} m up instead of {2:.1f}; any other line or mark decides",
         What.STRAY: "{about!r} is marked {0:.0f} px beside its projection",
         What.NO_LINE: "without a line the position of its window is uncertain: static points hardly determine it",
         What.SHARED_MISFIT: "the parameters that the frames share put its lines {0:.0f} px off",
@@ -424,6 +471,25 @@ REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
         ),
     }
 )
+
+
+CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
+    {
+        What.LEFT_HANDED: Remedy("turn that axis of the points over"),
+        What.OTHER_AXES: Remedy("turn these axes of the points over"),
+        What.OTHER_PICTURE: Remedy("give the size of the picture that the pixels are of"),
+        What.WANTS_LENS: Remedy("let the lens be estimated, or give it", (Advice.KNOWN_CAMERA,)),
+        What.EXCHANGED_SIDES: Remedy("exchange these two in all labels"),
+        What.PICTURE_CORNERS: Remedy("click the corners of the field itself, or other points of it that are in view"),
+        What.RANK: Remedy("compute H from four or more points, of which no three lie on one line"),
+        What.TWO_WIDTHS: Remedy(f"another line or mark, {BY_HAND}", (Advice.BY_HAND,)),
+        What.UNCHECKED: Remedy("a fifth point, or a known focal length", (Advice.KNOWN_CAMERA,)),
+        What.AT_EDGE: Remedy("leave out points that are not where they are said to be"),
+        What.FARTHEST: Remedy("check the points that are farther off than the others, or leave them out"),
+        What.ONE_OF: Remedy("more points tell which of them is wrong"),
+    }
+)
+"""Remedies of what was typed wrong, the most certain first."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors,
 from fieldcalib.assess.cropping_evidence import Declared, Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
+    CAUSE_REMEDIES,
     NOT_SOCCER,
     NOT_WHOLE,
     NOTHING,
@@ -237,7 +238,7 @@ class Calibration:
     def _against(self) -> tuple[Finding, ...]:
         """Evidence against a camera, most important first."""
         against = tuple(one for one in self._found if one.what.is_against)
-        if self.camera is None:
+        if self.camera is None or any(one.what.explains_all for one in against):
             return against
         if not self.errors.are_known:
             return self.errors.doubts(None)
@@ -274,6 +275,9 @@ class Calibration:
 
     @property
     def _remedy(self) -> Remedy:
+        for what, remedy in CAUSE_REMEDIES.items():
+            if self.has_finding(what):
+                return remedy
         if not self.accepted:
             sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
             noted = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]

@@ -20,6 +20,9 @@ LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 LARGEST_SHARE_BEHIND = 0.1  # of the weight of fitting segments; 0.05 and 0.2 give the same verdicts on annotated frames
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
+# Equations beyond the unknowns that the other points must give before one is blamed: three from five points of six are
+# met by chance so often that the wrong one is named.
+TO_BLAME = 5
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,8 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
     if missed:
         worst = max(missed, key=lambda label: evidence.errors[label])
         fits = f"{len(segments) - len(missed)} of {labelled} agree"
+        if not may_blame(evidence.given, missed, evidence.unknowns):
+            return Status.ACCEPTED, fits
         return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
     lens = "; the lens is poorly determined by the labels" if evidence.lens_is_prior else ""
     return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
@@ -98,6 +103,14 @@ def disagreement(labels: FrameLabels, missed: Collection[str], unknowns: int) ->
         f"only {len(agreeing)} of {len(labels.equations)} {_noun(labels.segments.values())}s agree with the best fit: "
         f"check the labels, the field's and the image's size"
     )
+
+
+def may_blame(labels: FrameLabels, blamed: Collection[str], unknowns: int) -> bool:
+    """Whether a frame has enough labels beside some to name these as wrong; among few points any one may be wrong."""
+    if _noun(labels.segments.values()) != "point":
+        return True
+    agreeing = sum(equations for label, equations in labels.equations.items() if label not in blamed)
+    return agreeing - unknowns >= TO_BLAME
 
 
 def _noun(segments: Iterable[Segment]) -> str:

@@ -344,6 +344,18 @@ class Field(Mapping[str, Segment]):
         return self._counterparts(turn=(-1.0, -1.0, 1.0))
 
     @cached_property
+    def mirrored(self) -> tuple[Mapping[str, str], Mapping[str, str]]:
+        """Label -> label of the segment mirrored at the middle line, and at the axis through both ends.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> [names["Big rect. left top"] for names in soccer().mirrored]
+        ['Big rect. right top', 'Big rect. left bottom']
+        """
+        return self._counterparts(turn=(-1.0, 1.0, 1.0)), self._counterparts(turn=(1.0, -1.0, 1.0))
+
+    @cached_property
     def alike_further_on(self) -> tuple[frozenset[str], frozenset[str]]:
         """Labels of segments that look the same one step of `repeats` to the left, and to the right; empty without it.
 

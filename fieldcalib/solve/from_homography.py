@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import expect, is_number, real_array
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Status
+from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Point
@@ -27,6 +27,7 @@ from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import dehomogenize, finite_homography, homogenize
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.misreadings import WIDTHS
 from fieldcalib.solve.origin_and_unit import UNITS, may_be_from_a_corner, reading_of_camera
 from fieldcalib.solve.solver_options import WIDE_SCALE, pixel_unit
 
@@ -36,6 +37,10 @@ GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
 LEAST_POINTS = 3  # smallest number for cv2.solvePnPRefineLM
 NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
 INVERSE = "its inverse is a camera's: H seems to map pixels to metres, give np.linalg.inv(H)"
+
+RANK = Finding(What.RANK)
+SINGULAR = 1e-9  # ratio of singular values, rows and columns having like lengths; that of cameras is above 1e-4
+APART, EXACT = 0.02, 1e-4  # differences of the focal lengths of a homography: of other pictures, and of its own
 
 NAN = float("nan")
 TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
@@ -274,8 +279,66 @@ def calibrate_from_homography(
     >>> str(calibration.status), round(calibration.camera.focal_length, 3)
     ('accepted', 1800.0)
     """
+    if has_rank_two(finite_homography(H)):
+        return Calibration.without_camera(Status.DEGENERATE, str(RANK), RANK)
     found = camera_from_homography(H, image_size, zeta=zeta, tolerance=tolerance, principal_point=principal_point)
-    return judged_decomposition(found)
+    calibration = judged_decomposition(found)
+    size = checked_image_size(image_size)
+    other = of_another_picture(finite_homography(H), size) if principal_point is None else None
+    if other is None:
+        return calibration
+    named = with_findings(calibration, other)
+    return named if named.accepted else replace(named, message=f"{other}; {named.message}")
+
+
+def has_rank_two(H: Array) -> bool:
+    """Whether a homography (3, 3) from metres on a field to pixels cannot be inverted.
+
+    Examples
+    --------
+    >>> has_rank_two(np.array([[10.0, 5.0, 480.0], [2.0, 1.0, 270.0], [0.0, 0.0, 1.0]]))
+    True
+    """
+    scaled = H / np.maximum(np.linalg.norm(H, axis=1, keepdims=True), np.finfo(float).tiny)
+    scaled = scaled / np.maximum(np.linalg.norm(scaled, axis=0), np.finfo(float).tiny)
+    values = np.linalg.svd(scaled, compute_uv=False)
+    return bool(values[2] <= SINGULAR * values[0])
+
+
+def of_another_picture(H: Array, image_size: tuple[int, int]) -> Finding | None:
+    """The finding that a homography maps to pixels of another size of the picture; None without evidence.
+
+    The principal point of a camera is in the middle of its own picture. Beside a camera with square pixels a homography
+    has one degree of freedom, which the errors of clicks take up: only an exact one tells, such as one that a program
+    has written for a copy of the picture.
+
+    Examples
+    --------
+    >>> H = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540)).homography
+    >>> of_another_picture(H, (960, 540)), str(of_another_picture(H, (1920, 1080)))
+    (None, 'the pixels are those of a picture of another size, about 960 x 540')
+    """
+    width, height = image_size
+    if not two_focal_lengths(H, image_size) > APART:
+        return None
+    sizes = [(other, round(other * height / width)) for other in WIDTHS if other != width]
+    differences = [two_focal_lengths(H, size) for size in sizes]
+    best = int(np.argmin(differences))
+    return Finding(What.OTHER_PICTURE, numbers=sizes[best]) if differences[best] < EXACT else None
+
+
+def two_focal_lengths(H: Array, image_size: tuple[int, int]) -> float:
+    """Difference between the logarithms of two focal lengths of a homography; infinite where one is not real.
+
+    The columns h1 and h2 of ``K^-1 H`` are perpendicular, and of one length (Zhang, PAMI 2000, equations 3 and 4): each
+    gives the focal length of a camera with square pixels and the principal point in the middle.
+    """
+    centred = H[:2] - np.outer(np.divide(image_size, 2.0), H[2])
+    (a, b, _), (c, d, _), (e, f, _) = *centred, H[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = np.array([-(a * b + c * d) / (e * f), (b**2 + d**2 - a**2 - c**2) / (e**2 - f**2)])
+        difference = float(abs(np.subtract(*np.log(squares))) / 2.0)
+    return difference if np.isfinite(difference) else np.inf
 
 
 def judged_decomposition(found: Decomposition) -> Calibration:

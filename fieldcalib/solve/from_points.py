@@ -8,6 +8,7 @@ Images are offsets from the principal point, (x, y) in square pixels, undistorte
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -16,8 +17,8 @@ from numpy.typing import ArrayLike
 from fieldcalib._checks import real_array
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.camera_errors import Solved
-from fieldcalib.assess.findings import Status, Verdict
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.findings import Finding, Status, Verdict, What
+from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution
@@ -31,6 +32,16 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIP
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.from_segments import calibrate_frame
+from fieldcalib.solve.misreadings import (
+    PointReading,
+    are_enough_to_explain,
+    are_picture_corners,
+    is_contradicted,
+    point_readings,
+    unchecked,
+    with_best_reading,
+    with_doubted_points,
+)
 from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import (
@@ -242,9 +253,10 @@ def calibrate_from_points(
     Calibration
         `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... in the given order, without
         points of weight 0. Suspects are searched among up to 200 points; among more the robust loss alone stands
-        against wrong ones. Without an initial camera there is no camera. If the verdict is not good and the points of a
-        field fill only a part of the image, or lie beyond it, the message asks whether they are of an image of another
-        size.
+        against wrong ones, and of six or fewer none is blamed, as any may be the wrong one. Without an initial camera
+        there is no camera. `findings` name what explains all points that do not fit: axes that are turned over, pixels
+        that are not square or of another size of the picture. If the verdict is not good and the points of a field fill
+        only a part of the image, or lie beyond it, the message asks whether they are of an image of another size.
 
     Raises
     ------
@@ -270,16 +282,42 @@ def calibrate_from_points(
     points = Points(tuple(f"point {i}" for i in range(len(X))), X, xy, weight).seen
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     task = Task(points.segments, given, flags, criteria, members, loss, tau)
-    if members is None:
-        return _calibrate_without_prior(points, task, task.options(image_size))
     if _on_field(members):
         task = replace(task, object_segments=soccer_points(points.segments))
     options = task.options(image_size)
     if _on_field(members):
         check_coordinates(X, anywhere=members != ALL)
-    found = _calibrate_on_field(points, task, options)
-    hint = hint_of_another_size(points.xy.max(axis=0, initial=0.0), len(points.xy), options.image_size)
-    if not hint or found.verdict == Verdict.GOOD:
+    if are_picture_corners(points.xy, options.image_size):
+        corners = Finding(What.PICTURE_CORNERS)
+        return Calibration.without_camera(Status.IMPLAUSIBLE, str(corners), corners)
+    return _examined(_calibrated_as(PointReading(), points, task, options.image_size), points, task, options)
+
+
+def _calibrated_as(reading: PointReading, points: Points, task: Task, image_size: tuple[int, int]) -> Calibration:
+    """The calibration of points that are read in some way."""
+    read = replace(points, X=points.X @ reading.axes.T)
+    flags = int(task.flags or 0) & ~reading.freed
+    on_field = _on_field(task.prior)
+    task = replace(task, object_segments=soccer_points(read.segments) if on_field else read.segments, flags=flags)
+    options = task.options(reading.image_size or image_size)
+    calibrate = _calibrate_without_prior if task.prior is None else _calibrate_on_field
+    return calibrate(read, task, options)
+
+
+def _examined(found: Calibration, points: Points, task: Task, options: Options) -> Calibration:
+    """The calibration, with what seems to have been typed wrong (`fieldcalib.solve.misreadings`)."""
+    size, on_field, is_placed = options.image_size, _on_field(task.prior), task.given.rvec is not None
+    hint = hint_of_another_size(points.xy.max(axis=0, initial=0.0), len(points.xy), size)
+    read = partial(_calibrated_as, points=points, task=task, image_size=size)
+    may_explain = not is_placed and are_enough_to_explain(found, len(points.X), options.unknowns)
+    if may_explain and (is_contradicted(found) or hint):
+        is_shape_known = task.given.camera_matrix is not None
+        readings = point_readings(points.X, points.xy, size, on_field=on_field, is_shape_known=is_shape_known)
+        found = with_best_reading(found, options, readings, read)
+    if task.prior is None and not is_placed:
+        found = with_findings(found, *unchecked(found, points.X, options.unknowns, read))
+    found = with_doubted_points(found, points.pixels, size, options.unknowns)
+    if not (hint and on_field) or found.verdict == Verdict.GOOD or found.has_finding(What.OTHER_PICTURE):
         return found
     return replace(found, message=f"{found.message}; of the points, {hint}")
 
@@ -367,7 +405,7 @@ def _on_field(prior: Prior) -> bool:
 
 
 def _calibrated(points: Points, task: Task, image_size: tuple[int, int]) -> Calibration:
-    return calibrate_frame(task, points.pixels, image_size, points.pixel_weights)
+    return calibrate_frame(task, points.pixels, image_size, points.pixel_weights, are_names=False)
 
 
 def _started(task: Task, start: Camera) -> Task:

@@ -44,6 +44,7 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.auto_lens import with_required_lens
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
+from fieldcalib.solve.misreadings import with_exchanged_sides, with_other_court
 from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
@@ -168,15 +169,16 @@ def calibrate_from_segments(
 
 
 def calibrate_frame(
-    task: Task, frame: ImageSegments, image_size: tuple[int, int], weights: Weights | None
+    task: Task, frame: ImageSegments, image_size: tuple[int, int], weights: Weights | None, *, are_names: bool = True
 ) -> Calibration:
-    """Check the labels of one frame and calibrate it."""
+    """Check the labels of one frame and calibrate it; unless they `are_names` of markings, they name no sides."""
     options = task.options(image_size)
     pixels, pixel_weights = checked_labels(task.object_segments, frame, weights, options.image_size)
     if not pixels:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING_LABELLED)
     table = PixelTable.of(task.object_segments, [pixels], [pixel_weights])
-    (found,) = as_fixed(calibrate_checked(table, options, finished), task.given, options.flags)
+    calibrate = calibrate_checked if are_names else _calibrate_as_given
+    (found,) = as_fixed(calibrate(table, options, finished), task.given, options.flags)
     return with_border_complaint(task.object_segments, pixels, found)
 
 
@@ -207,8 +209,29 @@ def calibrate_checked(
 ) -> list[Calibration]:
     """Calibrate checked frames that all have pixels, from cameras `given` (B, n) if these are not None.
 
-    `solve` computes the final optimum.
+    `solve` computes the final optimum. What seems to be wrong with all labels that a person set is named
+    (`fieldcalib.solve.misreadings`).
     """
+    number = {label: index for index, label in enumerate(pixels.labels)}
+
+    def under_other_names(t: int, names: Mapping[str, str]) -> Calibration:
+        of_label = np.array([number[names.get(label, label)] for label in pixels.labels])
+        own = pixels.of_frames([t])
+        (found,) = _calibrate_as_given(replace(own, label=of_label[own.label]), options, solve)
+        return found
+
+    calibrations = _calibrate_as_given(pixels, options, solve, given)
+    for t, found in enumerate(calibrations):
+        if found.are_annotated:
+            again = partial(under_other_names, t)
+            calibrations[t] = with_other_court(with_exchanged_sides(found, options, again), options, again)
+    return calibrations
+
+
+def _calibrate_as_given(
+    pixels: PixelTable, options: Options, solve: Solver, given: Array | None = None
+) -> list[Calibration]:
+    """Calibrate checked frames as they are labelled."""
     observations = Observations.of(options.object_segments, pixels, options.image_size, options.motion)
     found = find_cameras(observations, options, given)
     approached = levenberg_marquardt(

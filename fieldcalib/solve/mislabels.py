@@ -27,7 +27,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.findings import SuspectLabel
-from fieldcalib.assess.verdict import disagreement, implausibilities
+from fieldcalib.assess.verdict import disagreement, implausibilities, may_blame
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -272,7 +272,8 @@ class _Search:
 
     def _can_do_without(self, t: int, labels: Sequence[str]) -> bool:
         """Whether the other labels of frame t are enough for a camera."""
-        return disagreement(self.observations.labels_in(t), labels, self.options.unknowns) is None
+        present, unknowns = self.observations.labels_in(t), self.options.unknowns
+        return disagreement(present, labels, unknowns) is None and may_blame(present, labels, unknowns)
 
     def _refined(self, frame: IntArray, problem: Problem, theta: Array, wrong: BoolArray) -> list[_Explanations]:
         """Explanations by K cameras, solved without the labels `wrong` (K, L), then without those that they give up."""

@@ -37,7 +37,14 @@ LEAST_PIXELS = 6
 # frames reach to 0.79 or more in one of the two, key points of 443 of 451 frames to 0.6; none lies past 1.03.
 LEAST_REACH, FARTHEST_REACH = 0.6, 1.05
 
-UNITS = {"metres": 1.0, "yards": YARD, "feet": YARD / 3.0, "centimetres": 0.01, "millimetres": 0.001}
+UNITS = {
+    "metres": 1.0,
+    "yards": YARD,
+    "feet": YARD / 3.0,
+    "inches": YARD / 36.0,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+}
 # Metres from the axis through both goals, and from a goal line; the last of each is of roboflow/sports' template.
 ACROSS = np.array([0.0, GOAL_WIDTH / 2.0, 7.31, CIRCLE_RADIUS, GOAL_AREA_WIDTH / 2.0, PENALTY_AREA_WIDTH / 2.0, 20.5])
 ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPTH, 20.15])

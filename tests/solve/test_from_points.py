@@ -125,9 +125,9 @@ def test_points_of_a_resized_image_are_spoken_of(size):
     X, xy = seen(CAMERA)
     shrunk = xy * np.divide(size, SIZE)
     given = (1920, 1080)
-    assert "were they found in one of another size" in calibrate_from_points(X, shrunk, given).message
-    assert "another size" not in calibrate_from_points(X, xy, SIZE).message
-    assert "another size" not in calibrate_from_points(X, 2.0 * xy, given).message
+    assert "of another size" in calibrate_from_points(X, shrunk, given).reason
+    assert "another size" not in calibrate_from_points(X, xy, SIZE).reason
+    assert "another size" not in calibrate_from_points(X, 2.0 * xy, given).reason
 
 
 def test_points_past_the_image_are_spoken_of():
