@@ -35,10 +35,10 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import TiedFrame, tied_frames
 from fieldcalib.images.background.matches import Matches, match_background
 from fieldcalib.images.background.matching_frame import Frame
-from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip
 from fieldcalib.images.clip.keyframes import KeyframeLabels, read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
+from fieldcalib.images.from_images import How
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import read_ahead
 from fieldcalib.io.videos import VideoReader
@@ -130,7 +130,7 @@ class Clip:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
         self.network = Padded(SegmentationNetwork.load())
         tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
-        self.keyframes = read_keyframes(tied, ClipOptions(Task(soccer())), self.network)
+        self.keyframes = read_keyframes(tied, How(Task(soccer()), self.network))
         self.lines: dict[int, PixelTable] = {}
 
     def images(self) -> Iterator[Image]:
@@ -143,7 +143,7 @@ class Clip:
         accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
         doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
         solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
-        lines = find_clip_lines(solved, read_ahead(self.images()), self.network)
+        lines = find_clip_lines(solved, read_ahead(self.images()))
         self.lines = dict(lines.labels)
         return finish_clip(replace(lines, labels=_kept(self.lines, withheld)))
 

@@ -116,12 +116,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def mended(frames: FrameSource, first: FirstPass, truth: Sequence[Camera], field: Field, seed: int) -> list[float]:
     """The largest error after no, one, two ... frames were mended, pixels."""
-    network, rng = included_network(), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     spoiled = with_spoiled_labels(first, soccer(), rng)
     anchors: dict[int, Calibration] = {}
     found: list[float] = []
     while True:
-        solved = solve(frames, spoiled, anchors, None, lambda number: None, network, _silent)
+        solved = solve(frames, spoiled, anchors, None, lambda number: None, _silent)
         errors = errors_of(solved, truth, field)
         found.append(float(np.max(errors)))
         if found[-1] <= LARGEST or len(anchors) == MOST:

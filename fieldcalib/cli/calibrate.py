@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from fieldcalib.assess.placement import Placement
@@ -30,9 +31,10 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.run_folder.work_units import in_groups
-from fieldcalib.solve.batch import calibrate_batch, compute_errors
+from fieldcalib.solve.batch import calibrate_labels, compute_errors
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
-from fieldcalib.solve.picture_shape import with_border_complaint
+from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
@@ -64,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     known, pictures = given(KnownCamera, options), given(DeclaredPictures, options)
     if options.size is not None:
         try:
-            known.given(pictures.placement(options.size).frame_size)
+            known.check(pictures.placement(options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
     if known.is_any and free is not None:
@@ -123,16 +125,10 @@ class _Method:
             return self._on_free_field(pictures, frames, placement)
 
         def of_prior(prior: Prior, ids: Sequence[str]) -> list[Calibration]:
-            return calibrate_batch(
-                self.field,
-                [frames[id] for id in ids],
-                placement.frame_size,
-                *self.known.given(placement.frame_size),
-                flags=self.known.flags,
-                prior=prior,
-                tau=self.tau,
-                estimate_aspect=self.pictures.is_aspect_estimated,
-            )
+            task = Task(self.field, self.known.given, self.known.flags, prior=prior, tau=self.tau)
+            some, method = [frames[id] for id in ids], partial(calibrate_labels, task)
+            is_estimated = self.pictures.is_aspect_estimated
+            return with_likely_aspect(self.field, method, some, placement.frame_size, estimated=is_estimated)
 
         found = in_groups(list(frames), self._prior_of, of_prior)
         if self.least_probability is not None:

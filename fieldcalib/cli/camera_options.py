@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array
 from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.console.arguments import Default, image_size, told_by
@@ -22,7 +21,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.picture_shape import LEAST_RATIO, shown_as
-from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
 
 SQUARE = "square"
@@ -216,42 +215,33 @@ class KnownCamera:
             flags |= F.CALIB_FIX_ROTATION
         return flags
 
-    def given(self, frame_size: tuple[int, int]) -> GivenCamera:
-        """The known values, for frames of a size.
-
-        Raises
-        ------
-        BrokenFileError
-            If the intrinsics cannot be those of such frames.
-        """
-        if not self.is_any:
-            return NOTHING_GIVEN
-        K, dist = (None, None) if self.intrinsics is None else _of_size(self.intrinsics, frame_size)
+    @property
+    def given(self) -> GivenCamera:
+        """The known values."""
+        known = GivenCamera()
+        if self.intrinsics is not None:
+            K, dist = self.intrinsics.camera_matrix, self.intrinsics.dist_coeffs
+            known = GivenCamera(K, dist, image_size=self.intrinsics.image_size)
         if self.rotation is None and self.position is None:
-            return GivenCamera(K, dist, None, None)
+            return known
         R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
         rvec, tvec, *_ = Camera(np.eye(3), R, self.position or np.zeros(3), (1, 1)).to_opencv()
-        return GivenCamera(K, dist, rvec.ravel(), None if self.position is None else tvec.ravel())
+        return known._replace(rvec=rvec.ravel(), tvec=None if self.position is None else tvec.ravel())
 
-
-def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Camera matrix and coefficients for frames of a size."""
-    width, height = size
-    if not width:  # there is no frame
-        return intrinsics.camera_matrix, intrinsics.dist_coeffs
-    own = intrinsics.image_size
-    if own is None:
-        cx, cy = intrinsics.camera_matrix[:2, 2]
-        if abs(cx / width - 0.5) > OFF_MIDDLE or abs(cy / height - 0.5) > OFF_MIDDLE:
+    def check(self, frame_size: tuple[int, int]) -> None:
+        """Raise a BrokenFileError if the intrinsics cannot be those of frames of a size."""
+        if self.intrinsics is None:
+            return
+        (width, height), own = frame_size, self.intrinsics.image_size
+        if own is None:
+            cx, cy = self.intrinsics.camera_matrix[:2, 2]
+            if abs(cx / width - 0.5) > OFF_MIDDLE or abs(cy / height - 0.5) > OFF_MIDDLE:
+                raise BrokenFileError(
+                    f"has {width} x {height} pixels, but the principal point of --intrinsics is ({cx:.0f}, {cy:.0f}): "
+                    "they are of images of another size; write image_width and image_height into that file"
+                )
+        elif abs(width * own[1] / (height * own[0]) - 1.0) > SAME_SHAPE:
             raise BrokenFileError(
-                f"has {width} x {height} pixels, but the principal point of --intrinsics is ({cx:.0f}, {cy:.0f}): "
-                "they are of images of another size; write image_width and image_height into that file"
+                f"has {width} x {height} pixels, and --intrinsics is of images of {own[0]} x {own[1]}: of another "
+                "shape, so they are no scaled copies; see --display-size and --crop-of"
             )
-        own = size
-    if abs(width * own[1] / (height * own[0]) - 1.0) > SAME_SHAPE:
-        raise BrokenFileError(
-            f"has {width} x {height} pixels, and --intrinsics is of images of {own[0]} x {own[1]}: of another shape, "
-            "so they are no scaled copies; see --display-size and --crop-of"
-        )
-    camera = Camera(intrinsics.camera_matrix, np.eye(3), np.zeros(3), own, intrinsics.dist_coeffs)
-    return (camera if own == size else camera.scaled(size)).K, camera.dist[0]

@@ -22,11 +22,11 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from fieldcalib._progress import progress_bar, say
+from fieldcalib._progress import progress_bar, say, solving
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
+from fieldcalib.cli.run_options import TRIPOD, RunRequest
 from fieldcalib.console.field_options import digest_of, load_network, or_search
-from fieldcalib.images.clip.from_video import PART
+from fieldcalib.images.clip.from_video import PART, calibrate_clip
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.io.formats import VIDEOS
@@ -35,8 +35,8 @@ from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
-from fieldcalib.run_folder.engine import calibrate_clip, clip_keywords, live_tracker, tracked
-from fieldcalib.run_folder.frame_source import ClipInput, Frame, frames_of_files, say_note
+from fieldcalib.run_folder.engine import live_tracker, tracked
+from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files, say_note
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
@@ -75,27 +75,29 @@ class KeptParts:
 
 def run_clip(request: RunRequest) -> int:
     """Calibrate; returns the exit code."""
-    run, options = request.run, request.calibration
-    if not options.refine:
+    run = request.run
+    if not request.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
     if run.shard is not None:
         raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
-    check_of_clip(options.known.flags)
-    network = or_search(lambda: load_network(options.network))
-    source = frames_of_files(request.paths, request.cut, options.read, options.network.video_threads, is_clip=True)
-    clip = ClipInput(source, options.placement)
-    clip_keywords(options, clip)  # an error before anything is written
+    check_of_clip(request.known.flags)
+    network, threads = or_search(lambda: load_network(request.network)), request.network.video_threads
+    source = frames_of_files(request.paths, request.cut, request.read, threads, is_clip=True)
+    clip = ClipInput(source, request.placement)
+    if request.known.intrinsics is not None:
+        clip.frame_size()  # an error before anything is written
     record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))
     with open_camera_folder(run, record, began, source.files) as results:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)
-        found = calibrate_clip(options, network, clip, parts)
+        with solving(SOLVING, True):
+            found = calibrate_clip(request.how(network), clip, parts)
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)
-        said = write_clip_results(results, clip, found, options, options.network.video_threads)
+        said = write_clip_results(results, clip, found, request, threads)
         if said:
             say(said)
         parts.remove()
@@ -104,25 +106,25 @@ def run_clip(request: RunRequest) -> int:
 
 def run_stream(request: RunRequest) -> int:
     """Calibrate until the stream ends or is interrupted; returns the exit code."""
-    stream, options = cast(Stream, request.input[0]), request.calibration
+    stream = cast(Stream, request.input[0])
     _check(request, stream)
     began = time.perf_counter()
-    network, threads = load_network(options.network), options.network.video_threads
-    reader = StreamReader(stream, options.most_pixels, cut=request.cut, threads=threads)
+    network, threads = load_network(request.network), request.network.video_threads
+    reader = StreamReader(stream, request.most_pixels, cut=request.cut, threads=threads)
     record = RunRecord.of(request.run, [], unit=1, writes=CAMERA_FILES)
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
-    check_of_clip(options.known.flags)
+    check_of_clip(request.known.flags)
     with (
         reader,
         open_camera_folder(request.run, record, began) as results,
         VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
     ):
-        results.notes = options.notes
-        with live_tracker(options, network, stream, reader) as (frames, tracker):
+        results.notes = request.notes
+        with live_tracker(request.how(network), stream, reader, request.placement) as (frames, tracker):
             try:
                 for frame in frames:
-                    _add(options, frame, tracker, results, video)
+                    _add(request, frame, tracker, results, video)
             except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
     say_note(path, video)
@@ -140,27 +142,25 @@ def _check(request: RunRequest, stream: Stream) -> None:
     if request.run.resume:
         raise ValueError(f"--resume is of files: {stream} cannot be read again")
     for given, name in (
-        (request.calibration.camera != TRIPOD, "--camera"),
-        (request.calibration.clip, "--clip"),
-        (request.calibration.independent, "--independent"),
-        (not request.calibration.refine, "--no-refinement"),
+        (request.camera != TRIPOD, "--camera"),
+        (request.clip, "--clip"),
+        (request.independent, "--independent"),
+        (not request.refine, "--no-refinement"),
         (request.run.shard is not None, "--shard"),
     ):
         if given:
             raise ValueError(f"{name} is not of streams: each frame of {stream} is calibrated from those before it")
 
 
-def _add(
-    options: CalibrationOptions, frame: Frame, tracker: Tracker, results: ResultsWriter, video: VideoWriter
-) -> None:
+def _add(request: RunRequest, frame: Frame, tracker: Tracker, results: ResultsWriter, video: VideoWriter) -> None:
     """Calibrate the next frame, and write its results."""
     assert frame.image is not None
     start = time.perf_counter()
-    calibration = tracked(options, tracker, frame)
+    calibration = tracked(tracker, frame, request.placement)
     results.calibrating += time.perf_counter() - start
-    results.add(options.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
-    if options.draws:
-        video.write(options.drawn(frame.image, calibration))
+    results.add(request.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
+    if request.draws:
+        video.write(request.drawn(frame.image, calibration))
 
 
 @dataclass(frozen=True)

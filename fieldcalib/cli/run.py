@@ -18,7 +18,7 @@ from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.cli.clips import run_clip, run_several, run_stream
-from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
+from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import (
     add_camera,
     add_cut,
@@ -33,17 +33,17 @@ from fieldcalib.console.field_options import NetworkOptions, add_field, digest_o
 from fieldcalib.console.options import add_options
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
-from fieldcalib.images.search.place_search import MOST, Place, pooled_place
+from fieldcalib.images.from_images import How, calibrate_pictures
+from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
-from fieldcalib.localize import Network
 from fieldcalib.results.entry import read
 from fieldcalib.results.pictures import Pictures, auto_field
-from fieldcalib.run_folder.engine import calibrate_frames, calibrate_images
+from fieldcalib.run_folder.engine import calibrate_images
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, say_note, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_field(parser, ESTIMATED, auto=True)
     add_camera(parser)
     add_options(parser, KnownCamera)
-    add_options(parser, CalibrationOptions)
+    add_options(parser, RunRequest)
     add_image_limits(parser)
     add_run_options(parser)
     parser.add_argument(
@@ -134,17 +134,16 @@ def _calibrate(request: RunRequest) -> int:
 def _run_one_by_one(request: RunRequest) -> int:
     """Calibrate images, or the frames of a video, one by one."""
     began = time.perf_counter()
-    run, options = request.run, request.calibration
-    network = or_search(lambda: load_network(options.network))
-    method = ImageCalibrator(options, network)
+    run, network = request.run, or_search(lambda: load_network(request.network))
+    method = ImageCalibrator(request, request.how(network))
     request.check_place(is_searched=network is None)
-    source = frames_of_files(request.paths, request.cut, options.read, options.network.video_threads)
+    source = frames_of_files(request.paths, request.cut, request.read, request.network.video_threads)
     if source.rate is not None and run.shard is not None:
         raise ValueError("--shard is of images: give every machine some of the videos")
-    writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if options.draws else (CAMERAS,))]
+    writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if request.draws else (CAMERAS,))]
     record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
     with open_camera_folder(run, record, began, source.files) as results:
-        results.notes = options.notes
+        results.notes = request.notes
         if is_finished(run.out):
             return results.exit_code
         if request.same_field:
@@ -165,7 +164,7 @@ def _run_video(request: RunRequest, results: ResultsWriter, source: FrameSource,
     frames = (replace(frame, line=_whole(next(lines, None))) for frame in source)
     path = run.out / OVERLAY
 
-    with VIDEOS.write(path, source.frames_per_second, threads=request.calibration.network.video_threads) as video:
+    with VIDEOS.write(path, source.frames_per_second, threads=request.network.video_threads) as video:
 
         def write(outcome: Outcome) -> None:
             if not outcome.is_written:
@@ -186,18 +185,16 @@ def _whole(texts: Texts | None) -> dict[str, Any] | None:
 class ImageCalibrator:
     """Calibrates images one by one."""
 
-    options: CalibrationOptions
-    network: Network | None
-    place: Place | None = None
-    """Where the one camera stands that took all images, if that is known."""
+    request: RunRequest
+    how: How
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""
 
         def pixels_in_frame(frame: Frame) -> int:
-            return 0 if frame.image is None else math.prod(self.options.placement(frame.image).frame_size)
+            return 0 if frame.image is None else math.prod(self.request.placement(frame.image).frame_size)
 
-        frames = map(self.options.read, items)
+        frames = map(self.request.read, items)
         return joined([self._of_part(part) for part in in_parts(frames, IMAGES_AT_ONCE, pixels_in_frame)])
 
     def _of_part(self, frames: Sequence[Frame]) -> UnitResult:
@@ -206,48 +203,47 @@ class ImageCalibrator:
             calibrations = [Calibration.from_dict(frame.line) for frame in frames if frame.line is not None]
         else:
             images = [frame.image for frame in frames if frame.image is not None]
-            calibrations = calibrate_images(self.options, self.network, images, self.place)
+            calibrations = calibrate_images(self.how, images, self.request.placement)
         seconds = time.perf_counter() - start
         return UnitResult(outcomes_of(frames, calibrations, self._outcome), seconds)
 
     def on_one_field(self, files: Sequence[FrameFile]) -> ImageCalibrator:
         """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
-        images = [image for image in (self.options.read(file).image for file in some) if image is not None]
+        images = [image for image in (self.request.read(file).image for file in some) if image is not None]
         alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
-        alike = [self.options.placement(image).image_in_frame(image) for image in alike]
-        given = self.options.field
+        alike = [self.request.placement(image).image_in_frame(image) for image in alike]
+        given, how = self.request.field, self.how
 
-        def on(field: Field) -> list[Calibration]:
-            how = replace(self.options, field=replace(field, size_known=True))
-            return calibrate_frames(how, self.network, alike) if alike else []
+        def on(field: Field, *, size_known: bool = True) -> How:
+            return replace(how, task=replace(how.task, object_segments=replace(field, size_known=size_known)))
 
         shown = shared_field(given, [])
         for _ in range(ROUNDS - 1 if alike else 0):
-            shown = shared_field(given, on(shown))
-        found = shared_size(given, on(shown))
+            shown = shared_field(given, calibrate_pictures(on(shown), alike))
+        found = shared_size(given, calibrate_pictures(on(shown), alike))
         say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
-        field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
-        return replace(self, options=replace(self.options, field=field, estimate_size=False))
+        how = on(found.field, size_known=found.is_told)  # a size that no image shows is not known
+        return replace(self, how=replace(how, estimate_size=False))
 
     def on_one_tripod(self, files: Sequence[FrameFile]) -> ImageCalibrator:
         """Find the place of the camera from some images together."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), MOST)).round().astype(int)]
-        read = [image for image in (self.options.read(file).image for file in some) if image is not None]
-        images = [self.options.placement(image).image_in_frame(image) for image in read]
-        options = self.options
-        place = pooled_place(options.field, images, flags=options.known.flags, prior=options.prior, side=options.side)
+        read = [image for image in (self.request.read(file).image for file in some) if image is not None]
+        images = [self.request.placement(image).image_in_frame(image) for image in read]
+        given, task = self.request.field, self.how.task
+        place = pooled_place(given, images, flags=self.request.known.flags, prior=task.prior, side=self.how.side)
         if place is None:
             say("the images tell no common place of their camera: each is searched by itself")
         else:
             say(f"the camera stands at ({place.C[0]:.1f}, {place.C[1]:.1f}, {place.C[2]:.1f}) m")
-        return replace(self, place=place)
+        return replace(self, how=replace(self.how, place=place))
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
-        picture = self.options.drawn(image, calibration) if self.options.draws else None
+        picture = self.request.drawn(image, calibration) if self.request.draws else None
         if frame.line is not None:
             return Outcome(frame.line, picture=picture, is_written=True)
         if frame.is_of_video:
-            return self.options.outcome(frame.id, calibration, picture=picture)
+            return self.request.outcome(frame.id, calibration, picture=picture)
         files = {} if picture is None else {OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
-        return self.options.outcome(frame.id, calibration, files=files)
+        return self.request.outcome(frame.id, calibration, files=files)

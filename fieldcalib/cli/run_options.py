@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
@@ -19,12 +18,12 @@ from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import SIDES, Side
-from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.clip.from_video import Mount
+from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.frame_range import Cut
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import check_pixels
 from fieldcalib.io.streams import Input, Stream
+from fieldcalib.localize import Network
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions
@@ -36,9 +35,12 @@ TRIPOD = "tripod"
 
 
 @dataclass(frozen=True)
-class CalibrationOptions:
-    """Options by which frames are calibrated and drawn."""
+class RunRequest:
+    """Images, or one video or stream, and all options of `fieldcalib run`."""
 
+    input: Sequence[Input]
+    cut: Cut
+    run: RunOptions
     field: Field
     prior: Prior
     known: KnownCamera
@@ -48,6 +50,12 @@ class CalibrationOptions:
     most_pixels: float
     estimate_size: bool
     """Whether the size of the field is estimated."""
+    same_field: bool
+    """Whether all images show one field."""
+    same_camera: bool
+    """Whether one camera on a tripod took all images."""
+    report: bool
+    """Whether a report of one file is written too."""
     refine: bool = option(
         "do not look for the white lines in the image: quicker, and less exact",
         name="--no-refinement",
@@ -82,23 +90,40 @@ class CalibrationOptions:
     )
 
     @classmethod
-    def of(cls, options: argparse.Namespace) -> CalibrationOptions:
-        """Take them from a command line.
+    def of(cls, options: argparse.Namespace) -> RunRequest:
+        """Take the options of a command line.
 
         Raises
         ------
         ValueError
-            If options contradict each other.
+            If they contradict each other.
         """
         return given(
             cls,
             options,
+            cut=cut_of(options),
+            run=run_options(options),
             field=field_of(options),
             prior=prior_of(options),
             known=given(KnownCamera, options),
             pictures=given(DeclaredPictures, options),
             network=NetworkOptions.of(options),
             estimate_size=options.field_size == ESTIMATED,
+        )
+
+    def how(self, network: Network | None = None) -> How:
+        """How the frames are calibrated."""
+        return How(
+            Task(self.field, self.known.given, self.known.flags, prior=self.prior),
+            network,
+            self.side,
+            refine=self.refine,
+            take_off_borders=self.pictures.crop_of is None,
+            estimate_aspect=self.pictures.is_aspect_estimated,
+            estimate_size=self.estimate_size,
+            may_be_enlarged=self.pictures.may_be_enlarged,
+            camera=self.camera,
+            declared=self.pictures.declared,
         )
 
     @property
@@ -110,41 +135,13 @@ class CalibrationOptions:
         """Placement of an image in its frame; a BrokenFileError if that is not possible."""
         placement = self.pictures.placement(size_of(image))
         check_pixels(placement.frame_size, self.most_pixels)
-        self.known.given(placement.frame_size)  # a BrokenFileError if it is of other images
+        self.known.check(placement.frame_size)
         return placement
-
-    @property
-    def may_be_enlarged(self) -> bool:
-        """Whether pictures may be enlarged parts of frames."""
-        return self.pictures.may_be_enlarged
-
-    @property
-    def declared(self) -> Declared:
-        """What is declared of the pictures."""
-        return self.pictures.declared
-
-    @property
-    def depends_on_size(self) -> bool:
-        """Whether what is known of the camera is of frames of one size."""
-        return self.known.intrinsics is not None
-
-    def keywords(self, frame_size: tuple[int, int]) -> dict[str, Any]:
-        """Keyword arguments that `calibrate_from_images`, `calibrate_video` and `Tracker` share."""
-        return {
-            **self.known.given(frame_size)._asdict(),
-            "flags": self.known.flags,
-            "prior": self.prior,
-            "side": self.side,
-            "take_off_borders": self.pictures.crop_of is None,
-            "estimate_aspect": self.pictures.is_aspect_estimated,
-            "estimate_size": self.estimate_size,
-        }
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What is said once of the cameras of all pictures."""
-        known = replace(self.known, intrinsics=None)  # these say nothing of the place
-        on = CameraSide.of(Task(self.field, known.given((1, 1)), known.flags, prior=self.prior), self.side)
+        on, _ = self.how().on_side()
         return (UP_TO_SIDE,) if on.is_open else ()
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
@@ -154,34 +151,6 @@ class CalibrationOptions:
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         """An overlay of a calibration on its image."""
         return draw_calibration(image, calibration, calibration.field or self.field, show_paint=self.show_paint)
-
-
-@dataclass(frozen=True)
-class RunRequest:
-    """Images, or one video or stream, and the options of their run."""
-
-    input: Sequence[Input]
-    cut: Cut
-    run: RunOptions
-    calibration: CalibrationOptions
-    same_field: bool
-    """Whether all images show one field."""
-    same_camera: bool
-    """Whether one camera on a tripod took all images."""
-    report: bool
-    """Whether a report of one file is written too."""
-
-    @classmethod
-    def of(cls, options: argparse.Namespace) -> RunRequest:
-        """Take the options of a command line.
-
-        Raises
-        ------
-        ValueError
-            If they contradict each other.
-        """
-        run, calibration = run_options(options), CalibrationOptions.of(options)
-        return given(cls, options, cut=cut_of(options), run=run, calibration=calibration)
 
     @property
     def path(self) -> Path:
@@ -206,16 +175,15 @@ class RunRequest:
     @property
     def is_clip(self) -> bool:
         """Whether frames are calibrated together: those of a video by default, images with --clip."""
-        options = self.calibration
-        return is_clip(self.input[0], together=options.clip, alone=options.independent or not options.refine)
+        return is_clip(self.input[0], together=self.clip, alone=self.independent or not self.refine)
 
     def check(self) -> None:
         """Raise a ValueError if options do not fit the input."""
-        if self.calibration.camera != TRIPOD and not self.is_clip:
+        if self.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
         if self.same_camera and (self.is_clip or self.is_video):
             raise ValueError("--same-camera is of images: the frames of a clip are of one tripod anyway")
-        if self.same_field and (not self.calibration.estimate_size or self.is_video):
+        if self.same_field and (not self.estimate_size or self.is_video):
             raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
 
     def check_place(self, *, is_searched: bool) -> None:
@@ -232,9 +200,8 @@ class RunRequest:
 
     def in_one_thread(self) -> RunRequest:
         """A copy for one of several processes, with one thread."""
-        network = replace(self.calibration.network, threads=1)
         run = replace(self.run.changed(self.run.out, threads=1), jobs=1)
-        return replace(self, run=run, calibration=replace(self.calibration, network=network))
+        return replace(self, run=run, network=replace(self.network, threads=1))
 
 
 def split_request(request: RunRequest) -> list[RunRequest]:

@@ -29,11 +29,11 @@ from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import linked_frames, tied_frames
-from fieldcalib.images.clip.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.clip.clip_with_anchors import Anchors, solve_around
-from fieldcalib.images.clip.from_video import PART, SHARED_BY, Mount
+from fieldcalib.images.clip.from_video import PART
 from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, read_keyframes
+from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
@@ -170,12 +170,13 @@ def first_pass(
     """Match the frames of a window, and label its keyframes by the network, or by search for the court without one."""
     mount: Mount = "moving" if options.get("camera") == "moving" else "tripod"
     estimate_size = options.get("field_size", "estimated") == "estimated"
-    how = ClipOptions(Task(field), shared_parameters(SHARED_BY[mount], estimate_size))
-    shape = ShapeEstimator(how, network).shape(_readable(frames, window))
+    how = How(Task(field), network, camera=mount, estimate_size=estimate_size)
+    shape = ShapeEstimator(how).shape(_readable(frames, window))
     images = _in_frame(_counted(_readable(frames, window), window, progress, STAGES[0]), shape)
-    moves = "centre" not in how.shared
-    tied = linked_frames(tied_frames(images, moving=moves), moving=moves)
-    return FirstPass(window, read_keyframes(tied, how, _padded(network)), shape)
+    tied = linked_frames(tied_frames(images, moving=not how.is_on_tripod), moving=not how.is_on_tripod)
+    if network is not None:
+        how = replace(how, network=Padded(network))
+    return FirstPass(window, read_keyframes(tied, how), shape)
 
 
 def solve(
@@ -184,7 +185,6 @@ def solve(
     anchors: Mapping[int, Calibration],
     cuts: Sequence[int] | None,
     before: Callable[[int], Calibration | None],
-    network: Network | None,
     progress: Progress,
 ) -> Proposal:
     """Solve a window around its anchors, the frames that a person has mended.
@@ -199,7 +199,6 @@ def solve(
         First frames of the shots.
     before : callable
         Returns the calibration that a frame has now, if it has one.
-    network : Network, optional
     progress : callable
     """
     window, shape = first.window, first.shape
@@ -216,7 +215,7 @@ def solve(
     def images() -> Iterable[Image]:
         return _in_frame(_counted(_readable(frames, window), window, progress, STAGES[2]), shape)
 
-    found = solve_around(first.keyframes, Anchors(known, starts), images, _padded(network))
+    found = solve_around(first.keyframes, Anchors(known, starts), images)
     found = replace(found, shape=shape)
     calibrations, moves = dict[int, Calibration](), dict[int, float]()
     for k, calibration in enumerate(found):
@@ -267,10 +266,6 @@ def largest_move(old: Camera | None, new: Camera | None) -> float:
     moved = np.linalg.norm(new.project(old.image_to_field(xy)) - xy, axis=1)
     moved = moved[np.isfinite(moved)]
     return float(np.max(moved)) if len(moved) else float("nan")
-
-
-def _padded(network: Network | None) -> Network | None:
-    return None if network is None else Padded(network)
 
 
 def _readable(frames: FrameSource, window: Window) -> Iterator[Image]:

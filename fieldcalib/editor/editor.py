@@ -417,7 +417,7 @@ class Editor:
         if self._first_pass is None or self._first_pass.window != window:
             self._first_pass = first_pass(self.frames, window, self.field, network, self._run_options, progress)
         cuts = self.cuts if self.has_own_cuts else None
-        found = solve(self.frames, self._first_pass, anchors, cuts, self._now, network, progress)
+        found = solve(self.frames, self._first_pass, anchors, cuts, self._now, progress)
         return replace(found, revisions={n: revisions[n] for n in found.anchors})
 
     def next_to_mend(self) -> int | None:

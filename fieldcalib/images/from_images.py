@@ -14,16 +14,20 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
+from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
+from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
 from fieldcalib.images.paint.field_markings import Markings
@@ -45,11 +49,14 @@ from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.batches import check_network
+from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.localize.network_grid import classes_without_segment
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
 HEAVIEST = 5  # number of segments, those with the largest weights, from which hypotheses are made
@@ -69,6 +76,68 @@ LEAST_SUPPORT_CHOSEN = 0.35  # of a camera chosen for its line support: the larg
 LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0
 
 NOTE = "the network's labels gave no camera"
+
+Mount = Literal["tripod", "moving"]
+SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
+
+
+@dataclass(frozen=True, eq=False)
+class How:
+    """How pictures and clips are calibrated: the task of each, and what is looked for in it.
+
+    The attributes are the parameters of these names of `calibrate_from_images` and `calibrate_video`.
+    """
+
+    task: Task
+    """What is known of the camera, and how it is solved."""
+    network: Network | None = None
+    side: Side | None = None
+    refine: bool = True
+    take_off_borders: bool = True
+    estimate_aspect: bool = True
+    estimate_size: bool = True
+    may_be_enlarged: bool = True
+    place: Place | None = None
+    camera: Mount = "tripod"
+    every: int = EVERY
+    not_shared: str = ""
+    """Name of a parameter that each frame of a clip has for itself, although its camera would share it."""
+    declared: Declared = Declared.NOTHING
+    """What the user says of the shape of the pictures."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a value that is invalid by itself."""
+        for name in ("refine", "estimate_size", "estimate_aspect", "take_off_borders", "may_be_enlarged"):
+            truth(getattr(self, name), name)
+        if not isinstance(self.camera, str) or self.camera not in SHARED_BY:
+            raise ValueError(f'camera must be "tripod" or "moving", got {self.camera!r}')
+        if self.network is not None:
+            check_network(self.network)
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """Names of the parameters that frames of a clip share, as in `calibrate_sequence`."""
+        own = {self.not_shared} if self.estimate_size else {self.not_shared, SIZE}
+        return tuple(name for name in SHARED_BY[self.camera] if name not in own)
+
+    @property
+    def is_on_tripod(self) -> bool:
+        """Whether the frames of a clip share the place of the camera."""
+        return "centre" in self.shared
+
+    def with_network(self) -> How:
+        """Take the given network, or load that of the package, unless the object is a field that it does not know."""
+        if self.network is not None:
+            return self
+        network, segments = SegmentationNetwork.load(), self.task.object_segments
+        is_unknown = isinstance(segments, Field) and classes_without_segment(network.classes, segments)
+        return self if is_unknown else replace(self, network=network)
+
+    def on_side(self) -> tuple[CameraSide, How]:
+        """Find the side of the camera, and restrict the task to it; the network then names the ends as seen from it."""
+        on = CameraSide.of(self.task, self.side)
+        network = None if self.network is None else on.network(self.network, self.task.field)
+        return on, replace(self, task=on.task(self.task), network=network)
 
 
 def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> list[Calibration]:
@@ -224,63 +293,55 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message.split(":")[0]
     ('too few segments', 'the picture shows nothing')
     """
-    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    task = Task(object_segments, given, flags, prior=prior)
-    on = CameraSide.of(task, side)
-    task = on.task(task)
-    for name, value in (
-        ("refine", refine),
-        ("estimate_size", estimate_size),
-        ("estimate_aspect", estimate_aspect),
-        ("take_off_borders", take_off_borders),
-        ("may_be_enlarged", may_be_enlarged),
-    ):
-        truth(value, name)
-    of_part: Method = partial(_searched, task, place, estimate_size)
-    if network is not None:
-        if place is not None:
-            raise ValueError("a place is of courts that are searched for: leave it or the network out")
-        check_network(network)
-        of_part = partial(calibrate_alone, ImageTask(task, on.network(network, task.field), refine, estimate_size))
-    by_network, without_matrix = network is not None, camera_matrix is None
-    is_open = by_network and prior is not None  # the camera is found by the network, its principal point under a prior
-    # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone` or the search. The
-    # outermost step comes first.
-    steps: tuple[tuple[bool, Step], ...] = (
-        (True, partial(said_plainly, object_segments=object_segments, by_network=by_network)),
-        (take_off_borders and without_matrix, without_borders),
-        (may_be_enlarged and is_open and refine and given.is_empty, partial(with_enlarged_parts, task=task)),
-        (
-            is_open and refine and may_be_searched(task),
-            partial(with_second_opinion, task=task, estimate_size=estimate_size),
-        ),
-        (estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
+    task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
+    how = How(
+        task,
+        network,
+        side,
+        refine=refine,
+        take_off_borders=take_off_borders,
+        estimate_aspect=estimate_aspect,
+        estimate_size=estimate_size,
+        may_be_enlarged=may_be_enlarged,
+        place=place,
     )
+    checked = each_checked(images)
+    return calibrate_pictures(how, checked if camera_matrix is None else _of_one_size(checked), executor)
+
+
+def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | None = None) -> list[Calibration]:
+    """Calibrate a camera for each of several checked images (`calibrate_from_images`)."""
+    on, how = how.on_side()
+    task, by_network, without_matrix = how.task, how.network is not None, how.task.given.camera_matrix is None
+    if by_network and how.place is not None:
+        raise ValueError("a place is of courts that are searched for: leave it or the network out")
+    is_open = by_network and task.prior is not None  # the network finds the camera, its principal point under a prior
+    may_be_enlarged = how.may_be_enlarged and is_open and how.refine and task.given.is_empty
+    # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone`. The outermost step
+    # comes first.
+    steps: tuple[tuple[bool, Step], ...] = (
+        (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
+        (how.take_off_borders and without_matrix, without_borders),
+        (may_be_enlarged, partial(with_enlarged_parts, task=task)),
+        (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
+        (how.estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
+    )
+    of_part: Method = partial(calibrate_alone, how)
     for applies, step in reversed(steps):
         if applies:
             of_part = partial(step, of_part)
-    checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
-    parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
-    found = (calibration for part in in_order(executor, of_part, parts) for calibration in part)
-    return [on.with_alternatives(one, task.field) for one in found]
+    parts = in_parts(images, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
+    found = [on.with_alternatives(one, task.field) for part in in_order(executor, of_part, parts) for one in part]
+    return found if how.declared is Declared.NOTHING else [replace(one, declared=how.declared) for one in found]
 
 
-def _searched(task: Task, place: Place | None, estimate_size: bool, images: Sequence[Image]) -> list[Calibration]:
+def _searched(how: How, images: Sequence[Image]) -> list[Calibration]:
     """Calibrate images by searching for the field, with cameras anywhere or at a known place."""
-    found = search_courts(task, images if place is None else [], estimate_size=estimate_size)  # raises what is wrong
-    field = task.field
+    task, place, field = how.task, how.place, how.task.field
+    # without a place this finds the cameras, with one it only raises what is wrong
+    found = search_courts(task, images if place is None else [], estimate_size=how.estimate_size)
     assert field is not None
     return found if place is None else [search_from(task, field, image, place) for image in images]
-
-
-@dataclass(frozen=True, eq=False)
-class ImageTask:
-    """A calibration task for images: the network that labels pixels, and whether to refine and to estimate the size."""
-
-    task: Task
-    network: Network
-    refine: bool = True
-    estimate_size: bool = False
 
 
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
@@ -297,8 +358,10 @@ def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
         yield image
 
 
-def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration]:
+def calibrate_alone(how: How, images: Sequence[Image]) -> list[Calibration]:
     """Calibrate single images as they are, without looking for borders or a changed aspect ratio."""
+    if how.network is None:
+        return _searched(how, images)
     segments = how.task.object_segments
     found = []
     by_size: dict[tuple[int, int], list[int]] = {}
@@ -312,7 +375,7 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
     return [calibrations[index] for index in range(len(images))]
 
 
-def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[PixelTable]) -> list[Calibration]:
+def _calibrated_size(how: How, images: Sequence[Image], found: Sequence[PixelTable]) -> list[Calibration]:
     """Calibrate images of one size; where a camera is not sure, also from subsets of the segments, the best is kept."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))
@@ -331,7 +394,7 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Pi
     return calibrations
 
 
-def _with_size_from_labels(how: ImageTask, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
+def _with_size_from_labels(how: How, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
     """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
     sized = on_field_as_seen(how.task, image, calibration, found)
     if sized is None or sized.calibration.field is None:
@@ -354,7 +417,7 @@ def _labels(object_segments: ObjectSegments, found: Localization, image_size: tu
 
 
 def _verified(
-    how: ImageTask,
+    how: How,
     markings: Markings,
     images: Sequence[Image],
     found: Sequence[PixelTable],
@@ -371,7 +434,7 @@ def _verified(
 
 
 def _judged(
-    how: ImageTask, found: Sequence[PixelTable], refined: Sequence[Refined], least_support: float
+    how: How, found: Sequence[PixelTable], refined: Sequence[Refined], least_support: float
 ) -> list[tuple[Calibration, bool]]:
     """Judge the cameras of several images of one size by `_one_judged`."""
     judged = [one.judged for one in refined]
@@ -430,13 +493,11 @@ def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Cal
     return calibrations[int(np.argmax(share))]
 
 
-def with_second_opinion(
-    calibrate: Method, images: Sequence[Image], *, task: Task, estimate_size: bool
-) -> list[Calibration]:
+def with_second_opinion(calibrate: Method, images: Sequence[Image], *, how: How) -> list[Calibration]:
     """Calibrate pictures by a network; where its camera is rejected, take an accepted camera of the search, if any."""
     found = calibrate(images)
     refused = [index for index, one in enumerate(found) if not one.accepted]
-    searched = search_courts(task, [images[index] for index in refused], estimate_size=estimate_size)
+    searched = search_courts(how.task, [images[index] for index in refused], estimate_size=how.estimate_size)
     for index, one in zip(refused, searched, strict=True):
         if one.accepted:
             found[index] = replace(one, message=f"{NOTE}; {one.message}")

@@ -17,7 +17,7 @@ from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import Side
-from fieldcalib.images.clip.from_video import Mount
+from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
@@ -26,12 +26,12 @@ from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.localize import Network
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import StoredFrames
-from fieldcalib.results.inputs import Labels, Method, input_of, pictures_of
+from fieldcalib.results.inputs import Labels, input_of, pictures_of
 from fieldcalib.results.pictures import Pictures, auto_field
 from fieldcalib.run_folder.clip_results import read_clip
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
-from fieldcalib.solve.request import GivenCamera
+from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 PathLike: TypeAlias = str | os.PathLike[str]
@@ -125,14 +125,14 @@ def calibrate(
     >>> str(results.verdicts["000000"])  # a black picture
     'reject'
     """
-    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    taken = input_of(source, _cut(start, end, step), clip)
+    taken = input_of(source, _cut(start, end, step), clip, image_size)
     if isinstance(field, str) and field == AUTO:
         field = auto_field(pictures_of(taken))
-    method = Method(_field(field), given, flags, prior, camera, network, image_size, progress, side)
+    task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
+    how = How(task, network, side, camera=camera)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
-    return replace(taken.calibrate(method), options=options)
+    return replace(taken.calibrate(how, progress), options=options)
 
 
 def _field(field: object) -> Field:

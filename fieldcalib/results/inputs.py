@@ -11,35 +11,31 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from fieldcalib._checks import file_path
-from fieldcalib._progress import Progress, progress_bar
-from fieldcalib.assess.cropping_evidence import Declared
-from fieldcalib.assess.placement import Placement
+from fieldcalib._progress import Progress, progress_bar, solving
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import Side
 from fieldcalib.geometry.camera import checked_image_size
-from fieldcalib.images.clip.from_video import Mount
+from fieldcalib.images.clip.from_video import calibrate_clip
+from fieldcalib.images.from_images import How
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
-from fieldcalib.localize import Network
-from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.localize.network_grid import classes_without_segment
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames
 from fieldcalib.results.pictures import Pictures
-from fieldcalib.run_folder.engine import calibrate_clip, calibrate_images, live_tracker, tracked
+from fieldcalib.run_folder.engine import calibrate_images, live_tracker, tracked
 from fieldcalib.run_folder.frame_source import (
+    SOLVING,
     ClipInput,
     Frame,
     ReadImage,
@@ -47,14 +43,10 @@ from fieldcalib.run_folder.frame_source import (
     is_video,
     pixels_of,
     videos_in,
-    whole_frame,
 )
 from fieldcalib.run_folder.labelled_frames import paper_losses
 from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
-from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.picture_shape import with_border_complaint
-from fieldcalib.solve.request import GivenCamera
-from fieldcalib.solve.solver_options import Prior
+from fieldcalib.solve.batch import calibrate_labels
 
 Labels: TypeAlias = ImageSegments | Annotation
 
@@ -64,67 +56,22 @@ EXPECTED = (
 )
 
 
-@dataclass(frozen=True)
-class Method:
-    """Options for the calibration of frames, whatever their source."""
-
-    field: Field
-    given: GivenCamera
-    flags: int
-    prior: Prior
-    camera: Mount
-    network: Network | None
-    image_size: tuple[int, int] | None
-    progress: Progress
-    side: Side | None = None
-
-    refine = may_be_enlarged = True
-    depends_on_size = False
-    declared = Declared.NOTHING
-
-    @property
-    def of_camera(self) -> dict[str, Any]:
-        """Keyword arguments common to all functions that calibrate: the known values of the camera, flags and prior."""
-        return {**self.given._asdict(), "flags": self.flags, "prior": self.prior}
-
-    def placement(self, image: Image) -> Placement:
-        """Placement of an image that is a whole frame."""
-        return whole_frame(image)
-
-    def keywords(self, frame_size: tuple[int, int]) -> dict[str, Any]:
-        """Keyword arguments of the functions that calibrate pictures."""
-        return {**self.of_camera, "side": self.side}
-
-    def loaded(self) -> Network | None:
-        """Load the given network, or else that of the package; None if that does not know the field."""
-        network = SegmentationNetwork.load() if self.network is None else self.network
-        is_unknown = self.network is None and classes_without_segment(network.classes, self.field)
-        return None if is_unknown else network
-
-    def check(self, *, labelled: bool = False, clip: bool = False) -> None:
-        """Raise a ValueError if an option does not apply to the input."""
-        if self.side is not None and labelled:
-            raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
-        if self.image_size is not None and not labelled:
-            raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
-        if not (isinstance(self.camera, str) and self.camera == "tripod") and not clip:
-            raise ValueError("camera is of clips: give a video, or clip=True with pictures")
-
-
 class Input(Protocol):
     """Input that can be calibrated."""
 
-    def calibrate(self, method: Method) -> Results:
-        """Calibrate the whole input."""
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate the whole input; `how` has the network that the user gives, if any."""
 
 
-def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
+def input_of(source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None) -> Input:
     """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
     labels = _labels_in(source)
     if labels is not None:
         if cut != WHOLE or clip is not None:
             raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
-        return Labelled(labels)
+        return Labelled(labels, image_size)
+    if image_size is not None:
+        raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
     if isinstance(source, str) and Stream.recognises(source):
         if cut.end is None or clip is not None:
             raise ValueError(
@@ -145,6 +92,12 @@ def input_of(source: object, cut: Cut, clip: bool | None) -> Input:
     if clip:
         raise ValueError("the frames of a clip are read several times, an iterator only once: give a list or a path")
     return OneByOne(Pictures(cut=cut), source)
+
+
+def _check_no_clip(how: How) -> None:
+    """Raise a ValueError for an option that is of clips."""
+    if how.camera != "tripod":
+        raise ValueError("camera is of clips: give a video, or clip=True with pictures")
 
 
 def pictures_of(input: Input) -> Pictures:
@@ -207,38 +160,40 @@ class Labelled:
     """Labelled pixels by id; each frame is calibrated by itself."""
 
     labels: Mapping[str, Labels]
+    image_size: tuple[int, int] | None
+    """Size of the pictures, if the user gives it."""
 
-    def calibrate(self, method: Method) -> Results:
+    def calibrate(self, how: How, progress: Progress) -> Results:
         """Calibrate all of it."""
-        method.check(labelled=True)
-        frames = {id: self._frame(id, one, method) for id, one in self.labels.items()}
+        if how.side is not None:
+            raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
+        _check_no_clip(how)
+        field = how.task.field
+        assert field is not None  # `fieldcalib.calibrate` makes it
+        frames = {id: self._frame(id, one, field) for id, one in self.labels.items()}
         collected = Collected()
-        with progress_bar(unit="frame", total=len(frames), progress=method.progress) as bar:
+        with progress_bar(unit="frame", total=len(frames), progress=progress) as bar:
             for unit in units_of(frames, unit_size(len(frames))):
                 calibrations: dict[str, Calibration] = {}
                 losses: dict[str, float] = {}
                 for size, ids in grouped(unit, lambda id: frames[id][1]).items():
                     pixels = {id: frames[id][0] for id in ids}
-                    found = calibrate_batch(method.field, list(pixels.values()), size, **method.of_camera)
-                    seen = [
-                        with_border_complaint(method.field, pixels[id], one) for id, one in zip(ids, found, strict=True)
-                    ]
-                    losses |= paper_losses(method.field, pixels, seen)
-                    calibrations |= zip(ids, seen, strict=True)
+                    found = calibrate_labels(how.task, list(pixels.values()), size)
+                    losses |= paper_losses(field, pixels, found)
+                    calibrations |= zip(ids, found, strict=True)
                 for id in unit:
                     collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
                 bar.update(len(unit))
         return Results(collected.frames(), command="calibrate")
 
-    @staticmethod
-    def _frame(id: str, labels: Labels, method: Method) -> tuple[Pixels, tuple[int, int]]:
+    def _frame(self, id: str, labels: Labels, field: Field) -> tuple[Pixels, tuple[int, int]]:
         """Check the pixels of a frame; also returns the size of its picture."""
         pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
-        size = size if method.image_size is None else checked_image_size(method.image_size)
+        size = size if self.image_size is None else checked_image_size(self.image_size)
         if size is None:
             raise ValueError("labelled pixels do not say the size of their pictures: give image_size=(width, height)")
         try:
-            return thinned(check_segments(method.field, pixels, size)), size
+            return thinned(check_segments(field, pixels, size)), size
         except ValueError as error:
             raise ValueError(f"frame {id}: {error}") from error
 
@@ -251,15 +206,15 @@ class OneByOne:
     iterator: Iterable[Image] | None = None
     """Images that can be read only once; None if `pictures` has them."""
 
-    def calibrate(self, method: Method) -> Results:
+    def calibrate(self, how: How, progress: Progress) -> Results:
         """Calibrate all of it."""
-        method.check()
-        network, collected = method.loaded(), Collected()
+        _check_no_clip(how)
+        how, collected = how.with_network(), Collected()
         frames, total = self._frames()
-        with progress_bar(unit="frame", total=total, progress=method.progress) as bar:
+        with progress_bar(unit="frame", total=total, progress=progress) as bar:
             for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
                 images = [frame.image for frame in part if frame.image is not None]
-                found = iter(calibrate_images(method, network, images))
+                found = iter(calibrate_images(how, images))
                 for frame in part:
                     if frame.image is None:
                         collected.add_broken(frame.id, frame.problem)
@@ -300,13 +255,13 @@ class Clip:
 
     pictures: Pictures
 
-    def calibrate(self, method: Method) -> Results:
+    def calibrate(self, how: How, progress: Progress) -> Results:
         """Calibrate all of it."""
-        method.check(clip=True)
         _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
-        input = ClipInput(source, progress=method.progress)
-        found = calibrate_clip(method, method.loaded(), input, progress=method.progress)
+        input = ClipInput(source, progress=progress)
+        with solving(SOLVING, progress):
+            found = calibrate_clip(how, input)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
@@ -325,22 +280,22 @@ class LiveStream:
     stream: Stream
     cut: Cut
 
-    def calibrate(self, method: Method) -> Results:
+    def calibrate(self, how: How, progress: Progress) -> Results:
         """Calibrate all of it."""
-        method.check()
-        network, collected = method.loaded(), Collected()
-        if network is None:
+        _check_no_clip(how)
+        how, collected = how.with_network(), Collected()
+        if how.network is None:
             raise ValueError(
                 "the network that comes with fieldcalib knows soccer fields only: of a stream give network=, one that "
                 "was trained for this field; pictures and clips of courts need none"
             )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
-            live_tracker(method, network, self.stream, reader) as (frames, tracker),
-            progress_bar(unit="frame", total=len(reader.numbers), progress=method.progress) as bar,
+            live_tracker(how, self.stream, reader) as (frames, tracker),
+            progress_bar(unit="frame", total=len(reader.numbers), progress=progress) as bar,
         ):
             for frame in frames:
-                collected.add(frame.id, tracked(method, tracker, frame), basis=str(tracker.basis))
+                collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis))
                 bar.update()
         _warn_of(reader.loss())
         return Results(collected.frames())

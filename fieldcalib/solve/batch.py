@@ -159,7 +159,7 @@ def calibrate_labels(
     task: Task,
     frames: Sequence[ImageSegments],
     image_size: tuple[int, int],
-    weights: Sequence[Weights] | None,
+    weights: Sequence[Weights] | None = None,
     *,
     cameras: Sequence[Camera] | None = None,
     executor: Executor | None = None,

@@ -66,11 +66,20 @@ class GivenCamera(NamedTuple):
     dist_coeffs: ArrayLike | None = None
     rvec: ArrayLike | None = None
     tvec: ArrayLike | None = None
+    image_size: tuple[int, int] | None = None
+    """Size of the images of `camera_matrix`, if it is given for scaled copies of the calibrated ones."""
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing is given."""
         return all(value is None for value in self)
+
+    def of_size(self, image_size: tuple[int, int]) -> GivenCamera:
+        """Scale the camera matrix to images of a size."""
+        if self.camera_matrix is None or self.image_size in (None, image_size):
+            return self
+        camera = self._replace(rvec=None, tvec=None).camera(self.image_size or image_size).scaled(image_size)
+        return self._replace(camera_matrix=camera.K, dist_coeffs=camera.dist[0], image_size=image_size)
 
     def camera(self, image_size: tuple[int, int]) -> Camera:
         """A camera with the given values, and arbitrary ones for the others."""
@@ -103,7 +112,8 @@ def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], fl
     fixed = []
     for t, one in enumerate(found):
         if one.camera is not None:
-            like = given.camera(one.camera.image_size) if isinstance(given, GivenCamera) else given[t]
+            size = one.camera.image_size
+            like = given.of_size(size).camera(size) if isinstance(given, GivenCamera) else given[t]
             camera, *others = (_as_fixed(camera, like, flags) for camera in (one.camera, *one.alternatives))
             one = replace(one, camera=camera, alternatives=tuple(others))
         fixed.append(one)
@@ -166,8 +176,8 @@ class Task:
         initial camera `start` takes the place of given values.
         """
         image_size = checked_image_size(image_size)
-        flags = self.chosen_flags
-        dist_coeffs = self.given.dist_coeffs if start is None else start.dist
+        flags, given = self.chosen_flags, self.given.of_size(image_size)
+        dist_coeffs = given.dist_coeffs if start is None else start.dist
         layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
@@ -175,8 +185,8 @@ class Task:
                 "of CALIB_FIX_FOCAL_LENGTH, CALIB_FIX_POSITION and CALIB_FIX_ROTATION"
             )
         if start is None:
-            _check_given(self.given, flags)
-        known = _known_parameters(layout, self.given, flags) if start is None else layout.theta(start)
+            _check_given(given, flags)
+        known = _known_parameters(layout, given, flags) if start is None else layout.theta(start)
         max_iterations, tolerance = _checked_criteria(self.criteria)
         distributions = self._distributions
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):

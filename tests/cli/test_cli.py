@@ -121,7 +121,7 @@ def test_wrong_inputs(tmp_path, capsys):
 
 def test_an_output_folder_that_cannot_be(annotated_folder, tmp_path, monkeypatch, capsys):
     """It is known before the work, not after it."""
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", lambda *_, **__: pytest.fail("has worked"))
     (tmp_path / "file").write_text("in the way")
     file, below = tmp_path / "file", tmp_path / "file" / "below"
     for out, message in ((file, f"{file} is a file"), (below, f"{below}: not a directory")):
@@ -132,13 +132,13 @@ def test_an_output_folder_that_cannot_be(annotated_folder, tmp_path, monkeypatch
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that not even root can write to")
 def test_an_output_folder_that_cannot_be_written_to(annotated_folder, monkeypatch, capsys):
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", lambda *_, **__: pytest.fail("has worked"))
     assert calibrate("/proc/self", annotated_folder / "a.json") == 2
     assert "/proc/self" in capsys.readouterr().err
 
 
 def test_an_output_folder_that_another_run_writes_to(annotated_folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", lambda *_, **__: pytest.fail("has worked"))
     with output_folder(tmp_path):
         assert calibrate(tmp_path, annotated_folder / "a.json") == 2
     assert capsys.readouterr().err.startswith(f"fieldcalib: another run or page writes to {tmp_path}: wait for its end")
@@ -293,7 +293,7 @@ def test_no_memory_left_is_one_line(annotated_folder, tmp_path, monkeypatch, cap
     def exhausted(*arguments, **options):
         raise MemoryError
 
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", exhausted)
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", exhausted)
     assert calibrate(tmp_path, annotated_folder / "a.json") == 2
     assert capsys.readouterr().err == "fieldcalib: there is not enough memory\n"
     assert list(tmp_path.iterdir()) == []
@@ -308,7 +308,7 @@ def test_no_memory_for_a_library_is_said(annotated_folder, tmp_path, monkeypatch
         except OSError as error:
             raise OSError("Could not find/load shared object file") from error
 
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", unloaded)
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", unloaded)
     assert calibrate(tmp_path, annotated_folder / "a.json") == 2
     assert capsys.readouterr().err.startswith("fieldcalib: there is not enough memory: libllvmlite.so: failed")
 

@@ -17,7 +17,7 @@ from views import camera
 
 from fieldcalib.assess.findings import Status
 from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import calibrate_from_images, calibrate_pictures
 from fieldcalib.io import image_files
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
@@ -182,10 +182,10 @@ def test_rejected_cameras_are_written_on_request_only(know, tmp_path, capsys):
 
 def test_an_implausible_camera_has_no_file(know, tmp_path, monkeypatch):
     def implausible(*arguments, **options):
-        (found,) = calibrate_from_images(*arguments, **options)
+        (found,) = calibrate_pictures(*arguments, **options)
         return [replace(found, status=Status.IMPLAUSIBLE)]
 
-    monkeypatch.setattr("fieldcalib.run_folder.engine.calibrate_from_images", implausible)
+    monkeypatch.setattr("fieldcalib.run_folder.engine.calibrate_pictures", implausible)
     (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
     know([TRUTHS[0]])
     assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0

@@ -20,7 +20,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image_files import NO_IMAGE
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoWriter
-from fieldcalib.results import inputs
+from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.results.frames import ById
 
 SIZE = (480, 270)
@@ -40,7 +40,7 @@ def knows(monkeypatch):
 
     def install(cameras):
         network = KnownCameras(cameras)
-        monkeypatch.setattr(inputs.SegmentationNetwork, "load", lambda: network)
+        monkeypatch.setattr(SegmentationNetwork, "load", lambda: network)
         return network
 
     return install

@@ -22,8 +22,8 @@ RVEC, TVEC = np.array([1.3, 0.1, 0.0]), np.array([1.0, -2.0, 60.0])
 
 
 def options(**changes):
-    given = GivenCamera(*(changes.pop(name, None) for name in GivenCamera._fields))
     size = changes.pop("image_size", (960, 540))
+    given = GivenCamera(*(changes.pop(name, None) for name in GivenCamera._fields))
     field = changes.pop("field", soccer())
     return Task({} if field is None else field, given, **({"flags": DEFAULT_FLAGS} | changes)).options(size)
 
@@ -182,3 +182,13 @@ def test_scales_in_pixels_grow_with_the_image():
     assert options(image_size=(1920, 1080)).loss.scale == 2.0 * options().loss.scale
     assert options(image_size=(1920, 1080)).wide_loss.scale == 2.0 * options().wide_loss.scale
     assert options(image_size=(1920, 1080)).noise == 2.0 * options().noise
+
+
+def test_a_camera_matrix_is_scaled_to_images_of_another_size():
+    given = GivenCamera(K, (-0.1, 0.0, 0.0, 0.0, 0.0), image_size=(1920, 1080))
+    half = given.of_size((960, 540))
+    np.testing.assert_allclose(np.diagonal(half.camera_matrix)[:2], np.diagonal(K)[:2] / 2.0)
+    assert given.of_size((1920, 1080)) is given
+    task = Task(soccer(), given, F.CALIB_FIX_FOCAL_LENGTH | F.CALIB_FIX_K1)
+    assert np.exp(task.options((960, 540)).known[LOG_F]) == pytest.approx(K[0, 0] / 2.0)
+    assert np.exp(task.options((1920, 1080)).known[LOG_F]) == pytest.approx(K[0, 0])

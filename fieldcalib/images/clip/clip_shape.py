@@ -30,14 +30,14 @@ from itertools import islice
 
 import numpy as np
 
-from fieldcalib._checks import truth
 from fieldcalib._types import Array
 from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS, SHAPE
 from fieldcalib.assess.findings import Finding
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.images.clip.clip_problem import ClipOptions, ClipProblem
+from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_alone
+from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_squash import (
     as_shown,
     log_ratio_of_squash,
@@ -48,11 +48,9 @@ from fieldcalib.images.shape.borders_and_squash import (
 )
 from fieldcalib.images.shape.picture_in_picture import Window, windows_of
 from fieldcalib.io.image import Image, each_checked, size_of
-from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.picture_shape import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
-from fieldcalib.solve.sequence.sequence_problem import SHARED
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
 from fieldcalib.solve.solver_options import CERTAIN
 
@@ -72,26 +70,18 @@ SAME = 2  # px: borders that differ by no more are the same, up to compression
 class ShapeEstimator:
     """Estimates the shape of the frames of a clip."""
 
-    options: ClipOptions
-    network: Network | None
-    take_off_borders: bool = True
-    estimate_aspect: bool = True
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError if `take_off_borders` or `estimate_aspect` is neither True nor False."""
-        for name in ("take_off_borders", "estimate_aspect"):
-            truth(getattr(self, name), name)
+    how: How
 
     @property
     def finds_borders(self) -> bool:
         """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
-        return self.take_off_borders and self.options.task.given.camera_matrix is None
+        return self.how.take_off_borders and self.how.task.given.camera_matrix is None
 
     @property
     def finds_squash(self) -> bool:
         """Whether it is estimated if frames were squashed; not with a camera matrix or without a prior."""
-        is_free = self.options.task.given.camera_matrix is None and self.options.task.prior is not None
-        return self.estimate_aspect and is_free
+        is_free = self.how.task.given.camera_matrix is None and self.how.task.prior is not None
+        return self.how.estimate_aspect and is_free
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
         """Estimate the shape of the frames of a clip; None for frames without borders that were not squashed."""
@@ -126,16 +116,14 @@ class ShapeEstimator:
 
     def _cameras(self, images: Sequence[Image]) -> int:
         """Number of images that have a camera of their own."""
-        return sum(one.accepted for one in self.options.calibrate_alone(images, self.network))
+        return sum(one.accepted for one in calibrate_frames_alone(self.how, images))
 
     def log_odds(self, images: Sequence[Image]) -> float:
         """Log odds that frames of another shape than 16:9 were squashed from it, by the formula of the module."""
         size, shown = size_of(images[0]), shown_size(size_of(images[0]))
-        both = [
-            self.options.calibrate_alone(some, self.network) for some in (images, [as_shown(one) for one in images])
-        ]
+        both = [calibrate_frames_alone(self.how, some) for some in (images, [as_shown(one) for one in images])]
         alone = [
-            log_ratio_of_squash(self.options.task, one, other)
+            log_ratio_of_squash(self.how.task, one, other)
             for one, other in zip(*both, strict=True)
             if one.accepted or other.accepted
         ]
@@ -155,9 +143,10 @@ class ShapeEstimator:
         """
         scale = np.divide(shown, size)
         labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
-        problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
+        how = replace(self.how, camera="tripod", estimate_size=True)
+        problem = ClipProblem(how, shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
-        segments = self.options.task.object_segments if solved.field is None else solved.field
+        segments = self.how.task.object_segments if solved.field is None else solved.field
         cameras = {t: camera.scaled(size) for t, one in enumerate(solved) if (camera := one.camera) is not None}
         found = np.full((len(frames), len(segments)), np.nan)
         if cameras:

@@ -21,7 +21,6 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.paint.detected_lines import with_replaced
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.io.image import Image
-from fieldcalib.localize import Network
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -42,9 +41,7 @@ class Anchors:
     """First frames of the shots; None to find the shots by matches."""
 
 
-def solve_around(
-    keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]], network: Network | None
-) -> VideoCalibration:
+def solve_around(keyframes: Keyframes, anchors: Anchors, images: Callable[[], Iterable[Image]]) -> VideoCalibration:
     """Calibrate the frames of a part of a clip, given anchors.
 
     Parameters
@@ -55,12 +52,11 @@ def solve_around(
         Frames are numbered from the first one of the part.
     images : callable
         Returns the images of the part, from the first one on.
-    network : Network, optional
     """
     keyframes = _with_cuts(keyframes, anchors.cuts)
     held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}
     known = _without_contradicted(keyframes, held)
-    lines = find_clip_lines(solve_tripods(solve_shots(known)), images(), network)
+    lines = find_clip_lines(solve_tripods(solve_shots(known)), images())
     return finish_clip(_with_lines(lines, held))
 
 
@@ -133,7 +129,7 @@ def _near(keyframes: Keyframes, labels: KeyframeLabels, calibration: Calibration
     """Keep the labels of a keyframe that are near their projections by its camera; None if most are far."""
     if calibration is None or calibration.camera is None:
         return labels
-    objects = keyframes.options.task.object_segments if calibration.field is None else calibration.field
+    objects = keyframes.how.task.object_segments if calibration.field is None else calibration.field
     unit = pixel_unit(keyframes.shots.image_size)
     table, reach = labels.labels, FAR + SIGMAS * _sigma(calibration) / unit
     (is_near,) = near_labels(objects, [calibration.camera], [table], reach)

@@ -35,7 +35,7 @@ from fieldcalib.assess.cropping_evidence import ENLARGED, FAINT, LARGEST_SPREAD,
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.line_profiles import LUMA
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, SCORE_OF_SOFTNESS, softness, window_prior
 from fieldcalib.io.image import Image
@@ -97,19 +97,17 @@ class SharedPrincipalPoint:
     """Standard deviations (2,) of the principal points of whole pictures."""
 
     @classmethod
-    def of(
-        cls, found: SequenceCalibration, options: ClipOptions, *, is_free: bool = False
-    ) -> SharedPrincipalPoint | None:
+    def of(cls, found: SequenceCalibration, how: How, *, is_free: bool = False) -> SharedPrincipalPoint | None:
         """Take the principal point of frames that share one; None if they do not, or have no prior.
 
         `is_free`: they were solved with the wide prior for parts of pictures
         (`fieldcalib.images.shape.enlarged.window_prior`).
         """
-        if options.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
+        if how.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
             return None
-        size, objects = found.layout.image_size, options.task.object_segments
-        of_whole = _sigma(options.task.prior, objects, size)
-        prior = _sigma(window_prior(options.task.prior, objects, size), objects, size) if is_free else of_whole
+        size, objects = found.layout.image_size, how.task.object_segments
+        of_whole = _sigma(how.task.prior, objects, size)
+        prior = _sigma(window_prior(how.task.prior, objects, size), objects, size) if is_free else of_whole
         index = [found.names.index(name) for name in ("cx", "cy")]
         offset = found.values[index] - np.divide(size, 2.0)
         return cls(offset, found.covariance[np.ix_(index, index)], prior, of_whole)
@@ -145,15 +143,13 @@ def _sigma(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int,
     return principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
 
 
-def off_middle(found: SequenceCalibration, options: ClipOptions) -> float:
+def off_middle(found: SequenceCalibration, how: How) -> float:
     """Distance of the principal point from the middle, `SharedPrincipalPoint.off_middle`; 0 if frames share none."""
-    shared = SharedPrincipalPoint.of(found, options)
+    shared = SharedPrincipalPoint.of(found, how)
     return 0.0 if shared is None else shared.off_middle
 
 
-def may_be_enlarged(
-    found: SequenceCalibration, options: ClipOptions, softness: float, *, is_free: bool = False
-) -> bool:
+def may_be_enlarged(found: SequenceCalibration, how: How, softness: float, *, is_free: bool = False) -> bool:
     """Whether the frames of a tripod look enlarged, and may be parts of larger ones.
 
     Parameters
@@ -163,9 +159,9 @@ def may_be_enlarged(
     is_free : bool
         Whether they were solved with a principal point that may lie anywhere.
     """
-    if not (options.may_be_enlarged and "centre" in options.shared and softness > 0.0):
+    if not (how.may_be_enlarged and how.is_on_tripod and softness > 0.0):
         return False
-    shared = SharedPrincipalPoint.of(found, options, is_free=is_free)
+    shared = SharedPrincipalPoint.of(found, how, is_free=is_free)
     if shared is None or found.layout is None or found.field is None or found.field.probability is None:
         return False
     size = found.layout.image_size
@@ -173,7 +169,7 @@ def may_be_enlarged(
     return bool(is_usual and shared.log_ratio_of_part + SCORE_OF_SOFTNESS * softness > LEAST_SCORE)
 
 
-def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, options: ClipOptions) -> bool:
+def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, how: How) -> bool:
     """Whether frames that may be enlarged have better cameras with a principal point that may lie anywhere.
 
     They have if the frames are more likely parts than whole, or if most of the accepted cameras are sure with such a
@@ -184,7 +180,7 @@ def is_better_free(whole: SequenceCalibration, freed: SequenceCalibration, optio
     whole, freed : SequenceCalibration
         The frames solved as whole ones, and with such a principal point.
     """
-    shared = SharedPrincipalPoint.of(freed, options, is_free=True)
+    shared = SharedPrincipalPoint.of(freed, how, is_free=True)
     if shared is None:
         return False
     return shared.log_ratio_of_part > 0.0 or bool(np.mean(_is_sure(freed)[whole.accepted]) > 0.5)

@@ -19,7 +19,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip.clip_models import CUT_OUT, CameraModel, Pieces
-from fieldcalib.images.clip.clip_problem import ClipOptions
+from fieldcalib.images.clip.clip_problem import calibrate_frames_alone
 from fieldcalib.images.clip.enlarged_clip import (
     OFF_MIDDLE,
     enlarged_note,
@@ -30,11 +30,11 @@ from fieldcalib.images.clip.enlarged_clip import (
     with_doubts_of_part,
 )
 from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image import Image
-from fieldcalib.localize import Network
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
@@ -75,13 +75,13 @@ class _FrameLines(NamedTuple):
     """Number of profiles with a line, and of all profiles."""
 
 
-def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network | None) -> ClipLines:
+def find_clip_lines(solved: SolvedTripods, images: Iterable[Image]) -> ClipLines:
     """Find the lines in all frames; in keyframes and in every fifth frame, look for paint beside the markings too.
 
     Only frames of pieces that are calibrated one by one are given to the network.
     """
-    pieces, options = solved.pieces, solved.keyframes.options
-    given = Markings.of(options.task.object_segments)
+    pieces, how = solved.pieces, solved.keyframes.how
+    given = Markings.of(how.task.object_segments)
     cameras: dict[int, tuple[Calibration, Markings]] = {}
     for tripod in solved.tripods:
         field = tripod.calibration.field
@@ -95,7 +95,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
     for t, image in enumerate(images):
         if pieces.model_of([int(pieces.number[t])]).is_alone:
-            (calibration,) = options.calibrate_alone([image], network)
+            (calibration,) = calibrate_frames_alone(how, [image])
             one = _fitted(image, calibration, given)
         else:
             one = _near_markings(image, *cameras.pop(t), t in keys or t % PAINT_EVERY == 0) if t in cameras else None
@@ -185,21 +185,21 @@ def _finished_tripod(
 
     If the frames may be enlarged parts of larger ones, they are calibrated with a free principal point too.
     """
-    options, pieces = lines.solved.keyframes.options, lines.solved.pieces
+    how, pieces = lines.solved.keyframes.how, lines.solved.pieces
     start = tripod.calibration if members == tripod.pieces else None
     found = _calibrated(lines, pieces, members, start)
     frames, model = pieces.frames(members), pieces.model_of(members)
     softness = lines.solved.keyframes.softness(frames)
     are_whole = all(one.may_be_part for one in pieces.models_of(members))
-    if are_whole and np.any(found.accepted) and may_be_enlarged(found, options, softness):
+    if are_whole and np.any(found.accepted) and may_be_enlarged(found, how, softness):
         for piece in members:
             pieces = pieces.with_model(piece, CUT_OUT)
         freed = _calibrated(lines, pieces, members, None)
-        if not freed.together or may_be_enlarged(freed, options, softness, is_free=True):
-            if not is_better_free(found, freed, options):
+        if not freed.together or may_be_enlarged(freed, how, softness, is_free=True):
+            if not is_better_free(found, freed, how):
                 return with_doubts_of_all(found), []
             return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
-    return _with_place_of_picture(found, options, model), []
+    return _with_place_of_picture(found, how, model), []
 
 
 def _calibrated(
@@ -214,23 +214,19 @@ def _calibrated(
     return found.seen_in_images(_markings_seen(lines, found, frames))
 
 
-def _with_place_of_picture(
-    calibration: SequenceCalibration, options: ClipOptions, model: CameraModel
-) -> SequenceCalibration:
+def _with_place_of_picture(calibration: SequenceCalibration, how: How, model: CameraModel) -> SequenceCalibration:
     """Add a doubt to all frames if their principal point is far from the middle although its prior keeps it near."""
-    off = off_middle(calibration, options)
-    if off < OFF_MIDDLE or model.is_window or options.task.given.camera_matrix is not None:
+    off = off_middle(calibration, how)
+    if off < OFF_MIDDLE or model.is_window or how.task.given.camera_matrix is not None:
         return calibration
     return with_doubts(calibration, range(len(calibration)), CUT)
 
 
-def finish_clip_again(
-    first: VideoCalibration, lines: ClipLines, images: Iterable[Image], network: Network | None
-) -> VideoCalibration:
+def finish_clip_again(first: VideoCalibration, lines: ClipLines, images: Iterable[Image]) -> VideoCalibration:
     """Find lines near the markings of finished cameras and solve again; keep this if more markings lie on paint."""
     kept = [members for members in lines.members if members]
     tripods = tuple(Tripod(*one) for one in zip(kept, first.tripods, strict=True))
-    second = finish_clip(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
+    second = finish_clip(find_clip_lines(replace(lines.solved, tripods=tripods), images))
     return second if _cameras(second) >= _cameras(first) and off_paint(second) < off_paint(first) else first
 
 
@@ -261,7 +257,7 @@ def _markings_seen(
     enough. Widths of paint are pooled over all frames, as these show the same lines.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
-    markings = Markings.of(lines.solved.keyframes.options.task.object_segments if field is None else field)
+    markings = Markings.of(lines.solved.keyframes.how.task.object_segments if field is None else field)
     cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
     seen = {
         k: evidence_of(lines.ridges[int(frames[k])].seen_by(camera, markings), markings).markings

@@ -21,38 +21,31 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby, islice
-from typing import Literal, Protocol
+from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import named, truth
+from fieldcalib._checks import named
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
-from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.clip.clip_models import crown_notes
-from fieldcalib.images.clip.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip, finish_clip_again, off_paint
 from fieldcalib.images.clip.keyframes import read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
+from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.shape.why_no_camera import has_cameras, notes_without_camera
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
-from fieldcalib.localize.network import Padded, SegmentationNetwork
-from fieldcalib.localize.network_grid import classes_without_segment
-from fieldcalib.solve.request import GivenCamera, Task
-from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.localize.network import Padded
+from fieldcalib.solve.request import GivenCamera, Task, check_of_clip
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-
-Mount = Literal["tripod", "moving"]
-SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
 
 LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, above which lines are looked for once more
 PART = 3000  # frames, two minutes, after which a new part begins at the next keyframe
@@ -164,41 +157,42 @@ def calibrate_video(
     >>> [str(frame.status) for frame in calibrate_video(soccer(), black)]
     ['too few segments', 'too few segments']
     """
-    if not isinstance(camera, str) or camera not in SHARED_BY:
-        raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
+    how = How(
+        Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior),
+        network,
+        side,
+        take_off_borders=take_off_borders,
+        estimate_aspect=estimate_aspect,
+        estimate_size=estimate_size,
+        may_be_enlarged=may_be_enlarged,
+        camera=camera,
+        every=every,
+    )
+    return calibrate_clip(how, source, parts)
+
+
+def calibrate_clip(
+    how: How, source: str | os.PathLike[str] | Iterable[Image], parts: PartStore | None = None
+) -> VideoCalibration:
+    """Calibrate the frames of a video together (`calibrate_video`)."""
     if parts is not None and not (hasattr(parts, "get") and hasattr(parts, "__setitem__")):
         raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
-    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    shared = shared_parameters(SHARED_BY[camera], estimate_size)
-    is_free = truth(may_be_enlarged, "may_be_enlarged") and given.is_empty
-    task = Task(object_segments, given, flags, prior=prior)
-    on = CameraSide.of(task, side)
-    options = ClipOptions(on.task(task), shared, is_free)
-    options.check(network)
-    if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
+    check_of_clip(how.task.chosen_flags)
+    if how.camera == "moving" and how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
-    network = _network_for(object_segments) if network is None else Padded(network)
-    if network is None:
-        options = replace(options, may_be_enlarged=False)
-    else:
-        network = on.network(network, task.field)
+    network = how.with_network().network
+    network = None if network is None else Padded(network)
+    is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
+    on, how = replace(how, network=network, may_be_enlarged=is_free).on_side()
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
-        clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
-    found = _calibrated_parts(clip, options, network, every, parts)
+        clip = replace(clip, shape=ShapeEstimator(how).shape(images))
+    found = _calibrated_parts(clip, how, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.doubts))
     without = network is not None and len(found) and not has_cameras(found)
-    asked = notes_without_camera(object_segments, clip.image_size) if without else ()
+    asked = notes_without_camera(how.task.object_segments, clip.image_size) if without else ()
     notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)
     return replace(found, shape=clip.shape, notes=notes, is_side_open=on.is_open)
-
-
-def _network_for(object_segments: ObjectSegments) -> Network | None:
-    """Load the network of the package; None if the object is a field that it was not trained for."""
-    shipped = SegmentationNetwork.load()
-    if isinstance(object_segments, Field) and classes_without_segment(shipped.classes, object_segments):
-        return None
-    return Padded(shipped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,13 +217,11 @@ def _in_frame(placement: Placement, image: Image) -> Image:
     return placement.image_in_frame(checked_image(image, placement.size))
 
 
-def _calibrated_parts(
-    clip: _Clip, options: ClipOptions, network: Network | None, every: int, kept: PartStore | None
-) -> VideoCalibration:
+def _calibrated_parts(clip: _Clip, how: How, kept: PartStore | None) -> VideoCalibration:
     """Calibrate a clip part by part, so that memory does not grow with the video; both passes advance together."""
     parts = []
     with clip.opened() as images, clip.opened() as again:
-        tied = tied_frames(clip.frames(images), every=every, moving="centre" not in options.shared)
+        tied = tied_frames(clip.frames(images), every=how.every, moving=not how.is_on_tripod)
         second = clip.frames(again)
         for index, part in enumerate(_in_parts(tied)):
             before = None if kept is None else kept.get(index)
@@ -241,7 +233,7 @@ def _calibrated_parts(
                     )
                 parts.append(before)
                 continue
-            parts.append(_calibrated_part(clip, options, network, part, second))
+            parts.append(_calibrated_part(clip, how, part, second))
             if kept is not None:
                 kept[index] = parts[-1]
         if isinstance(images, VideoReader) and (loss := images.loss()):
@@ -250,23 +242,19 @@ def _calibrated_parts(
 
 
 def _calibrated_part(
-    clip: _Clip,
-    options: ClipOptions,
-    network: Network | None,
-    part: Iterable[tuple[Image, TiedFrame]],
-    second: Iterator[Image],
+    clip: _Clip, how: How, part: Iterable[tuple[Image, TiedFrame]], second: Iterator[Image]
 ) -> VideoCalibration:
     """Calibrate one part of a video, from its frames in the first pass and in the second."""
-    keyframes = read_keyframes(part, options, network)
+    keyframes = read_keyframes(part, how)
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
-    lines = find_clip_lines(solved, islice(second, count), network)
+    lines = find_clip_lines(solved, islice(second, count))
     found = finish_clip(lines)
     if off_paint(found) <= LOOK_AGAIN:
         return found
     begin = keyframes.shots.begin
     with clip.opened() as third:
-        return finish_clip_again(found, lines, islice(clip.frames(third), begin, begin + count), network)
+        return finish_clip_again(found, lines, islice(clip.frames(third), begin, begin + count))
 
 
 def _in_parts(frames: Iterable[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:

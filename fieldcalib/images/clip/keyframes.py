@@ -20,15 +20,15 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.background.keyframe_tracking import TiedFrame
 from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
-from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of
 from fieldcalib.images.clip.enlarged_clip import Detail, softness_of_shot
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, place_of, search_from
 from fieldcalib.images.shape.enlarged import window_prior
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE
-from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
@@ -63,7 +63,7 @@ class Shots:
 class Keyframes:
     """Shots, with the labels that a network found in their keyframes, and in some other frames."""
 
-    options: ClipOptions
+    how: How
     shots: Shots
     labels: Mapping[int, KeyframeLabels]
     details: Mapping[int, Detail] = field(default_factory=dict)
@@ -95,21 +95,19 @@ class Keyframes:
 
         Labels of keyframes that contradict their cameras increase the misfit (`with_witnesses`).
         """
-        options, size = self.options, self.shots.image_size
+        how, size = self.how, self.shots.image_size
         frames, model = pieces.frames(members).tolist(), pieces.model_of(members)
         if model.is_window:
-            prior = window_prior(options.task.prior, options.task.object_segments, size)
-            options = replace(options, task=replace(options.task, prior=prior))
+            prior = window_prior(how.task.prior, how.task.object_segments, size)
+            how = replace(how, task=replace(how.task, prior=prior))
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
-        problem = ClipProblem(options.not_sharing(model.not_shared), size, frames, labels, matches).from_zero
+        problem = ClipProblem(replace(how, not_shared=model.not_shared), size, frames, labels, matches).from_zero
         calibration = calibrate_one_by_one(problem) if model.is_alone else solve_sequence(problem, start).calibration
         witnesses = witnesses_of(self.labels, frames, calibration)
-        return with_witnesses(options.task.object_segments, calibration, witnesses)
+        return with_witnesses(how.task.object_segments, calibration, witnesses)
 
 
-def read_keyframes(
-    frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptions, network: Network | None
-) -> Keyframes:
+def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], how: How) -> Keyframes:
     """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
 
     Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
@@ -123,18 +121,18 @@ def read_keyframes(
     labels: dict[int, KeyframeLabels] = {}
     details: dict[int, Detail] = {}
     waiting: dict[int, Image] = {}  # frames that the network is to see
-    searched = SearchedKeyframes(options)
+    searched = SearchedKeyframes(how)
     extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
 
     def look() -> None:
         nonlocal searched
-        if network is None:
+        if how.network is None:
             searched = searched.searched(waiting)
             found = labels_of([searched.found[t] for t in waiting if t in searched.found])
             seen = [t for t in waiting if t in searched.found]
         else:
-            seen, found = list(waiting), labels_of(options.calibrate_alone(list(waiting.values()), network))
-        if options.may_be_enlarged:
+            seen, found = list(waiting), labels_of(calibrate_frames_alone(how, list(waiting.values())))
+        if how.may_be_enlarged:
             details.update({t: Detail.of(image) for t, image in waiting.items()})
         labels.update({t: one for t, one in zip(seen, found, strict=True) if one is not None})
         waiting.clear()
@@ -163,7 +161,7 @@ def read_keyframes(
     labels = dict(sorted(labels.items()))
     loose = loose_at_end(piece, linked)
     pieces = Pieces(np.array(numbered(piece, loose), dtype=np.intp))
-    return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels, details)
+    return Keyframes(how, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels, details)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +265,7 @@ def _confirmed(excess: Array) -> Array:
 class SearchedKeyframes:
     """Keyframes that were searched for a court, by their numbers."""
 
-    options: ClipOptions
+    how: How
     found: Mapping[int, Calibration] = attribute(default_factory=dict)
     """Accepted cameras."""
     refused: Mapping[int, Image] = attribute(default_factory=dict)
@@ -276,8 +274,8 @@ class SearchedKeyframes:
     @property
     def place(self) -> Place | None:
         """Place of the tripod; None if it is not known, or the camera moves."""
-        field = self.options.task.field
-        if field is None or "centre" not in self.options.shared:
+        field = self.how.task.field
+        if field is None or not self.how.is_on_tripod:
             return None
         return place_of(list(self.found.values()))
 
@@ -285,7 +283,7 @@ class SearchedKeyframes:
         """Search further keyframes from the place of the tripod, if it is known; if that fails, from anywhere."""
         after = self
         for t, image in images.items():
-            calibration = after._from_place(image) or search_courts(after.options.task, [image])[0]
+            calibration = after._from_place(image) or search_courts(after.how.task, [image])[0]
             if calibration.accepted:
                 after = replace(after, found={**after.found, t: calibration})
             elif len(after.refused) < MOST_REFUSED:
@@ -301,8 +299,8 @@ class SearchedKeyframes:
 
     def _from_place(self, image: Image) -> Calibration | None:
         """An accepted camera at the place of the tripod; None if there is none."""
-        place, field = self.place, self.options.task.field
+        place, field = self.place, self.how.task.field
         if place is None or field is None:
             return None
-        found = search_from(self.options.task, field, image, place)
+        found = search_from(self.how.task, field, image, place)
         return found if found.accepted else None

@@ -26,9 +26,10 @@ from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors
 from fieldcalib.fields.field import tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframePair
-from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of
 from fieldcalib.images.clip.finished_clip import LEAST_LINES
 from fieldcalib.images.clip.keyframes import labels_of
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image
@@ -125,10 +126,10 @@ class ShotSolution(NamedTuple):
     """The solved keyframes; None as long as no keyframe has a camera."""
 
 
-def prepare(options: ClipOptions) -> None:
+def prepare(how: How) -> None:
     """Import what `solve_shot` needs, which takes longer than the first keyframe.
 
-    `OtherProcess.run` calls it with the options, and raises an error at once if these cannot be pickled.
+    `OtherProcess.run` calls it with an argument of `solve_shot`, and raises an error at once if this cannot be pickled.
     """
     import_module("scipy.spatial.transform")
 
@@ -143,7 +144,7 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
     }
     labels = {}
     if segmented is not None:
-        (keyframe,) = labels_of(problem.options.calibrate_alone([segmented.image], segmented))
+        (keyframe,) = labels_of(calibrate_frames_alone(replace(problem.how, network=segmented), [segmented.image]))
         if keyframe is not None and keyframe.accepted:
             labels = {shot.new: keyframe.labels}
     problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})
@@ -217,13 +218,13 @@ class LiveShot:
             followed=self.followed if camera is None else {**self.followed, index: camera},
         )
 
-    def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
+    def problem(self, how: How, image_size: tuple[int, int], new: int) -> ShotProblem:
         """Set up the problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
         labels = {key: self.labels[key] for key in keys}
         matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
         return ShotProblem(
-            ClipProblem(options, image_size, keys, labels, matches),
+            ClipProblem(how, image_size, keys, labels, matches),
             new,
             tuple(self.pairs.values()),
             None if self.solved is None else self.solved.layout,

@@ -90,7 +90,7 @@ def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
 def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
     """Solve one more piece; if it is divided, its parts are numbered from its number on."""
     clip, pieces = solved.keyframes, solved.pieces
-    options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
+    how, size, frames = clip.how, clip.shots.image_size, pieces.frames([piece])
     calibration = clip.calibrate(pieces, [piece], clip.accepted)
     # the tripod is wrong if labels of keyframes, found without it, contradict its cameras; then other models are tried
     keyframes = np.array(sorted(witnesses_of(clip.labels, frames.tolist(), calibration)), dtype=np.intp)
@@ -98,7 +98,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
     labelled = np.count_nonzero(np.isin(frames, list(clip.accepted)))
     is_wrong = bool(labelled >= LEAST_FRAMES and is_of_wrong_model(excess, size))
     found = SolvedShots(clip, pieces, {piece: calibration})
-    is_free = "centre" in options.shared and not options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION
+    is_free = how.is_on_tripod and not how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION
     if is_free and calibration.together and (is_wrong or not is_whole_shape(size)):
         first: list[list[int]] = []
         if is_wrong:
@@ -114,12 +114,12 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
 
 def _cut_out(on_tripod: SolvedShots, piece: int) -> SolvedShots:
     """Free the principal point of a piece on a tripod, and keep this if it turns out to be far from the middle."""
-    clip, options = on_tripod.keyframes, on_tripod.keyframes.options
-    if options.task.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], options) < MAY_BE_OFF:
+    clip, how = on_tripod.keyframes, on_tripod.keyframes.how
+    if how.task.given.camera_matrix is not None or off_middle(on_tripod.calibrations[piece], how) < MAY_BE_OFF:
         return on_tripod
     pieces = on_tripod.pieces.with_model(piece, CUT_OUT)
     found = clip.calibrate(pieces, [piece], clip.accepted)
-    if not found.together or off_middle(found, options) < OFF_MIDDLE:
+    if not found.together or off_middle(found, how) < OFF_MIDDLE:
         return on_tripod
     x, y = (found.shared[name][0] for name in ("cx", "cy"))
     note = CUT_OUT.said(clip.shots.begin + pieces.frames([piece]), x=x, y=y)
@@ -146,7 +146,7 @@ def _other_models(
     pieces, frames = on_tripod.pieces, on_tripod.pieces.frames([piece])
     divided = [(np.array(some), pieces.divided(some)) for k, some in enumerate(first) if some and some not in first[:k]]
     for model in CAMERA_MODELS:
-        if model.is_tried(on_tripod.keyframes.options.task, is_wrong=is_wrong):
+        if model.is_tried(on_tripod.keyframes.how.task, is_wrong=is_wrong):
             whole = frames, pieces.with_model(piece, model)
             yield from ((model, *one) for one in (divided if model.divides else [whole]))
 
@@ -177,7 +177,7 @@ def _misprediction(solved: SolvedShots, left_out: HeldOut) -> Misprediction:
         (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))
         for p, start in solved.calibrations.items()
     ]
-    return left_out.misprediction(clip.options.task.object_segments, found)
+    return left_out.misprediction(clip.how.task.object_segments, found)
 
 
 def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> HeldOut:
@@ -212,12 +212,12 @@ class SolvedTripods:
 
 def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     """Group shots by their tripod, and calibrate the shots of each group together."""
-    options, pieces = shots.keyframes.options, shots.pieces
-    stands = "centre" in options.shared
+    how, pieces = shots.keyframes.how, shots.pieces
+    stands = how.is_on_tripod
     located = [piece for piece, shot in shots.calibrations.items() if shot.together]
     if not stands:
         groups = [[piece] for piece in located]
-    elif options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
+    elif how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
         groups = [located] if located else []
     else:
         models = {piece: pieces.model_of([piece]) for piece in shots.calibrations}
@@ -258,8 +258,8 @@ def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> 
 
 def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: SequenceCalibration) -> list[int]:
     """Pieces whose lines fit when solved alone, but not with the other members; never all of them."""
-    options, size = shots.keyframes.options, shots.keyframes.shots.image_size
-    if len(members) == 1 or options.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
+    how, size = shots.keyframes.how, shots.keyframes.shots.image_size
+    if len(members) == 1 or how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
         return []
     number = shots.pieces.number[shots.pieces.frames(members)]
     excess = {p: calibration.frames.misfit[number == p] for p in members}

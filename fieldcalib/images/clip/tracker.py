@@ -24,8 +24,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
-from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.clip.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
+from fieldcalib.images.clip.clip_problem import Cells, cells_of
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.clip.live_shot import (
     FollowedFrame,
@@ -37,13 +36,13 @@ from fieldcalib.images.clip.live_shot import (
     prepare,
     solve_shot,
 )
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import paint_evidence, widths_by_marking, with_widths
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
-from fieldcalib.solve.request import GivenCamera, Task
-from fieldcalib.solve.sequence.sequence_problem import SHARED
+from fieldcalib.solve.request import GivenCamera, Task, check_of_clip
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 LOG = logging.getLogger(__name__)
@@ -129,23 +128,32 @@ class Tracker:
         wait: bool = False,
     ) -> None:
         wait, every = truth(wait, "wait"), whole_number(every, "every", 1)
-        given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-        shared = shared_parameters(SHARED, estimate_size)
-        task = Task(object_segments, given, flags, prior=prior)
-        self._side = CameraSide.of(task, side)
-        self._options = ClipOptions(self._side.task(task), shared)
-        self._options.check(network)
+        how = How(
+            Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior),
+            network,
+            side,
+            take_off_borders=take_off_borders,
+            estimate_aspect=estimate_aspect,
+            estimate_size=estimate_size,
+            every=every,
+        )
+        self._start(how, wait=wait)
+
+    def _start(self, how: How, *, wait: bool) -> None:
+        """Check the parameters, load the network, and begin."""
+        check_of_clip(how.task.chosen_flags)
+        self._side, how = how.on_side()
         self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         # one core is left to `update`
-        network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
-        self._network = self._side.network(network, task.field)
+        if how.network is None:
+            network = SegmentationNetwork.load(threads=2 if wait else 1)
+            how = replace(how, network=self._side.network(network, how.task.field))
+        self._how = how
         if self._other is not None:
-            self._other.run(prepare, self._options)
-        estimator = ShapeEstimator(self._options, self._network, take_off_borders, estimate_aspect)
-        self._shape = LiveShape(estimator, self._submit)
+            self._other.run(prepare, replace(how, network=None))
+        self._shape = LiveShape(ShapeEstimator(how), self._submit)
         self._size: tuple[int, int] | None = None  # of the images
-        self._every = every
         self._running: tuple[_Keyframe, Future[ShotSolution]] | None = None
         self._is_closed = False
         self._basis = Basis.NOTHING
@@ -154,7 +162,7 @@ class Tracker:
 
     def _begin(self) -> None:
         """Forget all images so far."""
-        self._keyframes = KeyframeTracker(self._every, leave_pairs=True)
+        self._keyframes = KeyframeTracker(self._how.every, leave_pairs=True)
         self._next: _Keyframe | None = None
         self._shot = LiveShot((self._shot.identity[0] + 1, 0))
         self._index = 0
@@ -217,7 +225,7 @@ class Tracker:
             if self._shape.update(image):
                 self._begin()
             image = self._shape.image_in_frame(image)
-        calibration = self._side.with_alternatives(self._updated(image), self._options.task.field)
+        calibration = self._side.with_alternatives(self._updated(image), self._how.task.field)
         return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
 
     def _updated(self, image: Image) -> Calibration:
@@ -282,14 +290,16 @@ class Tracker:
         if self._next is None or self._running is not None:
             return
         keyframe, self._next = self._next, None
-        problem = self._shot.problem(self._options, keyframe.size, keyframe.index)
+        problem = self._shot.problem(replace(self._how, network=None), keyframe.size, keyframe.index)
         if self._other is None:
             self._take(keyframe, self._solution(problem, keyframe.image))
         else:
             self._running = keyframe, self._thread.submit(self._solution, problem, keyframe.image)
 
     def _solution(self, problem: ShotProblem, image: Image | None) -> ShotSolution:
-        seen = None if image is None else SegmentedImage(image, tuple(self._network.classes), self._network([image]))
+        network = self._how.network
+        assert network is not None
+        seen = None if image is None else SegmentedImage(image, tuple(network.classes), network([image]))
         return solve_shot(problem, seen) if self._other is None else self._solution_there(problem, seen)
 
     def _solution_there(self, problem: ShotProblem, seen: SegmentedImage | None) -> ShotSolution:
@@ -314,3 +324,10 @@ class Tracker:
         """Take the solution of a keyframe, unless its shot is over."""
         if keyframe.shot == self._shot.identity:
             self._shot = self._shot.with_solution(solution)
+
+
+def tracker_of(how: How, *, wait: bool) -> Tracker:
+    """Make a tracker from the value of its parameters."""
+    tracker = Tracker.__new__(Tracker)
+    tracker._start(how, wait=wait)
+    return tracker

@@ -12,7 +12,6 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, WINDOW, HeldOut, Pieces, parts
-from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.finished_clip import (
     UNTIED,
     ClipLines,
@@ -23,6 +22,7 @@ from fieldcalib.images.clip.finished_clip import (
 )
 from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, are_consistent
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
+from fieldcalib.images.from_images import How
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
@@ -40,7 +40,7 @@ def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
     frames = [frame.pixels for frame in labelled(cameras, FIELD, rng, noise)]
     labels = {t: KeyframeLabels(PixelTable.of(FIELD, [pixels])) for t, pixels in enumerate(frames)}
     shots = Shots(0, size, pieces, np.array(loose or [False] * count), matches)
-    return Keyframes(ClipOptions(Task(FIELD)), shots, labels)
+    return Keyframes(How(Task(FIELD)), shots, labels)
 
 
 def solved(clip):
@@ -146,7 +146,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     monkeypatch.setattr("fieldcalib.images.clip.finished_clip.find_clip_lines", lambda *_: None)
     monkeypatch.setattr("fieldcalib.images.clip.finished_clip.finish_clip", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
-    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}, {}), [], None) is found
+    assert finish_clip_again(found, ClipLines(result, ((0,),), {}, {}, {}), []) is found
 
 
 @pytest.mark.slow
@@ -221,13 +221,12 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     assert "one by one" in found.notes[0]
     images, by_itself = np.zeros((14, *SIZE[::-1], 3), np.uint8), iter(range(14))
     monkeypatch.setattr(
-        ClipOptions,
-        "calibrate_alone",
-        lambda self, images, _: [
+        "fieldcalib.images.clip.finished_clip.calibrate_frames_alone",
+        lambda how, images: [
             calibrate_from_segments(FIELD, clip.accepted[next(by_itself)].by_label(0), SIZE) for _ in images
         ],
     )
-    lines = find_clip_lines(found, images, None)
+    lines = find_clip_lines(found, images)
     assert set(lines.labels) == set(lines.ridges) == set(range(14))
     video = finish_clip(replace(lines, ridges={}))
     assert np.median([far_off(one, camera) for one, camera in zip(video, cameras, strict=True)]) < 1.0

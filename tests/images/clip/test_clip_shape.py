@@ -15,9 +15,9 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.images.clip import clip_shape
-from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
 from fieldcalib.images.clip.tracker import Tracker
+from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_squash import within_borders
 from fieldcalib.solve.picture_shape import WAS_SQUASHED
 from fieldcalib.solve.request import Task
@@ -110,7 +110,7 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
     cameras, pictures = clip
     some = slice(0, COUNT, 4)
     network = Asked(cameras[some])
-    asked = ShapeEstimator(ClipOptions(Task(FIELD)), network)
+    asked = ShapeEstimator(How(Task(FIELD), network))
     assert asked.log_odds([squashed(picture) for picture in pictures[some]]) > 3.0
     corner = SIZE[0] - SQUASHED[0], 0
     parts = [camera.cropped(corner, SQUASHED) for camera in cameras[some]]
@@ -202,7 +202,7 @@ def live(log_odds=-9.0):
         done.set_result(log_odds)
         return done
 
-    return LiveShape(ShapeEstimator(ClipOptions(Task(FIELD)), None), submit)
+    return LiveShape(ShapeEstimator(How(Task(FIELD))), submit)
 
 
 def test_larger_borders_begin_where_all_of_the_last_pictures_have_them(clip, often):

@@ -39,7 +39,7 @@ def test_spoiled_labels_are_left_out(anchors):
     spoiled = (2, 6, 7, 10)
     wrong = moved({t: clip.labels[t] for t in spoiled}, (30.0, 26.0))
     held = {t: clip.labels[t] for t in anchors}
-    found = _without_contradicted(type(clip)(clip.options, clip.shots, clip.labels | wrong), held)
+    found = _without_contradicted(type(clip)(clip.how, clip.shots, clip.labels | wrong), held)
     assert set(found.labels) == set(range(COUNT)) - set(spoiled)
 
 
@@ -48,7 +48,7 @@ def test_labels_of_frames_that_nothing_ties_are_contradicted_by_those_around():
     matches = {pair: cells for pair, cells in clip.shots.matches.items() if 4 not in pair}
     shots = type(clip.shots)(0, clip.shots.image_size, clip.shots.pieces, clip.shots.loose, matches)
     wrong = moved({4: clip.labels[4]}, (200.0, 0.0))
-    found = _without_contradicted(type(clip)(clip.options, shots, clip.labels | wrong), {})
+    found = _without_contradicted(type(clip)(clip.how, shots, clip.labels | wrong), {})
     assert set(found.labels) == set(range(COUNT)) - {4}
 
 
@@ -58,7 +58,7 @@ def test_anchors_correct_what_most_labels_say():
     clip = clip_of(CAMERAS)
     wrong = moved({t: clip.labels[t] for t in range(4, COUNT)}, (60.0, -50.0))
     held = {t: clip.labels[t] for t in (5, 10)}
-    found = _without_contradicted(type(clip)(clip.options, clip.shots, clip.labels | wrong), held)
+    found = _without_contradicted(type(clip)(clip.how, clip.shots, clip.labels | wrong), held)
     assert set(found.labels) == {0, 1, 2, 3, 5, 10}
 
 

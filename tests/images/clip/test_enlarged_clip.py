@@ -72,7 +72,7 @@ def short_shot(pan, focal_length, corner=(0, 0), *, is_soft=True, **options):
     clip = clip_of(cameras, noise=1.0)
     detail = Detail(LARGEST_SOFTNESS, SecondDifferences(*2 * [np.zeros(0, np.float32)]))
     details = dict.fromkeys(clip.labels, detail) if is_soft else {}
-    return cameras, finished(solved(replace(clip, details=details, options=replace(clip.options, **options))))
+    return cameras, finished(solved(replace(clip, details=details, how=replace(clip.how, **options))))
 
 
 def camera_at(pan, focal_length):

@@ -18,9 +18,10 @@ from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframeTracker
 from fieldcalib.images.clip import tracker as tracker_module
-from fieldcalib.images.clip.clip_problem import ClipOptions, ClipProblem
+from fieldcalib.images.clip.clip_problem import ClipProblem
 from fieldcalib.images.clip.live_shot import MOST_EXTRAPOLATED, SegmentedImage, ShotProblem, solve_shot
 from fieldcalib.images.clip.tracker import Tracker
+from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.request import Task
@@ -163,7 +164,7 @@ def test_it_gives_what_this_process_gives(clip):
     cameras, pictures = clip
     network = KnownCameras(cameras[:1])
     seen = SegmentedImage(pictures[0], network.classes, network(pictures[:1]))
-    problem = ShotProblem(ClipProblem(ClipOptions(Task(FIELD)), SIZE, [0], {}, {}), 0)
+    problem = ShotProblem(ClipProblem(How(Task(FIELD)), SIZE, [0], {}, {}), 0)
     other = OtherProcess()
     there = other.run(solve_shot, problem, seen)
     other.close()

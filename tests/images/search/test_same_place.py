@@ -15,8 +15,8 @@ from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import field_named, tennis
 from fieldcalib.images.camera_side import twin_of
-from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.keyframes import SearchedKeyframes
+from fieldcalib.images.from_images import How
 from fieldcalib.images.search.place_search import Place, place_of, pooled_place, search_from
 from fieldcalib.solve.request import Task
 
@@ -84,7 +84,7 @@ def test_there_is_no_place_without_a_court():
 def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
     close, whole = on_court(94.0, 1900.0), on_court(90.0, 1300.0)
     nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing was found")
-    first = SearchedKeyframes(ClipOptions(Task(COURT)))
+    first = SearchedKeyframes(How(Task(COURT)))
     with monkeypatch.context() as patched:
         patched.setattr("fieldcalib.images.clip.keyframes.search_courts", lambda task, images: [nothing])
         first = first.searched({0: render_field(close, COURT)})
@@ -95,7 +95,7 @@ def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
 
 
 def test_a_camera_that_moves_has_no_place():
-    options = ClipOptions(Task(COURT)).not_sharing("centre")
+    options = How(Task(COURT), camera="moving")
     found = SearchedKeyframes(options).searched({0: render_field(on_court(90.0, 1300.0), COURT)})
     assert found.found
     assert found.place is None

@@ -14,8 +14,8 @@ from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS
 from fieldcalib.assess.findings import Status, Verdict, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip.clip_problem import ClipOptions
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
+from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_squash import without_borders
 from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.io.image import size_of
@@ -112,7 +112,7 @@ class NoNetwork:
 @pytest.mark.parametrize(("way", "views"), [("0.8 upper left, studio", 1), ("split, two thirds", 2)])
 def test_a_clip_is_seen_in_its_window(way, views):
     image, made = shown(way)
-    estimator = ShapeEstimator(ClipOptions(Task(FIELD)), NoNetwork(), estimate_aspect=False)
+    estimator = ShapeEstimator(How(Task(FIELD), NoNetwork(), estimate_aspect=False))
     shape = estimator.shape([image] * 24)
     x, y, w, h = made.windows[-1][0]
     np.testing.assert_allclose(shape.placement.corner, (-x, -y), atol=5)
