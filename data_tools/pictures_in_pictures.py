@@ -33,8 +33,8 @@ import numpy as np
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.probability import largest_true_error
 from data_tools.truth import UNIT, points_in_view
-from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.result import NOT_WHOLE_FRAMES, Calibration
+from fieldcalib.assess.findings import Verdict, What
+from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
@@ -50,6 +50,7 @@ from fieldcalib.synthetic.paths import with_displaced_lines
 
 LARGEST_ERROR, RIGHT = 1.0, 5.0  # metres; px of `UNIT`
 SUFFIXES = (".jpg", ".png")
+NOT_WHOLE_FRAMES = What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW
 LINE = (235, 235, 235)
 PARTS, OFF_MIDDLE = (0.5, 0.8), 0.25  # of the size; least distance from the middle, where 0.5 is at the border
 BLUR = 25.0  # px: of a picture that is the background of itself

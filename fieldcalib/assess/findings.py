@@ -58,6 +58,7 @@ class Advice(StrEnum):
     BY_HAND = "by hand"
     KNOWN_CAMERA = "known camera"
     PICTURE = "picture"
+    PART = "part of a frame"
     OTHER_FIELD = "other field"
     FIELD_SIZE = "field size"
 
@@ -77,10 +78,13 @@ class Remedy(NamedTuple):
 NOTHING = Remedy()
 OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 OFF_PAINT = Remedy(f"{LOOK}; give the known length and width of the field", (Advice.LOOK, Advice.FIELD_SIZE))
+OFF_PAINT_OF_KNOWN_SIZE = Remedy(f"{LOOK}; markings {BY_HAND}", (Advice.LOOK, Advice.BY_HAND))
+ONE_VIEW = Remedy("cut the view that you want out of the picture")
 NOT_WHOLE = Remedy(
     f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one", (Advice.PICTURE,)
 )
-SMALLER = Remedy(f"{LOOK}; if the field is a smaller one, {OTHER_FIELD}", (Advice.LOOK, Advice.OTHER_FIELD))
+WHICH_PART = Remedy("say which part of a frame the picture is, or that nothing is cut off", (Advice.PART,))
+SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 NOT_SOCCER = Remedy(
     f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}",
     (Advice.OTHER_FIELD,),
@@ -100,7 +104,7 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
         Advice.LOOK: {
             Tool.COMMAND: "run --show-paint",
             Tool.PYTHON: "results.overlay(id, show_paint=True)",
-            Tool.PAGE: "orange lines lie beside their paint",
+            Tool.PAGE: "lines beside their paint are orange, those without any grey",
         },
         Advice.BY_HAND: {
             Tool.COMMAND: "fieldcalib open",
@@ -115,13 +119,18 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
         Advice.PICTURE: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
             Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
-            Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it; and Principal "
-            "point if nothing was cut off. A part of a frame: fieldcalib run with --crop-of, and open its results",
+            Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it. A part of a frame, "
+            "or a whole one: fieldcalib run with --crop-of, and open its results",
+        },
+        Advice.PART: {
+            Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off)",
+            Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
+            Tool.PAGE: "fieldcalib run with --crop-of, and open its results",
         },
         Advice.OTHER_FIELD: {
-            Tool.COMMAND: "--field tennis, or auto",
-            Tool.PYTHON: 'field="tennis", or "auto"',
-            Tool.PAGE: "fieldcalib open with --field tennis",
+            Tool.COMMAND: "--field NAME, or auto",
+            Tool.PYTHON: "field=NAME, or 'auto'",
+            Tool.PAGE: "fieldcalib open with --field NAME",
         },
         Advice.FIELD_SIZE: {
             Tool.COMMAND: "--field-length and --field-width with --field-size known",
@@ -457,13 +466,21 @@ REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
     {
         Status.REJECTED: Remedy("check the labels of the segments with the largest errors, or give a larger tau"),
         Status.IMPROBABLE: Remedy(
-            f"{LOOK}; markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}",
-            (Advice.LOOK, Advice.BY_HAND, Advice.KNOWN_CAMERA),
+            f"markings {BY_HAND}, or {KNOWN_CAMERA}; {LEFT_OUT}", (Advice.BY_HAND, Advice.KNOWN_CAMERA)
         ),
         Status.TOO_FEW_SEGMENTS: Remedy(f"more markings in view, or {BY_HAND}", (Advice.BY_HAND,)),
         Status.DEGENERATE: Remedy(
             f"a marking elsewhere in view, or {BY_HAND}, that is not parallel to the others", (Advice.BY_HAND,)
         ),
+        Status.NOT_CONVERGED: Remedy(f"markings {BY_HAND}", (Advice.BY_HAND,)),
+        Status.IMPLAUSIBLE: Remedy(
+            f"markings {BY_HAND}; check the field and its size; say {PICTURE}, if it was cropped or squashed",
+            (Advice.BY_HAND, Advice.PICTURE),
+        ),
+    }
+)
+OF_LABELS: Mapping[Status, Remedy] = MappingProxyType(
+    {
         Status.NOT_CONVERGED: Remedy("check the labels; more iterations may help (criteria, in Python)"),
         Status.IMPLAUSIBLE: Remedy(
             f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed",
@@ -471,6 +488,7 @@ REMEDIES: Mapping[Status, Remedy] = MappingProxyType(
         ),
     }
 )
+"""Remedies of labels that a person set, where these differ."""
 
 
 CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(

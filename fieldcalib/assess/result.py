@@ -26,10 +26,14 @@ from fieldcalib.assess.findings import (
     NOT_SOCCER,
     NOT_WHOLE,
     NOTHING,
+    OF_LABELS,
     OFF_PAINT,
+    OFF_PAINT_OF_KNOWN_SIZE,
+    ONE_VIEW,
     OTHER_SPORT,
     REMEDIES,
     SMALLER,
+    WHICH_PART,
     Advice,
     Finding,
     NoCameraError,
@@ -57,7 +61,6 @@ ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-NOT_WHOLE_FRAMES = frozenset([What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW])
 
 
 class WhenRead:
@@ -281,13 +284,19 @@ class Calibration:
         if not self.accepted:
             sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
             noted = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
-            return REMEDIES[self.status].and_also(*noted)
+            remedy = REMEDIES[self.status]
+            return (OF_LABELS.get(self.status, remedy) if self.are_annotated else remedy).and_also(*noted)
         if self.has_finding(What.OFF_PAINT, What.NO_PAINT):
-            return OFF_PAINT
+            may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
+            return OFF_PAINT if may_be_resized else OFF_PAINT_OF_KNOWN_SIZE
+        if self.has_finding(What.SEVERAL_VIEWS):
+            return ONE_VIEW
         if self.has_finding(What.WIDE_PAINT):
             return SMALLER
-        if self.has_finding(*NOT_WHOLE_FRAMES):
+        if self.has_finding(What.SHAPE):
             return NOT_WHOLE
+        if self.has_finding(What.PART, What.ENLARGED, What.IN_WINDOW):
+            return WHICH_PART
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
         return Remedy(said, (Advice.FIELD_SIZE,)) if said else NOTHING
 

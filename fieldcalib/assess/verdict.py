@@ -80,7 +80,7 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
     if complaint:
         return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:
-        return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
+        return Status.NOT_CONVERGED, "the iterations ended before a minimum"
     if missed:
         worst = max(missed, key=lambda label: evidence.errors[label])
         fits = f"{len(segments) - len(missed)} of {labelled} agree"

@@ -13,7 +13,7 @@ from views import camera
 from data_tools.pictures_in_pictures import WAYS, arranged, clip_views, counts
 from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
 from fieldcalib.assess.cropping_evidence import ENLARGED
-from fieldcalib.assess.findings import NOT_WHOLE, Verdict
+from fieldcalib.assess.findings import WHICH_PART, Verdict
 from fieldcalib.images.clip.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS
 
@@ -84,7 +84,7 @@ def test_a_shot_that_does_not_show_its_middle_is_not_trusted_if_it_looks_enlarge
     assert {one.verdict for one in trusted} == {Verdict.GOOD}
     assert {one.verdict for one in found} == {Verdict.CHECK}
     assert all(ENLARGED in one.findings for one in found)
-    assert {one.remedy for one in found} == {NOT_WHOLE.text}
+    assert {one.remedy for one in found} == {WHICH_PART.text}
     assert len(VideoCalibration.from_dict(found.to_dict())[0].reason) == len(found[0].reason)
 
 

@@ -12,7 +12,7 @@ from views import camera
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from fieldcalib import Calibration, calibrate_from_images
 from fieldcalib.assess.cropping_evidence import ENLARGED
-from fieldcalib.assess.findings import NOT_WHOLE, Verdict
+from fieldcalib.assess.findings import WHICH_PART, Verdict
 from fieldcalib.cli.camera_options import DeclaredPictures
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import enlarged
@@ -42,7 +42,7 @@ def test_a_camera_that_is_not_sure_without_the_middle_is_kept_with_a_doubt(monke
     as_whole, found = calibrated(PART, may_be_enlarged=False), calibrated(PART)
     assert found.verdict is Verdict.CHECK
     assert found.findings == (ENLARGED,)
-    assert found.remedy == NOT_WHOLE.text
+    assert found.remedy == WHICH_PART.text
     np.testing.assert_array_equal(found.K, as_whole.K)
     assert Calibration.from_dict(found.to_dict()).reason == found.reason
 

@@ -1,0 +1,446 @@
+"""Every remedy works: where it is printed, following it makes the verdict better, or answers the question.
+
+Each test follows the remedies of its `@follows`; one test holds that none is left out.
+"""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from commands import run
+from networks import Blind
+from pictures import picture
+from synthetic import in_image, observe, whole_circle_markings
+
+from data_tools.pictures_in_pictures import WAYS, View, arranged
+from fieldcalib import (
+    PINHOLE_FLAGS,
+    Arc,
+    Camera,
+    Line,
+    Point,
+    Status,
+    calibrate_from_homography,
+    calibrate_from_images,
+    calibrate_from_points,
+    calibrate_from_segments,
+    soccer,
+)
+from fieldcalib.assess import Verdict, findings
+from fieldcalib.assess.cropping_evidence import Declared
+from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy, What
+from fieldcalib.assess.placement import Crop, Placement
+from fieldcalib.assess.result import doubted
+from fieldcalib.fields import Field, badminton, tennis
+from fieldcalib.geometry.projective import homography_from_points
+from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.paint_evidence import paint_evidence
+from fieldcalib.images.shape.picture_in_picture import windows_of
+from fieldcalib.localize import SegmentationNetwork
+from fieldcalib.run_folder.frame_record import calibration_line
+from fieldcalib.solve.solver_options import CalibrationFlags
+from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
+
+SIZE = (960, 540)
+PITCH, KNOWN_PITCH = soccer(), soccer(size_known=True)
+NETWORK = SegmentationNetwork.load()
+POINTS = np.array([point.X for point in PITCH.points.values()])
+LEFT = Camera.from_angles(-0.5, 1.36, 0.004, 1500.0, (1.5, 68.0, -17.0), SIZE)
+BOTH = Camera.from_angles(-0.3, 1.36, 0.004, 1300.0, (-2.0, 62.0, -15.0), SIZE)
+COURT = Camera.from_angles(np.radians(90), np.radians(72), 0.0, 1500.0, (-34.0, 1.0, -10.0), SIZE)
+KNOWN = PINHOLE_FLAGS | CalibrationFlags.CALIB_FIX_FOCAL_LENGTH
+FOLLOWED = {}
+ORDER = list(Verdict)  # good, check, reject
+
+
+def follows(*remedies):
+    """Mark a test as one that follows some remedies."""
+
+    def marked(test):
+        for remedy in remedies:
+            FOLLOWED[remedy] = test.__name__
+        return test
+
+    return marked
+
+
+def frame_of(camera, labels=None, noise=0.5, field=PITCH):
+    seen = observe(whole_circle_markings(field), camera, np.random.default_rng(3), noise=noise)
+    return seen if labels is None else {label: seen[label] for label in labels}
+
+
+def seen(camera, points=POINTS, noise=0.5):
+    xy = camera.project(points)
+    inside = in_image(xy, camera.image_size)
+    return points[inside], (xy + np.random.default_rng(0).normal(size=xy.shape) * noise)[inside]
+
+
+def is_better(after, before):
+    return ORDER.index(after.verdict) < ORDER.index(before.verdict)
+
+
+def scaled_pitch(scale):
+    """A smaller field with the markings of a pitch, whose lines are as wide as on one."""
+
+    def scaled(segment):
+        at = {Line: ("start", "end"), Arc: ("center",), Point: ("X",)}[type(segment)]
+        moved = {name: tuple(scale * np.array(getattr(segment, name))) for name in at}
+        return replace(segment, **moved, **({"radius": scale * segment.radius} if segment.is_arc else {}))
+
+    def nearer(stand):
+        return replace(stand, **{axis: tuple(scale * np.array(getattr(stand, axis))) for axis in "xyz"})
+
+    kept = {name: getattr(PITCH, name) for name in ("lines", "paint", "probability", "farthest_camera", "surface")}
+    segments = {label: scaled(segment) for label, segment in PITCH.items()}
+    length, width = scale * PITCH.length, scale * PITCH.width
+    return Field(length, width, segments, stands=tuple(map(nearer, PITCH.stands)), scale=scale * PITCH.scale, **kept)
+
+
+def test_no_remedy_is_left_out():
+    of_module = [one for one in vars(findings).values() if isinstance(one, Remedy) and one != findings.NOTHING]
+    of_status = [*REMEDIES.values(), *OF_LABELS.values(), *CAUSE_REMEDIES.values()]
+    assert {*of_module, *of_status, LOOK_AND_LABEL, UNREADABLE} == set(FOLLOWED)
+
+
+# labels
+
+
+@follows(REMEDIES[Status.REJECTED])
+def test_a_larger_tau():
+    before = calibrate_from_segments(PITCH, frame_of(LEFT), SIZE, tau=1e-5)
+    assert before.remedy == REMEDIES[Status.REJECTED].text
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE, tau=0.019), before)
+    spoiled = frame_of(LEFT)
+    spoiled["Big rect. left main"] = spoiled["Big rect. left main"] + (60.0, 0.0)
+    worst = calibrate_from_segments(PITCH, spoiled, SIZE, tau=0.005)
+    assert worst.remedy == REMEDIES[Status.REJECTED].text
+    errors = worst.per_segment_errors
+    assert max(errors, key=errors.get) == "Big rect. left main"
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE, tau=0.005), worst)
+
+
+FEW = ("Side line top", "Big rect. left main", "Big rect. left top", "Small rect. left top")
+
+
+@follows(REMEDIES[Status.IMPROBABLE])
+def test_more_markings_a_known_camera_and_nothing_wrong_that_is_given():
+    few = frame_of(LEFT, FEW, noise=1.0)
+    before = doubted(calibrate_from_segments(PITCH, few, SIZE), 0.5)
+    assert before.remedy == REMEDIES[Status.IMPROBABLE].text
+    assert is_better(doubted(calibrate_from_segments(PITCH, frame_of(LEFT, noise=1.0), SIZE), 0.5), before)
+    rvec, tvec, K, _ = LEFT.to_opencv()
+    flags = KNOWN | CalibrationFlags.CALIB_FIX_POSITION
+    known = calibrate_from_segments(PITCH, few, SIZE, K, rvec=rvec, tvec=tvec, flags=flags)
+    assert is_better(doubted(known, 0.5), before)
+    wrong = doubted(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE, K * (2, 2, 1), flags=KNOWN), 0.5)
+    assert wrong.remedy == REMEDIES[Status.IMPROBABLE].text
+    assert is_better(doubted(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), 0.5), wrong)
+
+
+@follows(REMEDIES[Status.TOO_FEW_SEGMENTS])
+def test_more_markings():
+    before = calibrate_from_segments(PITCH, frame_of(LEFT, FEW[:2]), SIZE)
+    assert before.remedy == REMEDIES[Status.TOO_FEW_SEGMENTS].text
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), before)
+
+
+@follows(REMEDIES[Status.DEGENERATE])
+def test_a_marking_that_is_not_parallel():
+    parallel = ("Side line top", "Big rect. left top", "Big rect. left bottom", "Small rect. left top")
+    before = calibrate_from_segments(PITCH, frame_of(LEFT, parallel), SIZE)
+    assert before.remedy == REMEDIES[Status.DEGENERATE].text
+    across = frame_of(LEFT, (*parallel, "Side line left", "Big rect. left main"))
+    assert is_better(calibrate_from_segments(PITCH, across, SIZE), before)
+
+
+@follows(REMEDIES[Status.NOT_CONVERGED], OF_LABELS[Status.NOT_CONVERGED])
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_more_iterations_for_labels_and_labels_for_a_picture(by_hand):
+    """Labels of a network are trusted: nobody can check them or give them more iterations."""
+    hasty = {"criteria": (3, 1, 1e-15), "trust_labels": not by_hand}
+    before = calibrate_from_segments(PITCH, frame_of(LEFT, noise=3.0), SIZE, **hasty)
+    assert before.status is Status.NOT_CONVERGED
+    assert before.remedy == (OF_LABELS if by_hand else REMEDIES)[Status.NOT_CONVERGED].text
+    assert ("iterations" in before.remedy) == by_hand
+    noise = 3.0 if by_hand else 0.5
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT, noise=noise), SIZE), before)
+
+
+@follows(REMEDIES[Status.IMPLAUSIBLE], OF_LABELS[Status.IMPLAUSIBLE])
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_right_labels_and_what_the_picture_is_of(by_hand):
+    remedy = (OF_LABELS if by_hand else REMEDIES)[Status.IMPLAUSIBLE].text
+    right = frame_of(BOTH)
+    shuffled = dict(zip(right, [*right.values()][3:] + [*right.values()][:3], strict=True))
+    narrow = {label: xy * (0.26, 1.0) for label, xy in right.items()}
+    for labels, size in ((shuffled, SIZE), (narrow, (250, 540))):
+        before = calibrate_from_segments(PITCH, labels, size, trust_labels=not by_hand)
+        assert (before.status, before.remedy) == (Status.IMPLAUSIBLE, remedy)
+        assert is_better(calibrate_from_segments(PITCH, right, SIZE), before)
+
+
+def test_the_known_length():
+    """The remedy of positions relative to the markings in view (`fieldcalib.assess.estimate.in_words`)."""
+    image = picture(LEFT, soccer(98.0, 62.0))
+    (before,) = calibrate_from_images(PITCH, [image], NETWORK)
+    assert "the length is not visible" in before.remedy
+    assert Advice.FIELD_SIZE in before.advice
+    (known,) = calibrate_from_images(soccer(98.0, 62.0, size_known=True), [image], NETWORK)
+    assert (known.verdict, known.remedy) == (Verdict.GOOD, "")
+
+
+# what a picture is of
+
+
+def parts_of_frames(*parts):
+    """Labels of parts (corner and size) of frames of several cameras, with their places in the frames."""
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        pan, tilt, f = rng.uniform(-0.6, 0.6), rng.uniform(1.25, 1.42), rng.uniform(900.0, 2000.0)
+        C = rng.normal(), rng.uniform(58.0, 75.0), rng.uniform(-22.0, -10.0)
+        camera = Camera.from_angles(pan, tilt, 0.005 * rng.normal(), f, C, SIZE)
+        for corner, size in parts:
+            labels = frame_of(camera.cropped(corner, size), noise=1.0)
+            if len(labels) >= 5:
+                yield labels, Placement(size, size, Crop(SIZE, corner))
+
+
+@pytest.mark.parametrize(
+    ("remedy", "parts"),
+    [
+        (findings.WHICH_PART, [((320, 180), (640, 360)), ((0, 0), (640, 360))]),
+        (findings.NOT_WHOLE, [((0, 0), (480, 540)), ((0, 100), (960, 340))]),
+    ],
+)
+@follows(findings.WHICH_PART, findings.NOT_WHOLE)
+def test_which_part_of_a_frame_it_is(remedy, parts):
+    """Nothing is asked any more, and the camera of the frame is better than that of the part, or as good."""
+    asked, better = 0, 0
+    for labels, placement in parts_of_frames(*parts):
+        before = calibrate_from_segments(PITCH, labels, placement.size)
+        if before.remedy != remedy.text:
+            continue
+        found = calibrate_from_segments(PITCH, placement.to_frame(labels), placement.frame_size)
+        after = replace(placement.from_frame(found), declared=Declared.FRAME)
+        assert not after.has_finding(What.PART, What.SHAPE)
+        assert not is_better(before, after)
+        asked, better = asked + 1, better + is_better(after, before)
+    assert asked >= 3
+    assert better >= 1
+
+
+def cameras_of(size, count=12):
+    rng = np.random.default_rng(1)
+    for _ in range(count):
+        pan, tilt, f = rng.uniform(-0.6, 0.6), rng.uniform(1.25, 1.42), rng.uniform(700.0, 1500.0)
+        C = rng.normal(), rng.uniform(58.0, 75.0), rng.uniform(-22.0, -10.0)
+        yield Camera.from_angles(pan, tilt, 0.005 * rng.normal(), f, C, size)
+
+
+@follows(findings.NOT_WHOLE)
+def test_a_whole_picture_of_another_shape():
+    asked = 0
+    for camera in cameras_of((640, 640)):
+        before = calibrate_from_segments(PITCH, frame_of(camera, noise=1.0), camera.image_size)
+        if before.remedy == findings.NOT_WHOLE.text:
+            after = replace(before, declared=Declared.FRAME)  # a part that is all of its frame
+            assert not after.has_finding(What.SHAPE, What.PART)
+            asked += 1
+    assert asked >= 3
+
+
+@follows(findings.NOT_WHOLE)
+def test_a_squashed_picture():
+    asked, better = 0, 0
+    placement = Placement((640, 640), (1138, 640), None)
+    for camera in cameras_of((1138, 640)):
+        labels = {label: xy / placement.scale for label, xy in frame_of(camera, noise=1.0).items()}
+        before = calibrate_from_segments(PITCH, labels, placement.size, estimate_aspect=False)
+        if before.remedy == findings.NOT_WHOLE.text:
+            found = calibrate_from_segments(PITCH, placement.to_frame(labels), placement.frame_size)
+            after = replace(placement.from_frame(found), declared=Declared.PIXELS)
+            assert not after.has_finding(What.SHAPE)
+            asked, better = asked + 1, better + is_better(after, before)
+    assert asked >= 2
+    assert better >= 0.5 * asked
+
+
+@follows(findings.ONE_VIEW)
+def test_one_view_that_is_cut_out():
+    views = [View(picture(camera, KNOWN_PITCH), camera, KNOWN_PITCH) for camera in (LEFT, BOTH)]
+    image = arranged(views, WAYS["split, two thirds"], np.random.default_rng(0)).image
+    (before,) = calibrate_from_images(KNOWN_PITCH, [image], NETWORK)
+    assert before.remedy == findings.ONE_VIEW.text
+    left, *_ = windows_of(image)
+    (after,) = calibrate_from_images(KNOWN_PITCH, [image[left.top : left.bottom, left.left : left.right]], NETWORK)
+    assert not after.has_finding(What.SEVERAL_VIEWS)
+    assert is_better(after, before)
+
+
+# the field
+
+
+@follows(findings.OFF_PAINT)
+@pytest.mark.parametrize("size", [(98.0, 62.0), (112.0, 75.0)])
+def test_the_known_size_of_the_field(size):
+    image = picture(LEFT, soccer(*size))
+    (before,) = calibrate_from_images(PITCH, [image], NETWORK, estimate_size=False)
+    assert before.remedy == findings.OFF_PAINT.text
+    (after,) = calibrate_from_images(soccer(*size, size_known=True), [image], NETWORK)
+    assert after.verdict == Verdict.GOOD
+
+
+@follows(findings.OFF_PAINT_OF_KNOWN_SIZE)
+def test_markings_by_hand_where_a_field_has_one_size():
+    court = tennis()
+    image, labels = picture(COURT, court), frame_of(COURT, field=court)
+
+    def with_paint(frame):
+        found = calibrate_from_segments(court, frame, SIZE)
+        return found.seen_in_image(paint_evidence(image, found.camera, Markings.of(court)).markings)
+
+    few = {label: labels[label] for label in list(labels)[:6]}
+    few["Base line right"] = labels["Base line right"] + (0.0, 9.0)
+    before = with_paint(few)
+    assert before.accepted
+    assert before.remedy == findings.OFF_PAINT_OF_KNOWN_SIZE.text
+    assert is_better(with_paint(labels), before)
+
+
+@follows(findings.SMALLER)
+def test_a_smaller_field_by_its_name():
+    small = scaled_pitch(0.5)
+    camera = Camera.from_angles(-0.3, 1.34, 0.0, 1800.0, (0.75, 33.0, -8.5), (1920, 1080))
+    image = picture(camera, small)
+    (before,) = calibrate_from_images(KNOWN_PITCH, [image], NETWORK)
+    assert before.remedy == findings.SMALLER.text
+    (after,) = calibrate_from_images(small, [image], NETWORK)
+    assert not after.has_finding(What.WIDE_PAINT)
+    assert is_better(after, before)
+
+
+@pytest.mark.slow
+@follows(findings.NOT_SOCCER, findings.OTHER_SPORT)
+def test_another_sport_by_its_name():
+    camera = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), (1280, 720))
+    image = picture(camera, tennis())
+    for before, remedy in (
+        (calibrate_from_images(PITCH, [image], Blind())[0], findings.NOT_SOCCER),
+        (calibrate_from_images(badminton(), [image])[0], findings.OTHER_SPORT),
+    ):
+        assert before.remedy.endswith(remedy.text)
+        (after,) = calibrate_from_images(tennis(), [image])
+        assert is_better(after, before)
+
+
+# what a report says
+
+
+@follows(LOOK_AND_LABEL)
+def test_a_frame_to_look_at_that_is_labelled():
+    few = frame_of(LEFT, FEW, noise=1.0)
+    before = calibrate_from_segments(KNOWN_PITCH, few, SIZE)
+    assert (before.verdict, before.remedy) == (Verdict.CHECK, "")
+    assert remedy_of(calibration_line("frame", before, None)) == LOOK_AND_LABEL
+    assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
+
+
+@follows(UNREADABLE)
+def test_a_file_that_is_got_again(tmp_path):
+    path, whole = tmp_path / "frame.png", cv2.imencode(".png", picture(LEFT))[1].tobytes()
+    said = []
+    for name, data in (("first", whole[:2000]), ("second", whole)):
+        path.write_bytes(data)
+        assert run("run", path, "--out", tmp_path / name) in (0, 1)
+        said.append(json.loads((tmp_path / name / "cameras.jsonl").read_text(encoding="utf-8")))
+    assert remedy_of(said[0]) == UNREADABLE
+    assert said[1]["verdict"] == Verdict.GOOD
+
+
+# what was typed wrong
+
+
+def corners_of(width):
+    half = 0.5 * width
+    return np.array([(x, y, 0.0) for x, y in ((-11.885, -half), (11.885, -half), (11.885, half), (-11.885, half))])
+
+
+X, XY = seen(BOTH)
+AREA = np.array([(-52.5, -20.16, 0.0), (-36.0, -20.16, 0.0), (-36.0, 20.16, 0.0), (-52.5, 20.16, 0.0)])
+OFF = XY + np.where(np.arange(len(X)) == 2, 25.0, 0.0)[:, None]
+BENT = Camera.from_angles(-0.3, 1.36, 0.01, 700.0, (-2.0, 62.0, -15.0), SIZE, k=(-0.35, 0.0))
+K_FREE = PINHOLE_FLAGS & ~CalibrationFlags.CALIB_FIX_K1
+AT_EDGE = np.array([[-52.5, 34.0, 0.0]]), np.array([[0.5, 400.0]])
+TYPED = {
+    What.LEFT_HANDED: ((X * (1, -1, 1), XY, {}), (X, XY, {})),
+    What.OTHER_AXES: ((X * (1, -1, -1), XY, {}), (X, XY, {})),
+    What.OTHER_PICTURE: ((X, 0.5 * XY, {}), (X, XY, {})),
+    What.WANTS_LENS: ((*seen(BENT), {"prior": None}), (*seen(BENT), {"prior": None, "flags": K_FREE})),
+    What.PICTURE_CORNERS: ((X[:4], [(0, 0), (959, 0), (959, 539), (0, 539)], {}), (X, XY, {})),
+    What.TWO_WIDTHS: (
+        (corners_of(10.97), COURT.project(corners_of(10.97)), {"prior": None}),
+        (
+            [*corners_of(10.97), (6.4, 0.0, 0.0), (-6.4, 0.0, 0.0)],
+            COURT.project(np.array([*corners_of(10.97), (6.4, 0.0, 0.0), (-6.4, 0.0, 0.0)])),
+            {"prior": None},
+        ),
+    ),
+    What.UNCHECKED: (
+        (AREA, LEFT.project(AREA), {"prior": None}),
+        (AREA, LEFT.project(AREA), {"prior": None, "camera_matrix": LEFT.K, "flags": KNOWN}),
+    ),
+    What.AT_EDGE: ((np.concatenate([X, AT_EDGE[0]]), np.concatenate([XY, AT_EDGE[1]]), {}), (X, XY, {})),
+    What.ONE_OF: ((X[:6], OFF[:6], {"prior": None}), (X, OFF, {"prior": None})),
+}
+
+
+@pytest.mark.parametrize("what", TYPED)
+def test_points_that_are_mended(what):
+    (X_before, xy_before, how_before), (X_after, xy_after, how_after) = TYPED[what]
+    before = calibrate_from_points(X_before, xy_before, SIZE, **how_before)
+    assert before.remedy == CAUSE_REMEDIES[what].text
+    after = calibrate_from_points(X_after, xy_after, SIZE, **how_after)
+    assert not after.has_finding(what)
+    if what is What.ONE_OF:
+        assert [one.label for one in after.suspect_labels] == ["point 2"]  # which is then named
+    elif what is What.WANTS_LENS:
+        assert after.rms < 0.5 * before.rms
+    else:
+        assert is_better(after, before)
+
+
+for _what in TYPED:
+    follows(CAUSE_REMEDIES[_what])(test_points_that_are_mended)
+
+
+@follows(CAUSE_REMEDIES[What.EXCHANGED_SIDES])
+def test_labels_with_their_sides_exchanged_back():
+    names = PITCH.mirrored[0]
+    before = calibrate_from_segments(PITCH, {names[label]: xy for label, xy in frame_of(LEFT).items()}, SIZE)
+    assert before.remedy == CAUSE_REMEDIES[What.EXCHANGED_SIDES].text
+    assert is_better(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), before)
+
+
+@follows(CAUSE_REMEDIES[What.RANK])
+def test_a_homography_that_is_computed_again():
+    before = calibrate_from_homography(BOTH.homography * (1.0, 0.0, 1.0), SIZE)
+    assert before.remedy == CAUSE_REMEDIES[What.RANK].text
+    ground = X[:, 2] == 0.0
+    H = homography_from_points(X[ground, :2], BOTH.project(X[ground]), np.ones(np.sum(ground)))
+    assert is_better(calibrate_from_homography(H, SIZE), before)
+
+
+@follows(CAUSE_REMEDIES[What.FARTHEST])
+def test_points_that_are_farther_off_are_left_out():
+    rng = np.random.default_rng(5)
+    rough = XY + rng.normal(size=XY.shape) * 4.0
+    rough[3] += (14.0, 10.0)
+    before = calibrate_from_points(X, rough, SIZE, prior=None)
+    assert before.remedy == CAUSE_REMEDIES[What.FARTHEST].text
+    (named,) = (one.about for one in before.findings if one.what is What.FARTHEST)
+    kept = [f"point {i}" not in named.split("'") for i in range(len(X))]
+    after = calibrate_from_points(X[kept], rough[kept], SIZE, prior=None)
+    assert not all(kept)
+    assert after.rms < 0.8 * before.rms
