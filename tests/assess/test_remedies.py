@@ -444,3 +444,17 @@ def test_points_that_are_farther_off_are_left_out():
     after = calibrate_from_points(X[kept], rough[kept], SIZE, prior=None)
     assert not all(kept)
     assert after.rms < 0.8 * before.rms
+
+
+@pytest.mark.slow
+def test_a_whole_clip_whose_principal_point_is_off_the_middle(shared_data, tmp_path):
+    """The remedy of the real clip for which it was made: saying that nothing is cut off ends the question."""
+    clip, good = shared_data / "clips" / "gdynia.mp4", []
+    for name, told in (("asked", ()), ("told", ("--crop-of", "1280x720+0+0"))):
+        assert run("run", clip, "--out", tmp_path / name, "--end", 60, "--no-pictures", *told) == 0
+        lines = [json.loads(one) for one in (tmp_path / name / "cameras.jsonl").read_text("utf-8").splitlines()]
+        asked = sum(one["what"] == What.PART for line in lines for one in line["findings"])
+        good.append(sum(line["verdict"] == Verdict.GOOD for line in lines))
+    assert asked == 0
+    assert good[0] <= good[1]
+    assert good[1] >= 50

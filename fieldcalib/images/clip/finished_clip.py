@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.cropping_evidence import CUT
+from fieldcalib.assess.cropping_evidence import CUT, Declared
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
@@ -215,7 +215,12 @@ def _calibrated(
 
 
 def _with_place_of_picture(calibration: SequenceCalibration, how: How, model: CameraModel) -> SequenceCalibration:
-    """Add a doubt to all frames if their principal point is far from the middle although its prior keeps it near."""
+    """Add a doubt to all frames if their principal point is far from the middle although its prior keeps it near.
+
+    Frames that are said to be whole ones, or which part of one, are not asked about.
+    """
+    if how.declared is Declared.FRAME:
+        return calibration
     off = off_middle(calibration, how)
     if off < OFF_MIDDLE or model.is_window or how.task.given.camera_matrix is not None:
         return calibration

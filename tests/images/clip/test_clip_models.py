@@ -8,7 +8,8 @@ from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
-from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.cropping_evidence import Declared
+from fieldcalib.assess.findings import WHICH_PART, Verdict, What
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.images.clip.clip_models import ALONE, CUT_OUT, MOVING, WINDOW, HeldOut, Pieces, parts
@@ -322,10 +323,14 @@ def test_a_zoom_off_the_middle_is_found_out():
 def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatch):
     monkeypatch.setattr("fieldcalib.images.clip.solved_shots._cut_out", lambda solved, piece: solved)
     cameras = [one.cropped((0, 0), (720, 405)).scaled(SIZE) for one in panned(12, -0.4, 0.4)]
-    video = finished(solved(clip_of(cameras)))
+    clip = clip_of(cameras)
+    video = finished(solved(clip))
     assert {one.verdict for one in video} == {Verdict.CHECK}
     assert "part of a frame" in video[0].reason
-    assert "a part of a frame" in video[0].remedy
+    assert video[0].remedy == WHICH_PART.text
+    answered = finished(solved(replace(clip, how=replace(clip.how, declared=Declared.FRAME))))
+    assert not any(one.has_finding(What.PART) for one in answered)
+    assert {one.verdict for one in answered} == {Verdict.GOOD}
 
 
 def test_whole_pictures_are_no_parts():
