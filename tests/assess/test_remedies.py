@@ -4,6 +4,7 @@ Each test follows the remedies of its `@follows`; one test holds that none is le
 """
 
 import json
+import re
 from dataclasses import replace
 
 import cv2
@@ -39,7 +40,7 @@ from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import paint_evidence
 from fieldcalib.images.shape.picture_in_picture import windows_of
 from fieldcalib.localize import SegmentationNetwork
-from fieldcalib.run_folder.frame_record import calibration_line
+from fieldcalib.run_folder.frame_record import calibration_line, camera_file
 from fieldcalib.solve.solver_options import CalibrationFlags
 from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
 
@@ -444,6 +445,90 @@ def test_points_that_are_farther_off_are_left_out():
     after = calibrate_from_points(X[kept], rough[kept], SIZE, prior=None)
     assert not all(kept)
     assert after.rms < 0.8 * before.rms
+
+
+# expressions that are to be given instead
+
+
+def told(message, **names):
+    """What the expression after "give" in a message is worth."""
+    (expression,) = re.findall(r"give (.+?)(?:, with y|, or prior|$)", message)
+    return eval(expression, {"np": np, "length": 105.0, "width": 68.0, **names})  # ours, for users to type
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.9144, 0.3048, 0.0254, 0.01, 0.001])
+@pytest.mark.parametrize("corner", [True, False])
+def test_points_in_another_unit_or_from_a_corner(unit, corner):
+    typed = (X + (52.5, 34.0, 0.0) * np.array(corner)) / unit
+    if unit == 1.0 and not corner:
+        return
+    with pytest.raises(ValueError, match="object_points look like") as error:
+        calibrate_from_points(typed, XY, SIZE)
+    mended = told(str(error.value), X=typed)
+    np.testing.assert_allclose(mended, X, atol=1e-3)
+    assert calibrate_from_points(mended, XY, SIZE).verdict == Verdict.GOOD
+
+
+MIDDLE = Camera.from_angles(0.05, 1.32, 0.0, 1400.0, (2.0, 66.0, -16.0), SIZE)
+OF_CORNER = np.array([[1.0, 0.0, 52.5], [0.0, 1.0, 34.0], [0.0, 0.0, 1.0]])
+HOMOGRAPHIES = {
+    "inverse": np.linalg.inv(MIDDLE.homography),
+    "centimetres": MIDDLE.homography @ np.diag([0.01, 0.01, 1.0]),
+    "feet from a corner": MIDDLE.homography @ np.linalg.inv(OF_CORNER) @ np.diag([0.3048, 0.3048, 1.0]),
+    "a corner": MIDDLE.homography @ np.linalg.inv(OF_CORNER),
+}
+
+
+@pytest.mark.parametrize("name", HOMOGRAPHIES)
+def test_a_homography_of_other_coordinates(name):
+    before = calibrate_from_homography(HOMOGRAPHIES[name], SIZE)
+    after = calibrate_from_homography(told(before.message, H=HOMOGRAPHIES[name]), SIZE)
+    assert after.accepted
+    assert "give" not in after.message
+    np.testing.assert_allclose(after.camera.C, MIDDLE.C, atol=0.01)
+
+
+# what the command line tells to do
+
+CORNER_OF_FRAME = ["--crop-of", "900x500+0+0"], ["--crop-of", "1000x600+0+0"]
+COMMANDS = {  # what is refused, the remedy in words, and what is given instead
+    "leave out --field-length": (["--field", "tennis", "--field-length", "24"], ["--field", "tennis"]),
+    "leave --lens out": (["--intrinsics", "camera_a.json", "--lens", "k1"], ["--intrinsics", "camera_a.json"]),
+    "leave one out": (
+        ["--intrinsics", "camera_a.json", "--position", "0,66,-17", "--rotation", "0,78,0"],
+        ["--intrinsics", "camera_a.json", "--position", "0,66,-17"],
+    ),
+    "images with --clip": (["--camera", "moving"], ["--camera", "moving", "--clip"]),
+    "with --clip": (["--same-camera"], ["--clip"]),
+    "--shard writes": (["--shard", "1/2", "--format", "parquet"], ["--shard", "1/2"]),
+    "it is width x height": (["--display-size", "540x960"], ["--display-size", "960x540"]),
+    "does not fit": CORNER_OF_FRAME,
+    "did you mean": (["--field", "soccr"], ["--field", "soccer"]),
+}
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_what_the_command_line_tells_to_give(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    cv2.imwrite("a.png", picture(LEFT))
+    (tmp_path / "camera_a.json").write_bytes(camera_file("a", LEFT)["camera_a.json"])
+    refused, told_to_give = COMMANDS[words]
+    before = run("run", "a.png", "--out", "before", "--no-pictures", *refused)
+    assert words in capsys.readouterr().err
+    after = run("run", "a.png", "--out", "after", "--no-pictures", *told_to_give)
+    assert words not in capsys.readouterr().err
+    assert before in (1, 2)
+    assert after == 0
+
+
+def test_a_folder_that_is_used_is_replaced_or_resumed(tmp_path, capsys):
+    image = tmp_path / "a.png"
+    cv2.imwrite(str(image), picture(LEFT))
+    again = "run", image, "--out", tmp_path / "out", "--no-pictures"
+    assert run(*again) == 0
+    assert run(*again) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert run(*again, "--overwrite") == run(*again, "--resume") == 0
 
 
 @pytest.mark.slow
