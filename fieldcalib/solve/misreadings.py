@@ -106,19 +106,21 @@ def with_best_reading(
     found: Calibration, options: Options, readings: Sequence[PointReading], read: Callable[[PointReading], Calibration]
 ) -> Calibration:
     """The calibration, with the reading named that explains all points, if there is one; no point is then blamed."""
-    given = _points_cost(found, options) if found.accepted else np.inf
-    explained: list[tuple[int, float, PointReading, Calibration]] = []
-    for reading in readings:
+    given = np.inf if found.status is Status.IMPLAUSIBLE else _points_cost(found, options)
+    explained: list[tuple[float, PointReading, Calibration]] = []
+    for reading in sorted(readings, key=lambda one: len(one.findings)):
+        if explained and len(reading.findings) > len(explained[0][1].findings):
+            break  # one cause rather than two
         one = read(reading)
         if one.accepted and not is_contradicted(one) and one.rms <= EXPLAINED * options.noise:
             odds = LOG_ODDS + np.log(len(readings)) + CERTAIN * len(reading.findings)
             odds += CERTAIN * (options.field is not None and side_of(one.required_camera.C, options.field) == OPPOSITE)
             cost = _points_cost(one, options) + odds
             if cost < given:
-                explained.append((len(reading.findings), cost, reading, one))
+                explained.append((cost, reading, one))
     if not explained:
         return found
-    _, _, reading, best = min(explained, key=lambda one: one[:2])  # one cause rather than two
+    _, reading, best = min(explained, key=lambda one: one[0])
     count = len(found.per_segment_errors)
     findings = (*reading.findings, Finding(What.EXPLAINED, numbers=(count, best.rms)))
     others = (one for one in found_of(found) if one.what not in BY_LABEL)
