@@ -14,13 +14,7 @@ import numpy as np
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.cropping_evidence import (
-    SQUASHED_LOG_ODDS,
-    Picture,
-    differs_in_aspect,
-    log_ratio_of_cut,
-    seems_part,
-)
+from fieldcalib.assess.cropping_evidence import Picture, seems_part
 from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import if_level
@@ -282,10 +276,7 @@ class Solved:
         unusual = surprises(self.uncertainty)
         if picture is None:
             return unusual
-        solved = self.uncertainty.camera  # in a frame with square pixels
-        log_ratio = SQUASHED_LOG_ODDS * differs_in_aspect(picture.camera, solved)
-        if picture.are_annotated:
-            log_ratio += log_ratio_of_cut(picture.field, self.pixels.by_label(0), solved)
+        log_ratio = picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
         part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)
         return (*part, *unusual)
 

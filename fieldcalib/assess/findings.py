@@ -436,6 +436,12 @@ class Finding:
         return found
 
 
+CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW, WAS_SQUASHED = map(
+    Finding, (What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW, What.WAS_SQUASHED)
+)
+"""What a picture is of (`fieldcalib.problem.picture_shape`)."""
+
+
 def findings_from_json(record: Any) -> tuple[Finding, ...]:
     """Findings, or the words of earlier versions; a ValueError if they are none."""
     found = expect(record, list, "a list of findings")

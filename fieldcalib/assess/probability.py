@@ -31,7 +31,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.problem.picture_shape import LEAST_ASPECT, is_whole_shape
 from fieldcalib.problem.projection import Projection
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
@@ -39,7 +39,6 @@ CONTRADICTED = 5.0  # standard deviations between a fixed value and the labels' 
 # Standard deviations between a given value and the labels' one. Of 2,768 random frames (data_tools.random_frames) with
 # right values and otherwise good, 2 are beyond.
 CONTRADICTS_GIVEN = 3.0
-LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field

@@ -19,7 +19,7 @@ from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Solved
-from fieldcalib.assess.cropping_evidence import Declared, Picture
+from fieldcalib.assess.cropping_evidence import Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
     CAUSE_REMEDIES,
@@ -56,6 +56,7 @@ from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
+from fieldcalib.problem.picture_shape import Declared, Placement
 
 ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1
@@ -543,6 +544,19 @@ def found_of(calibration: Calibration) -> tuple[Finding, ...]:
 def with_findings(calibration: Calibration, *findings: Finding) -> Calibration:
     """The calibration with further findings."""
     return replace(calibration, _found=(*calibration._found, *findings))
+
+
+def in_picture(calibration: Calibration, placement: Placement, *findings: Finding) -> Calibration:
+    """The calibration of a frame, with its cameras in pixels of a picture and with findings on how this lies in it.
+
+    Its errors stay those of the frame.
+    """
+    if calibration.camera is None or (placement.is_whole and not findings):
+        return calibration
+    camera, *others = map(placement.camera_in_picture, (calibration.camera, *calibration.alternatives))
+    said = (calibration.message, placement.borders, *(str(one) for one in findings if not one.what.is_against))
+    message = "; ".join(filter(None, said))
+    return with_findings(replace(calibration, camera=camera, alternatives=tuple(others), message=message), *findings)
 
 
 def calibration_to_record(calibration: Calibration, found: Sequence[Finding]) -> dict[str, Any]:

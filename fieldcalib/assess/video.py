@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,15 +16,49 @@ from fieldcalib._json import texts_from_json
 from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import UP_TO_SIDE, Finding, Status, findings_from_json
 from fieldcalib.assess.frame_table import Basis, check_indices
-from fieldcalib.assess.placement import Shape
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_calibration import NUMBERS, Codec, FrameSequence, SequenceCalibration
 from fieldcalib.fields.sides import turned_camera
+from fieldcalib.problem.picture_shape import Placement
 
 if TYPE_CHECKING:
     import pandas
 
 NO_TRIPOD = -1
+
+
+class Shape(NamedTuple):
+    """What the pictures of a clip are of: where each lies in a frame, and findings on that.
+
+    Examples
+    --------
+    >>> shape = Shape(Placement.around((1280, 960), 0, 120, 1280, 840).squashed)
+    >>> shape == Shape.from_dict(shape.to_dict())
+    True
+    """
+
+    placement: Placement
+    findings: tuple[Finding, ...] = ()
+    """Findings that are added to those of each frame."""
+
+    def __bool__(self) -> bool:
+        """Whether anything is said: false if the pictures are frames, without findings."""
+        return not self.placement.is_whole or bool(self.findings)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Sentences on the borders, and of the findings."""
+        return (*filter(None, [self.placement.borders]), *map(str, self.findings))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for `json.dumps`."""
+        return {**self.placement.to_dict(), "findings": [one.to_dict() for one in self.findings]}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Shape:
+        """The inverse of `to_dict`."""
+        findings = record["findings"] if "findings" in record else record["complaints"]
+        return cls(Placement.from_dict(record), findings_from_json(findings))
 
 
 class Shot(NamedTuple):
@@ -140,7 +174,7 @@ class VideoCalibration(FrameSequence):
         found = tripod[int(self.number[t])]
         if self.is_side_open and found.camera is not None:
             found = replace(found, alternatives=(turned_camera(found.camera),))
-        return found if self.shape is None else self.shape.in_picture(found)
+        return found if self.shape is None else in_picture(found, self.shape.placement, *self.shape.findings)
 
     def _at(self, index: IntArray) -> VideoCalibration:
         shot, tripod = self.shot[index], self.tripod[index]

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration, doubted
+from fieldcalib.assess.result import Calibration, doubted, in_picture
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.console.arguments import (
     add_camera,
@@ -28,12 +27,13 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, calibrate_folder
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.run_folder.work_units import in_groups
 from fieldcalib.solve.batch import calibrate_labels, compute_errors
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
-from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
+from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, Prior
 
@@ -120,7 +120,7 @@ class _Method:
 
     def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         placement = self.pictures.placement(size)
-        frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
+        frames = {id: {label: placement.to_frame(xy) for label, xy in one.items()} for id, one in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(pictures, frames, placement)
 
@@ -162,7 +162,7 @@ class _Method:
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
             calibration = doubted(calibration, self.least_probability)
-        return with_border_complaint(self.field, labels, placement.from_frame(calibration))
+        return with_border_complaint(self.field, labels, in_picture(calibration, placement))
 
 
 def _size_record(found: FieldSize) -> dict[str, Any]:

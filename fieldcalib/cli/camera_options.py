@@ -1,6 +1,6 @@
 """Known parameters of the camera: --intrinsics, --position, --rotation.
 
-Options for pictures that are not whole frames with square pixels (`fieldcalib.assess.placement`).
+Options for pictures that are not whole frames with square pixels (`fieldcalib.problem.picture_shape`).
 """
 
 from __future__ import annotations
@@ -11,16 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.assess.cropping_evidence import Declared
-from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.console.arguments import Default, image_size, told_by
 from fieldcalib.console.options import did_you_mean, option
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
+from fieldcalib.problem.picture_shape import LEAST_RATIO, Crop, Declared, Placement
 from fieldcalib.run_folder.record import ESTIMATED
-from fieldcalib.solve.picture_shape import LEAST_RATIO, shown_as
 from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
 
@@ -121,7 +119,8 @@ class DeclaredPictures:
         BrokenFileError
             If they cannot be a part of the frame, or are wide and said to be shown upright.
         """
-        display_size, part = self.display_size or self._shown_size(size), self.crop_of
+        shown = Placement.whole(size) if isinstance(self.aspect, str) else Placement.shown_as(size, self.aspect)
+        display_size, part = self.display_size or shown.display_size, self.crop_of
         if self.display_size is not None and size[0] > size[1] and display_size[0] < display_size[1]:
             raise BrokenFileError(
                 f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
@@ -131,12 +130,6 @@ class DeclaredPictures:
             width, height = display_size
             raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
         return Placement(size, display_size, part)
-
-    def _shown_size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """The size at which pictures are shown with the declared aspect, no side being shortened."""
-        if isinstance(self.aspect, str):
-            return size
-        return shown_as(size, self.aspect)
 
 
 def _intrinsics(text: str) -> Intrinsics:

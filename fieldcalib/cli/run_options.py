@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from fieldcalib.assess.findings import UP_TO_SIDE
-from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.console.arguments import cut_of, run_options
@@ -24,6 +23,7 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import check_pixels
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunOptions

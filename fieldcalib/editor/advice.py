@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import Solved
-from fieldcalib.assess.placement import InFrame
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
 from fieldcalib.fields.field import Field
@@ -19,6 +18,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -106,9 +106,9 @@ def next_mark(
         return None
     field, solved = _field_and_solution(calibration)
     estimate, camera = calibration.uncertainty, solved.camera
-    in_frame = InFrame.of(calibration.camera, camera)
+    placement = Placement.of_cameras(calibration.camera, camera)
     V, J = estimate.covariance, _of_ground(calibration, _ground_in_view(calibration.camera, field))
-    places = _places(camera, field, {label: in_frame.of_picture(xy) for label, xy in marks.items()})
+    places = _places(camera, field, {label: placement.to_frame(xy) for label, xy in marks.items()})
     if not len(J) or not len(places.frame) or not np.all(np.isfinite(V)):
         return None
     layout, theta = estimate.layout, estimate.theta
@@ -124,7 +124,7 @@ def next_mark(
     xy = np.concatenate([rows.xy[0] for rows in observations.rows for _ in range(rows.components)])[best]
     total = float(np.einsum("mi,ij,mj->", G, V, G))
     label = observations.labels[observations.label[0, best]]
-    x, y = in_frame.of_frame(xy).tolist()
+    x, y = placement.to_picture(xy).tolist()
     return NextMark(label, (x, y), float(removed[best]) / total)
 
 

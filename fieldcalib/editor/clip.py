@@ -18,9 +18,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.assess.label_errors import rms_of_labels
-from fieldcalib.assess.placement import InFrame, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.video import Shot, VideoCalibration
+from fieldcalib.assess.video import Shape, Shot, VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
@@ -42,6 +41,7 @@ from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
 from fieldcalib.run_folder.frame_source import FrameSource
@@ -296,7 +296,8 @@ def _pixels_in_picture(calibration: Calibration) -> PixelTable | None:
     if calibration.solved is None or calibration.camera is None:
         return None
     pixels = calibration.solved.pixels
-    return replace(pixels, xy=InFrame.of(calibration.camera, calibration.solved.camera).of_frame(pixels.xy))
+    placement = Placement.of_cameras(calibration.camera, calibration.solved.camera)
+    return replace(pixels, xy=placement.to_picture(pixels.xy))
 
 
 def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
@@ -304,7 +305,7 @@ def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTabl
     pixels = _pixels_in_picture(calibration)
     if pixels is None or shape is None:
         return pixels
-    return replace(pixels, xy=shape.placement.scale * pixels.xy + shape.placement.corner)
+    return replace(pixels, xy=shape.placement.to_frame(pixels.xy))
 
 
 def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: Network | None) -> int | None:

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number, truth
-from fieldcalib.assess.placement import Placement
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.solve.picture_shape import LEAST_RATIO, shown_as
+from fieldcalib.problem.picture_shape import LEAST_RATIO, Placement
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 
 State = TypeVar("State")
@@ -162,8 +161,7 @@ class Known:
 
     def placement(self, image_size: tuple[int, int]) -> Placement:
         """Placement of a picture in a frame with square pixels: the picture itself unless the aspect is known."""
-        shown = image_size if self.aspect is None else shown_as(image_size, self.aspect)
-        return Placement(image_size, shown, None)
+        return Placement.whole(image_size) if self.aspect is None else Placement.shown_as(image_size, self.aspect)
 
     def arguments(self, placement: Placement) -> dict[str, Any]:
         """Keyword arguments of `calibrate_from_segments` for pixels of the frame in which a picture lies."""

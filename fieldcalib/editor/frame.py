@@ -8,7 +8,7 @@ first derivative in that direction is the middle of the line (Steger: An Unbiase
 The pixels of a picture may not be square (`fitted_in_shape`). A picture of another shape than 16:9 is a frame or a part
 of one with square pixels, or a frame that was squashed. If the person has not said at which aspect it is shown, a
 camera is fitted to it as it is and as shown at 16:9, and the one is taken that marks and lines make more likely
-(`fieldcalib.solve.picture_shape`).
+(`fieldcalib.problem.picture_shape`).
 
 Marks can be copied from one frame to another of the same camera; they move as the static background does
 (`moved_marks`).
@@ -29,10 +29,8 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import real_array
 from fieldcalib._types import Array, Float32, IntArray
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Status
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import image_curves
 from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
@@ -43,11 +41,12 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
-from fieldcalib.images.shape.borders_and_squash import log_ratio_of_squash
+from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import nearest_label
-from fieldcalib.solve.picture_shape import likelier, may_be_squashed, shown_size
+from fieldcalib.problem.picture_shape import Declared, Placement, may_be_squashed
+from fieldcalib.solve.likelier_shape import likelier
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import pixel_unit
 
@@ -158,14 +157,14 @@ def fitted_in_shape(field: Field, image: Image, marks: Marks, known: Known) -> C
     placement = known.placement(size)
     found = _fitted_in_frame(field, image, marks, known, placement)
     if known.aspect is not None:
-        return replace(placement.from_frame(found), declared=Declared.PIXELS)
+        return replace(in_picture(found, placement), declared=Declared.PIXELS)
     if not (field.stands and may_be_squashed(size)):  # without a prior the shapes cannot be compared
         return found
-    as_shown = Placement(size, shown_size(size), None)
-    shown = _fitted_in_frame(field, image, marks, known, as_shown)
+    squashed = placement.squashed
+    shown = _fitted_in_frame(field, image, marks, known, squashed)
     if found.solved is None and shown.solved is None:
         return found
-    ratio = log_ratio_of_squash(_task(field, known, placement), found, shown, _task(field, known, as_shown))
+    ratio = log_ratio_of_squash(_task(field, known, placement), found, shown, _task(field, known, squashed))
     return likelier(found, shown, ratio, size)
 
 

@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
 from fieldcalib._types import Array
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
 from fieldcalib.fields.field import Field
@@ -42,8 +41,13 @@ from fieldcalib.images.refinement import (
 )
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, search_from
-from fieldcalib.images.shape.borders_and_squash import Method, Step, with_aspect_estimated, without_borders
-from fieldcalib.images.shape.enlarged import with_enlarged_parts
+from fieldcalib.images.shape.shape_of_picture import (
+    Method,
+    Step,
+    with_aspect_estimated,
+    with_enlarged_parts,
+    without_borders,
+)
 from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
@@ -51,6 +55,7 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.batches import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.localize.network_grid import classes_without_segment
+from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
@@ -244,7 +249,7 @@ def calibrate_from_images(
         as long.
     take_off_borders : bool
         Whether black borders, and the surroundings of frames shown in windows
-        (`fieldcalib.images.shape.picture_in_picture`), are left out; not with a `camera_matrix`. Cameras are in pixels
+        (`fieldcalib.images.shape.borders_and_windows`), are left out; not with a `camera_matrix`. Cameras are in pixels
         of the whole pictures, with the principal point near the middle of the part that shows the frame.
     estimate_aspect : bool
         Whether pictures of another shape than 16:9 may have been squashed from 16:9, as in `calibrate_from_segments`;
@@ -255,8 +260,8 @@ def calibrate_from_images(
         of the camera is given.
     may_be_enlarged : bool
         Whether pictures of the shape of a frame may be enlarged parts of larger ones (digital zoom), whose principal
-        point is not in the middle (`fieldcalib.images.shape.enlarged`). Only with a network and a prior, where cameras
-        are refined and nothing of the camera is given.
+        point is not in the middle (`fieldcalib.images.shape.shape_of_picture`). Only with a network and a prior, where
+        cameras are refined and nothing of the camera is given.
     place : Place, optional
         Position of the camera, if one camera took all images (`fieldcalib.images.search.place_search.pooled_place`):
         the search considers cameras at this place only. Not with a network.

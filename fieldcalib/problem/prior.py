@@ -12,10 +12,8 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.stands import CameraDistribution, focal_length_from_fov
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.problem.layout import LOG_ASPECT, PAN, POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout
+from fieldcalib.problem.picture_shape import principal_point_sigma
 
-BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
-LEAST_CUT = 0.05  # share of a frame's width or height: if less is missing, the frame counts as whole
-PART_SIGMA = 0.5  # standard deviation, in shares of what is missing: a part may lie anywhere, often at one side
 # Standard deviations of the zoom law: slopes of the principal point in image widths, slope and curvature of a1, and the
 # offset in metres. On ten measured cameras the principal point moves by up to 0.011 widths and a1 by 0.04 as the focal
 # length grows by a factor e, and the curvature is up to 0.14. A tripod head holds a camera near its centre of gravity:
@@ -70,44 +68,6 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     if layout.zoom_law is not None:
         sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
     return GaussianPrior(mean, sigma)
-
-
-def frame_around(image_size: tuple[int, int]) -> tuple[float, float]:
-    """Width and height of the smallest 16:9 frame of which a picture may be a part.
-
-    Examples
-    --------
-    >>> frame_around((480, 540)), frame_around((1280, 720))
-    ((960.0, 540.0), (1280.0, 720.0))
-    """
-    width, height = image_size
-    return max(float(width), BROADCAST_SHAPE * height), max(float(height), width / BROADCAST_SHAPE)
-
-
-def is_whole_shape(image_size: tuple[int, int]) -> bool:
-    """Whether a picture has the shape of a broadcast frame.
-
-    Examples
-    --------
-    >>> is_whole_shape((1366, 768)), is_whole_shape((640, 640)), is_whole_shape((480, 540))
-    (True, False, False)
-    """
-    return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
-
-
-def principal_point_sigma(share: float, image_size: tuple[int, int]) -> Array:
-    """Standard deviations (2,) of a principal point from the middle of a picture, pixels.
-
-    They are a `share` of the width in a frame of 16:9. Another picture may be whole or a part of such a frame: if it is
-    a half, the principal point lies on its border.
-
-    Examples
-    --------
-    >>> principal_point_sigma(0.02, (960, 540)).round(1), principal_point_sigma(0.02, (480, 540)).round(1)
-    (array([19.2, 19.2]), array([240.8,  19.2]))
-    """
-    frame = np.array(frame_around(image_size))
-    return np.asarray(np.hypot(share * frame[0], PART_SIGMA * (frame - image_size)))
 
 
 @lru_cache(maxsize=64)

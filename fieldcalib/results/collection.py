@@ -25,7 +25,6 @@ import numpy as np
 from fieldcalib._checks import file_path, truth
 from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
-from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
@@ -43,6 +42,7 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, encode_image
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
 from fieldcalib.results.pictures import Pictures
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results

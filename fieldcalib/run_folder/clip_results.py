@@ -14,8 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fieldcalib._checks import number
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
@@ -33,6 +32,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.io.videos import DEFAULT_RATE
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ClipInput, Frame
@@ -134,7 +134,7 @@ def _drawn(
         return frame, calibration, options.drawn(frame.image, calibration)
 
     def placed(frame: Frame) -> tuple[Frame, Calibration | None]:
-        return frame, None if frame.image is None else options.placement(frame.image).from_frame(next(rest))
+        return frame, None if frame.image is None else in_picture(next(rest), options.placement(frame.image))
 
     count = threads or os.cpu_count() or 1
     if count == 1:  # frames are drawn in this thread
@@ -154,7 +154,7 @@ def _listed(
         if id in broken or placement is None:
             yield Frame(id, None, broken.get(id, "")), None, None
         else:
-            yield Frame(id, None), placement.from_frame(next(rest)), None
+            yield Frame(id, None), in_picture(next(rest), placement), None
 
 
 def caption(id: str, calibration: Calibration | None) -> str:

@@ -14,12 +14,12 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeAlias
 
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.images.clip.tracker import Tracker, tracker_of
 from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.io.image import Image
 from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_source import Frame, checked_frames, whole_frame
 
 PlaceOf: TypeAlias = Callable[[Image], Placement]
@@ -30,7 +30,7 @@ def calibrate_images(how: How, images: Sequence[Image], placement: PlaceOf = who
     """Calibrate images one by one."""
     placements = [placement(image) for image in images]
     frames = [placed.image_in_frame(image) for placed, image in zip(placements, images, strict=True)]
-    return [placed.from_frame(one) for placed, one in zip(placements, calibrate_pictures(how, frames), strict=True)]
+    return [in_picture(one, placed) for placed, one in zip(placements, calibrate_pictures(how, frames), strict=True)]
 
 
 @contextmanager
@@ -46,4 +46,4 @@ def tracked(tracker: Tracker, frame: Frame, placement: PlaceOf = whole_frame) ->
     """Calibrate the next frame of a stream."""
     assert frame.image is not None
     placed = placement(frame.image)
-    return placed.from_frame(tracker.update(placed.image_in_frame(frame.image)))
+    return in_picture(tracker.update(placed.image_in_frame(frame.image)), placed)

@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 
 from fieldcalib._checks import is_number
 from fieldcalib._progress import Progress, progress_bar, say, waiting_for
-from fieldcalib.assess.placement import Placement
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
@@ -26,6 +25,7 @@ from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import DEFAULT_RATE, FrameReader, FramesByNumber, VideoWriter
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.work_units import read_each
@@ -449,7 +449,7 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
 
 def whole_frame(image: Image) -> Placement:
     """Placement of an image that is a whole frame."""
-    return Placement(size_of(image), size_of(image), None)
+    return Placement.whole(size_of(image))
 
 
 class ClipInput:

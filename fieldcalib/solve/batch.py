@@ -34,7 +34,7 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
-from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
+from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.solver_options import (
     DEFAULT_CRITERIA,

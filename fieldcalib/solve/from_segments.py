@@ -43,9 +43,9 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.auto_lens import with_required_lens
+from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_exchanged_sides, with_other_court
-from fieldcalib.solve.picture_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, Criteria, Options, Prior

@@ -9,16 +9,17 @@ from networks import Blind
 
 from fieldcalib import calibrate, soccer
 from fieldcalib.assess import findings
-from fieldcalib.assess.cropping_evidence import CUT, SHAPE
 from fieldcalib.assess.estimate import in_words
 from fieldcalib.assess.findings import (
     CAUSE_REMEDIES,
+    CUT,
     HOW,
     NOT_SOCCER,
     NOTHING,
     OF_LABELS,
     OTHER_SPORT,
     REMEDIES,
+    SHAPE,
     Advice,
     Finding,
     Remedy,

@@ -30,16 +30,15 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.assess import Verdict, findings
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy, What
-from fieldcalib.assess.placement import Crop, Placement
-from fieldcalib.assess.result import doubted
+from fieldcalib.assess.result import doubted, in_picture
 from fieldcalib.fields import Field, badminton, tennis
 from fieldcalib.geometry.projective import homography_from_points
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import paint_evidence
-from fieldcalib.images.shape.picture_in_picture import windows_of
+from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.localize import SegmentationNetwork
+from fieldcalib.problem.picture_shape import Crop, Declared, Placement
 from fieldcalib.run_folder.frame_record import calibration_line, camera_file
 from fieldcalib.solve.solver_options import CalibrationFlags
 from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
@@ -208,6 +207,11 @@ def parts_of_frames(*parts):
                 yield labels, Placement(size, size, Crop(SIZE, corner))
 
 
+def in_frame(placement, labels):
+    """Labels of a picture in pixels of its frame."""
+    return {label: placement.to_frame(xy) for label, xy in labels.items()}
+
+
 @pytest.mark.parametrize(
     ("remedy", "parts"),
     [
@@ -223,8 +227,8 @@ def test_which_part_of_a_frame_it_is(remedy, parts):
         before = calibrate_from_segments(PITCH, labels, placement.size)
         if before.remedy != remedy.text:
             continue
-        found = calibrate_from_segments(PITCH, placement.to_frame(labels), placement.frame_size)
-        after = replace(placement.from_frame(found), declared=Declared.FRAME)
+        found = calibrate_from_segments(PITCH, in_frame(placement, labels), placement.frame_size)
+        after = replace(in_picture(found, placement), declared=Declared.FRAME)
         assert not after.has_finding(What.PART, What.SHAPE)
         assert not is_better(before, after)
         asked, better = asked + 1, better + is_better(after, before)
@@ -260,8 +264,8 @@ def test_a_squashed_picture():
         labels = {label: xy / placement.scale for label, xy in frame_of(camera, noise=1.0).items()}
         before = calibrate_from_segments(PITCH, labels, placement.size, estimate_aspect=False)
         if before.remedy == findings.NOT_WHOLE.text:
-            found = calibrate_from_segments(PITCH, placement.to_frame(labels), placement.frame_size)
-            after = replace(placement.from_frame(found), declared=Declared.PIXELS)
+            found = calibrate_from_segments(PITCH, in_frame(placement, labels), placement.frame_size)
+            after = replace(in_picture(found, placement), declared=Declared.PIXELS)
             assert not after.has_finding(What.SHAPE)
             asked, better = asked + 1, better + is_better(after, before)
     assert asked >= 2

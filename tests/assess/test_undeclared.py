@@ -16,32 +16,25 @@ from data_tools.simulated import observe as demo_labels
 from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.cropping_evidence import (
-    CUT,
-    PART_SCALE,
-    SCORE,
-    SHAPE,
-    Declared,
-    PrincipalPointEvidence,
-    _freed,
-    differs_in_aspect,
-    features,
-    largest_error_of_part,
-    log_ratio_of_cut,
-    score,
-    seems_part,
-)
-from fieldcalib.assess.findings import Verdict, What
-from fieldcalib.assess.placement import Placement
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.cropping_evidence import _freed, largest_error_of_part, principal_point_of, score, seems_part
+from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.shape.borders_and_squash import shape_within, shown_part, within_borders
-from fieldcalib.problem.prior import frame_around, principal_point_sigma
+from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
+from fieldcalib.problem.picture_shape import (
+    PART_SCALE,
+    Declared,
+    Placement,
+    frame_around,
+    log_ratio_of_cut,
+    principal_point_sigma,
+    score_of_part,
+)
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.picture_shape import likelier
+from fieldcalib.solve.likelier_shape import likelier
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
@@ -92,15 +85,14 @@ def test_without_the_narrow_prior_the_camera_moves_as_first_order_says():
 
 
 def test_what_depends_on_the_principal_point_is_doubted_sooner():
-    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
-    uncertainty, evidence = found.uncertainty, PrincipalPointEvidence.of(found.uncertainty)
-    row = features(uncertainty, evidence, 0.9)
-    assert row[-1] == pytest.approx(min(np.log(largest_error_of_part(uncertainty)), np.log(2.0)))
-    assert np.array(SCORE) @ (row + [0.0, 0.0, 0.0, 0.0, 1.0]) > score(uncertainty, evidence, 0.9)
+    scores = [score_of_part(0.9, 0.0, (0.0, 0.0), error) for error in (0.01, 0.05, 0.5, 2.0, 9.0)]
+    assert scores[0] == scores[1] < scores[2] < scores[3] == scores[4]
+    uncertainty = calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty
+    assert score(uncertainty, 0.5) > score(uncertainty, 0.9)
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():
-    evidence = PrincipalPointEvidence.of(calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty)
+    evidence = principal_point_of(calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty)
     assert evidence.log_ratio_of_part < -1.0
 
 
@@ -110,7 +102,7 @@ def test_the_principal_point_lies_where_labels_put_it_within_what_they_tell(seed
     """Half of the prior's width off the middle: the offset to first order is that, within three sigma."""
     camera = CAMERA.cropped((40, 0), SIZE)  # its principal point is 40 px, two standard deviations, to the left
     found = calibrate_from_segments(FIELD, frame_of(camera, 0.5, seed), SIZE, flags=DEFAULT_FLAGS)
-    evidence = PrincipalPointEvidence.of(found.uncertainty)
+    evidence = principal_point_of(found.uncertainty)
     off = evidence.offset - [-40.0 / 19.2, 0.0]
     assert np.all(np.abs(off) < 4.0 * np.sqrt(np.diagonal(evidence.covariance)) + 0.2)
 
@@ -118,7 +110,7 @@ def test_the_principal_point_lies_where_labels_put_it_within_what_they_tell(seed
 def test_a_principal_point_that_is_known_is_not_asked_for():
     flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     found = calibrate_from_segments(FIELD, frame_of(), SIZE, flags=flags)
-    assert PrincipalPointEvidence.of(found.uncertainty) is None
+    assert principal_point_of(found.uncertainty) is None
     assert seems_part(found.uncertainty, 0.5) == ()
 
 
@@ -136,7 +128,7 @@ def test_a_part_must_be_surer_of_its_camera_than_a_whole_frame():
 def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame():
     corner = part_of(frame_of(noise=0.5), CAMERA, (240, 135), (720, 405))
     found = calibrate_from_segments(FIELD, corner.pixels, corner.image_size)
-    assert PrincipalPointEvidence.of(found.uncertainty).log_ratio_of_part > 2.0
+    assert principal_point_of(found.uncertainty).log_ratio_of_part > 2.0
     assert found.verdict is not Verdict.GOOD
 
 
@@ -327,11 +319,12 @@ def test_a_squashed_picture_is_told_by_its_labels(shape):
 def test_what_was_squashed_was_a_whole_frame():
     """The same labels are doubted to be of a part less where the picture was squashed."""
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
-    thin = Placement((540, 540), SIZE, None).from_frame(found)
+    thin = in_picture(found, Placement((540, 540), SIZE))
     solved = found.uncertainty.camera
-    assert not differs_in_aspect(found.camera, solved)
-    assert differs_in_aspect(thin.camera, solved)
-    assert not differs_in_aspect(found.camera.cropped((0, -90), (960, 720)), solved)
+    assert not Placement.of_cameras(found.camera, solved).is_squashed
+    assert Placement.of_cameras(thin.camera, solved) == Placement((540, 540), SIZE)
+    assert Placement.of_cameras(thin.camera, solved).is_squashed
+    assert not Placement.of_cameras(found.camera.cropped((0, -90), (960, 720)), solved).is_squashed
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():
@@ -364,7 +357,7 @@ def bordered(image, border, noise=0):
 @pytest.mark.parametrize("noise", [0, 8])
 def test_black_borders_are_seen(border, noise):
     image = picture(CAMERA)
-    shown = shown_part(bordered(image, border, noise))
+    (shown,) = parts_of([bordered(image, border, noise)])
     corner = (0, border) if border > 0 else (-border, 0)
     assert np.abs(np.add(shown.corner, corner)).max() <= 1
     assert np.abs(np.subtract(shown.frame_size, SIZE)).max() <= 2
@@ -381,13 +374,12 @@ def test_a_dark_part_of_a_picture_is_no_border(where):
         image[:100], image[-100:] = (rng.integers(0, 60, (100, 960, 1)) for _ in range(2))
     else:
         image[:] = 0
-    assert shown_part(image).is_whole
+    assert borders_of(image) == (0, 0)
 
 
 def test_a_camera_of_what_is_shown_sees_the_same_in_the_whole_picture():
-    shown = shape_within(within_borders((960, 720), (0, 90)))
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
-    moved = shown.in_picture(found)
+    moved = in_picture(found, within_borders((960, 720), (0, 90)))
     X = FIELD["Middle line"].sample(3.0)
     np.testing.assert_allclose(moved.camera.project(X), found.camera.project(X) + (0.0, 90.0))
     assert moved.camera.image_size == (960, 720)

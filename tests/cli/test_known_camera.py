@@ -12,13 +12,12 @@ from pictures import picture
 from views import camera
 
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
-from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.findings import WAS_SQUASHED, Verdict
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.metrics.distance import camera_difference
-from fieldcalib.solve.picture_shape import WAS_SQUASHED
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.solver_options import CalibrationFlags as F
 from fieldcalib.synthetic.film import Scene, TrueFrame, film

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.cropping_evidence import SHAPE
-from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.placement import InFrame
+from fieldcalib.assess.findings import SHAPE, Verdict
 from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import _pixels_in_picture
 from fieldcalib.editor.edit import Edit, Known
 from fieldcalib.editor.fitting import mark_errors
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.journal import edit_from_record, edit_to_record
+from fieldcalib.problem.picture_shape import Crop, Placement
 from fieldcalib.web.records import shown_aspect
 
 FIELD, SHOWN = soccer(), (1280, 720)
@@ -119,9 +118,10 @@ def test_labels_of_a_squashed_frame_join_its_clip_in_its_pixels(image):
 
 def test_pixels_of_a_part_in_its_frame():
     part = TRUTH.cropped((200.0, 40.0), (800, 600)).scaled((400, 600))
-    in_frame = InFrame.of(part, TRUTH)
-    np.testing.assert_allclose(in_frame.of_picture((10.0, 20.0)), (220.0, 60.0), atol=1e-9)
-    np.testing.assert_allclose(in_frame.of_frame(in_frame.of_picture((10.0, 20.0))), (10.0, 20.0), atol=1e-9)
+    placement = Placement.of_cameras(part, TRUTH)
+    assert placement == Placement((400, 600), (800, 600), Crop(SHOWN, (200, 40)))
+    np.testing.assert_allclose(placement.to_frame((10.0, 20.0)), (220.0, 60.0), atol=1e-9)
+    np.testing.assert_allclose(placement.to_picture(placement.to_frame((10.0, 20.0))), (10.0, 20.0), atol=1e-9)
 
 
 @pytest.mark.parametrize("aspect", [0.0, -1.0, 9.0, float("nan"), "16:9", True, (16, 9)])

@@ -28,13 +28,11 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import Finding, SuspectLabel, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.result import with_findings
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
-from fieldcalib.assess.video import Shot, VideoCalibration
+from fieldcalib.assess.video import Shape, Shot, VideoCalibration
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -46,6 +44,7 @@ from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.image import checked_image
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.problem import RobustLoss
+from fieldcalib.problem.picture_shape import Declared, Placement
 from fieldcalib.solve import estimate_field_size
 
 SIZE = (960, 540)
@@ -547,7 +546,7 @@ def test_clips_of_earlier_versions_are_read():
     """Without findings of their own, with doubts and complaints in words."""
     nothing = calibrate_sequence(soccer(), [{}, {}], SIZE)
     doubted = with_doubts(nothing, [1], Finding(What.SAID, "it may be mixed"))
-    shape = Shape(Placement(SIZE, SIZE, None), "", (Finding(What.SAID, "not 16:9"),))
+    shape = Shape(Placement.whole(SIZE), (Finding(What.SAID, "not 16:9"),))
     video = VideoCalibration((doubted,), (Shot(0, 2, 0),), np.zeros(2, dtype=int), np.arange(2), shape=shape)
     record = json.loads(json.dumps(video.to_dict()))
     del record["findings"], record["shape"]["findings"]

@@ -1,4 +1,4 @@
-"""Estimation of the shape of a clip's frames from some of them: borders, windows, and whether they were squashed.
+"""The shape of a clip's frames: each hypothesis (`fieldcalib.problem.picture_shape`) asked of several frames together.
 
 Borders are the smallest among the frames looked at. A window counts if most of them have it; of several windows the one
 that gives the most cameras is taken, and the user is told to check all cameras.
@@ -9,8 +9,7 @@ errors of single frames. With the right shape the lines lie nearer to their mark
 lines of one label in one frame, as it is and as shown, both in the picture's own pixels, the log odds of squashed
 frames are
 
-    1/2 sum log(u / v)  +  mean over frames of the log odds of each frame by itself
-    (`fieldcalib.images.shape.borders_and_squash`)
+    prior  +  1/2 sum log(u / v)  +  mean over frames of the log ratio of each frame by itself (`log_ratio_of_squash`)
 
 over all labels of all frames.
 
@@ -18,6 +17,16 @@ The shape of a live video is estimated as its pictures come (`LiveShape`). Borde
 that shows something. They shrink at once if a later picture shows something in them, and grow if all of the last
 pictures that were looked at have larger ones. Whether pictures were squashed is estimated once some have been seen;
 until then the user is told to check every camera.
+
+The frames of a tripod share their principal point. If their lines put it far from the middle, a shot is solved with a
+free principal point from the beginning (`CUT_OUT` of `clip_models`). If they put it near the middle, the frames are
+whole. In short shots with few lines they determine neither: the cameras are then right if the frames are whole, and may
+be wrong by metres if not, although all lines fit. Two kinds of evidence count together: the log likelihood ratio of a
+part to a whole frame from the principal point (-3 to -4.5 if lines show that it is near the middle, about 0 if they do
+not determine it), and whether the keyframes were enlarged (`fieldcalib.images.shape.enlarged`). Frames that may be
+enlarged are solved once more, with a principal point that may lie anywhere. The errors of these cameras include those
+of the principal point. They are taken if a part is more likely, or if they are sure; if they are not sure, the user is
+told to check them.
 """
 
 from __future__ import annotations
@@ -27,32 +36,38 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array
-from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS, SHAPE
-from fieldcalib.assess.findings import Finding
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.cropping_evidence import FAINT
+from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, WAS_SQUASHED
 from fieldcalib.assess.label_errors import rms_by_label
-from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.video import Shape
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_alone
 from fieldcalib.images.from_images import How
-from fieldcalib.images.shape.borders_and_squash import (
-    as_shown,
-    log_ratio_of_squash,
-    placement_of,
-    shape_within,
-    shown_part,
-    within_borders,
-)
-from fieldcalib.images.shape.picture_in_picture import Window, windows_of
+from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
+from fieldcalib.images.shape.shape_of_picture import SCORE_OF_SOFTNESS, log_ratio_of_squash, window_prior
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.picture_shape import (
+    LARGEST_SPREAD,
+    SURE,
+    Placement,
+    PrincipalPoint,
+    is_whole_shape,
+    may_be_squashed,
+    principal_point_sigma,
+    squash_log_odds,
+)
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.picture_shape import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
-from fieldcalib.solve.solver_options import CERTAIN
+from fieldcalib.solve.solver_options import CERTAIN, Prior, checked_prior
 
 SEEN, APART = 8, 12  # number of frames that are used, and distance from one to the next in frames
 FURTHEST = 3000  # frames, two minutes, among which they are
@@ -60,10 +75,16 @@ DARK = 10.0  # largest mean brightness of a frame that shows nothing
 # Half a second apart, frames share part of their errors. With this weight 34 of 45 squashed stretches of nine clips and
 # 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
 WEIGHT = 0.5  # factor of the sum over labels in the log odds
-UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
 CHANCE = 0.05  # px: distances of lines below this are chance
 ASKED = SEEN // 2, SEEN  # numbers of pictures seen at which the log odds of squashed frames are estimated
 SAME = 2  # px: borders that differ by no more are the same, up to compression
+# Distance of a principal point from the middle in standard deviations: beyond the first it is freed, beyond the second
+# the picture is not a whole one. Measured broadcast cameras are up to 1.75 off.
+MAY_BE_OFF = 2.0
+OFF_MIDDLE = 2.8
+# Score of log likelihood ratio and softness together above which frames may be enlarged: soft whole shots of broadcasts
+# with good cameras have up to 1.6, enlarged shots whose cameras pass as good but are over 1 m off at least 3.2.
+LEAST_SCORE = 2.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,40 +109,31 @@ class ShapeEstimator:
         some = bright_frames(images) if self.finds_borders or self.finds_squash else []
         if not some:
             return None
-        size = size_of(some[0])
-        placement = common_borders(some) if self.finds_borders else Placement(size, size, None)
-        placement, findings = self._window(some, placement) if self.finds_borders else (placement, ())
-        shape = None if placement.is_whole else shape_within(placement)
-        if self.finds_squash and may_be_squashed(placement.frame_size):
-            shape = shape_of_odds(self.log_odds([placement.image_in_frame(image) for image in some]), placement)
-        return shape if shape is None else replace(shape, findings=(*shape.findings, *findings))
+        found = self._part(some) if self.finds_borders else Shape(Placement.whole(size_of(some[0])))
+        if self.finds_squash and may_be_squashed(found.placement.frame_size):
+            log_odds = self.log_odds([found.placement.image_in_frame(image) for image in some])
+            found = shape_of_odds(log_odds, found)
+        return found or None
 
-    def _window(self, images: Sequence[Image], placement: Placement) -> tuple[Placement, tuple[Finding, ...]]:
-        """Choose among the windows between black borders, and the whole, the one that gives the most cameras.
+    def _part(self, images: Sequence[Image]) -> Shape:
+        """Choose the part that shows the frame: between borders or, if there are windows, with the most cameras."""
+        parts = parts_of(images)
+        if len(parts) == 1:
+            return Shape(parts[0])
+        cameras = [
+            sum(one.accepted for one in self._alone([part.image_in_frame(image) for image in images])) for part in parts
+        ]
+        best = len(parts) - 1 - int(np.argmax(cameras[::-1]))  # a window rather than the whole
+        return Shape(parts[best], (IN_WINDOW,) if best == 0 else (SEVERAL_VIEWS,) * (len(parts) > 2))
 
-        Returns its placement, and findings if the whole was chosen or there are several windows.
-        """
-        inner = [placement.image_in_frame(image) for image in images]
-        windows = common_windows(inner)
-        if not windows:
-            return placement, ()
-        size = placement.frame_size
-        ways = [Placement(size, size, None), *(placement_of(one, size) for one in windows)]
-        cameras = [self._cameras([way.image_in_frame(image) for image in inner]) for way in ways]
-        best = len(ways) - 1 - int(np.argmax(cameras[::-1]))  # a window rather than the whole
-        way = ways[best]
-        findings = (IN_WINDOW,) if best == 0 else (SEVERAL_VIEWS,) * (len(windows) > 1)
-        corner = np.add(placement.corner, way.corner).tolist()
-        return replace(placement, crop=Crop(way.frame_size, (corner[0], corner[1]))), findings
-
-    def _cameras(self, images: Sequence[Image]) -> int:
-        """Number of images that have a camera of their own."""
-        return sum(one.accepted for one in calibrate_frames_alone(self.how, images))
+    def _alone(self, images: Sequence[Image]) -> list[Calibration]:
+        return calibrate_frames_alone(self.how, images)
 
     def log_odds(self, images: Sequence[Image]) -> float:
         """Log odds that frames of another shape than 16:9 were squashed from it, by the formula of the module."""
-        size, shown = size_of(images[0]), shown_size(size_of(images[0]))
-        both = [calibrate_frames_alone(self.how, some) for some in (images, [as_shown(one) for one in images])]
+        size = size_of(images[0])
+        squashed = Placement.whole(size).squashed
+        both = [self._alone(some) for some in (images, [squashed.image_in_frame(one) for one in images])]
         alone = [
             log_ratio_of_squash(self.how.task, one, other)
             for one, other in zip(*both, strict=True)
@@ -131,9 +143,9 @@ class ShapeEstimator:
         for found in both:
             frames = [_lines(one, size) for one in found if one.accepted and one.solved is not None]
             if len(frames) > 1:
-                together.append(_log_ratio(*(self._distances(frames, size, to) for to in (size, shown))))
-        log_odds = SQUARE_LOG_ODDS * (size[0] == size[1]) + UPRIGHT_LOG_ODDS * (size[0] < size[1])
-        return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
+                u, v = (self._distances(frames, size, to) for to in (size, squashed.frame_size))
+                together.append(WEIGHT * np.nansum(np.log(np.hypot(u, CHANCE) / np.hypot(v, CHANCE))))
+        return squash_log_odds(size, is_clip=True) + sum(float(np.mean(some)) for some in (alone, together) if some)
 
     def _distances(self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]) -> Array:
         """Root mean square distance of each label from cameras fitted to all frames together, (T, L).
@@ -161,72 +173,19 @@ def bright_frames(images: Iterable[Image]) -> list[Image]:
     return list(islice(bright, SEEN))
 
 
-def common_borders(images: Sequence[Image]) -> Placement:
-    """Placement of the frames between the black borders that all of the pictures have.
+def shape_of_odds(log_odds: float, part: Shape) -> Shape:
+    """Shape of frames in a part of their pictures from the log odds that they were squashed.
 
     Examples
     --------
-    >>> picture = np.zeros((720, 960, 3), np.uint8)
-    >>> picture[90:630] = 100
-    >>> common_borders([picture, picture]).frame_size
-    (960, 540)
-    >>> common_borders([picture, picture + 50]).is_whole
-    True
-    """
-    x, y = np.max([shown_part(image).corner for image in images], axis=0).tolist()
-    return within_borders(size_of(images[0]), (-x, -y))
-
-
-def common_windows(images: Sequence[Image]) -> list[Window]:
-    """Windows (`fieldcalib.images.shape.picture_in_picture.windows_of`) that most of the pictures have.
-
-    Examples
-    --------
-    >>> picture = np.full((540, 960, 3), 60, np.uint8)
-    >>> picture[100:505, 200:920] = np.random.default_rng(0).integers(90, 250, (405, 720, 3))
-    >>> len(common_windows([picture, picture])), common_windows([picture, np.zeros_like(picture)])
-    (1, [])
-    """
-    found = [windows_of(image) for image in images]
-    often = max(found, key=lambda some: sum(_are_same(some, other) for other in found))
-    count = sum(_are_same(often, other) for other in found)
-    return often if count > len(found) / 2 else []
-
-
-def _are_same(some: Sequence[Window], others: Sequence[Window]) -> bool:
-    return len(some) == len(others) and bool(np.all(np.abs(np.subtract(some, others)) <= SAME))
-
-
-def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
-    """Shape of frames between borders from the log odds that they were squashed; None for whole unsquashed frames.
-
-    Examples
-    --------
-    >>> whole = Placement((960, 720), (960, 720), None)
+    >>> whole = Shape(Placement.whole((960, 720)))
     >>> shape_of_odds(5.0, whole).placement.frame_size
     (1280, 720)
-    >>> shape_of_odds(-5.0, whole) is None, shape_of_odds(1.0, whole).findings[0] == SHAPE
+    >>> shape_of_odds(-5.0, whole) == whole, shape_of_odds(1.0, whole).findings[0] == SHAPE
     (True, True)
     """
-    doubt: tuple[Finding, ...] = () if abs(log_odds) > CERTAIN else (SHAPE,)
-    message = shape_within(placement).message
-    if log_odds > 0.0:
-        size, shown = placement.frame_size, shown_size(placement.frame_size)
-        scale = np.divide(shown, size)
-        whole = np.rint(scale * placement.size).astype(int).tolist()
-        x, y = np.rint(scale * placement.corner).astype(int).tolist()
-        part = None if placement.crop is None else Crop(shown, (x, y))
-        placement = Placement(placement.size, (whole[0], whole[1]), part)
-        message, doubt = "; ".join(filter(None, (message, str(WAS_SQUASHED)))), (*doubt, WAS_SQUASHED)
-    elif not doubt and placement.is_whole:
-        return None
-    return Shape(placement, message, doubt)
-
-
-def _log_ratio(as_it_is: Array, shown: Array) -> float:
-    """Log odds that frames were squashed, from the distances u and v of their lines as they are and as shown."""
-    u, v = np.hypot(as_it_is, CHANCE), np.hypot(shown, CHANCE)
-    return float(WEIGHT * np.nansum(np.log(u / v)))
+    findings = (SHAPE,) * (abs(log_odds) <= CERTAIN) + (WAS_SQUASHED,) * (log_odds > 0.0)
+    return Shape(part.placement.squashed if log_odds > 0.0 else part.placement, (*findings, *part.findings))
 
 
 def _lines(calibration: Calibration, size: tuple[int, int]) -> PixelTable:
@@ -251,7 +210,6 @@ class LiveShape:
         submit: Callable[[Callable[[Sequence[Image]], float], list[Image]], Future[float]],
     ) -> None:
         self._estimator, self._submit = estimator, submit
-        self._size = (0, 0)
         self._next = 0  # number of the next picture that will be looked at
         self._index = 0  # number of the next picture
         self._borders: deque[tuple[int, int]] = deque(maxlen=SEEN)  # borders of the last pictures looked at
@@ -267,16 +225,19 @@ class LiveShape:
         if not (self._estimator.finds_borders or self._estimator.finds_squash):
             return False
         index, self._index = self._index, self._index + 1
-        self._size = size_of(image)
         if index >= self._next and np.mean(image[::APART, ::APART]) > DARK:
             self._next = index + APART
             self._look(image)
         if self._running is not None and self._running.done():
             self._log_odds, self._running = self._running.result(), None
-        before, self.shape = self.shape, self._estimated()
-        whole = Placement(self._size, self._size, None)
-        old, new = (whole if shape is None else shape.placement for shape in (before, self.shape))
-        return old != new
+        part = Shape(within_borders(size_of(image), self._border))
+        before = self.shape or Shape(Placement.whole(size_of(image)))
+        if self._log_odds is not None:
+            found = shape_of_odds(self._log_odds, part)
+        else:  # while pictures may be squashed, every camera is doubted
+            found = part._replace(findings=(SHAPE,) if self._parts else ())
+        self.shape = found or None
+        return before.placement != found.placement
 
     def image_in_frame(self, image: Image) -> Image:
         """Cut the frame out of a picture, and stretch it if pictures were squashed."""
@@ -284,8 +245,7 @@ class LiveShape:
 
     def _look(self, image: Image) -> None:
         if self._estimator.finds_borders:
-            x, y = shown_part(image).corner
-            self._borders.append((-x, -y))
+            self._borders.append(borders_of(image))
             least = np.min(list(self._borders), axis=0)
             grown = np.max(least - self._border) > SAME and len(self._borders) in (1, SEEN)
             if grown or np.max(self._border - least) > SAME:
@@ -293,21 +253,106 @@ class LiveShape:
                 self._parts, self._running, self._log_odds = [], None, None
         if not self._estimator.finds_squash or len(self._parts) >= SEEN:
             return
-        part = self._placement.image_in_frame(image)
+        part = within_borders(size_of(image), self._border).image_in_frame(image)
         if may_be_squashed(size_of(part)):
             self._parts.append(part.copy())  # the caller may use its image again
             is_sure = self._log_odds is not None and abs(self._log_odds) > CERTAIN
             if len(self._parts) in ASKED and self._running is None and not is_sure:
                 self._running = self._submit(self._estimator.log_odds, list(self._parts))
 
-    @property
-    def _placement(self) -> Placement:
-        """Placement of the frames between the borders."""
-        return within_borders(self._size, self._border)
 
-    def _estimated(self) -> Shape | None:
-        """Shape as far as it is known; while pictures may be squashed, with a finding that doubts every camera."""
-        if self._log_odds is not None:
-            return shape_of_odds(self._log_odds, self._placement)
-        shape = replace(shape_within(self._placement), findings=(SHAPE,) if self._parts else ())
-        return shape if shape.findings or not shape.placement.is_whole else None
+class SharedPrincipalPoint(NamedTuple):
+    """The principal point that frames of a clip share."""
+
+    off_middle: float
+    """Distance from the middle, in standard deviations of whole pictures' principal points and the estimate."""
+    log_ratio_of_part: float
+    """Log likelihood ratio of a part of a frame to a whole one, without the prior of the estimate."""
+    spread: float
+    """Standard deviation of the principal points of whole pictures, the larger one of x and y, pixels."""
+
+    @classmethod
+    def of(cls, found: SequenceCalibration, how: How, *, is_free: bool = False) -> SharedPrincipalPoint | None:
+        """Take the principal point of frames that share one; None if they do not, or have no prior.
+
+        `is_free`: they were solved with the wide prior for parts of pictures
+        (`window_prior`).
+        """
+        if how.task.prior is None or found.layout is None or not {"cx", "cy"} <= set(found.names):
+            return None
+        size, objects = found.layout.image_size, how.task.object_segments
+        of_whole = _sigma(how.task.prior, objects, size)
+        prior = _sigma(window_prior(how.task.prior, objects, size), objects, size) if is_free else of_whole
+        index = [found.names.index(name) for name in ("cx", "cy")]
+        offset, V = found.values[index] - np.divide(size, 2.0), found.covariance[np.ix_(index, index)]
+        off_middle = float(np.max(np.abs(offset) / np.hypot(of_whole, np.sqrt(np.diagonal(V)))))
+        by_lines = without_prior(offset / of_whole, V / np.outer(of_whole, of_whole), prior / of_whole)
+        return cls(off_middle, by_lines.log_ratio_of_part, float(np.max(of_whole)))
+
+
+def without_prior(z: Array, V: Array, prior: Array) -> PrincipalPoint:
+    """A principal point by lines alone, from the estimate z (2,) with covariance V under a prior of some deviations.
+
+    Examples
+    --------
+    >>> middle, anywhere = (without_prior(np.zeros(2), s**2 * np.eye(2), np.ones(2)) for s in (0.16, 0.9995))
+    >>> middle.log_ratio_of_part < -3.0, abs(anywhere.log_ratio_of_part) < 0.5
+    (True, True)
+    """
+    of_lines, vectors = np.linalg.eigh(np.linalg.inv(V) - np.diag(1.0 / np.square(prior)))
+    covariance = vectors @ np.diag(1.0 / np.maximum(of_lines, FAINT)) @ vectors.T
+    return PrincipalPoint(covariance @ np.linalg.solve(V, z), covariance)
+
+
+def _sigma(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Array:
+    """Standard deviations (2,) of a principal point under a prior, the widest of its stands."""
+    assert prior is not None
+    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
+    return principal_point_sigma(max(stand.principal_point for stand in stands), image_size)
+
+
+def off_middle(found: SequenceCalibration, how: How) -> float:
+    """Distance of the principal point from the middle, `SharedPrincipalPoint.off_middle`; 0 if frames share none."""
+    shared = SharedPrincipalPoint.of(found, how)
+    return 0.0 if shared is None else shared.off_middle
+
+
+def may_be_enlarged(found: SequenceCalibration, how: How, softness: float, *, is_free: bool = False) -> bool:
+    """Whether the frames of a tripod look enlarged, and may be parts of larger ones.
+
+    Parameters
+    ----------
+    softness : float
+        Softness of their shot (`softness_of_shot`).
+    is_free : bool
+        Whether they were solved with a principal point that may lie anywhere.
+    """
+    if not (how.may_be_enlarged and how.is_on_tripod and softness > 0.0):
+        return False
+    shared = SharedPrincipalPoint.of(found, how, is_free=is_free)
+    if shared is None or found.layout is None or found.field is None or found.field.probability is None:
+        return False
+    size = found.layout.image_size
+    is_usual = is_whole_shape(size) and shared.spread <= LARGEST_SPREAD * size[0]
+    return is_usual and shared.log_ratio_of_part + SCORE_OF_SOFTNESS * softness > LEAST_SCORE
+
+
+def better_of_enlarged(
+    whole: SequenceCalibration, freed: SequenceCalibration, how: How, frames: IntArray
+) -> tuple[SequenceCalibration, list[str]]:
+    """Choose between frames that may be enlarged as solved as whole ones, and with a principal point that is `freed`.
+
+    The latter are taken if the frames are more likely parts than whole, or if most of the accepted cameras are sure
+    with such a principal point. Cameras that are not sure get a doubt; returned too are notes for the user on the
+    `frames`, their numbers in the video.
+    """
+    shared = SharedPrincipalPoint.of(freed, how, is_free=True)
+    is_sure = np.array([one.accepted and one.probability(level=True) >= SURE for one in freed])
+    if shared is None or not (shared.log_ratio_of_part > 0.0 or np.mean(is_sure[whole.accepted]) > 0.5):
+        return with_doubts(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED), []
+    x, y = (freed.values[freed.names.index(name)] for name in ("cx", "cy"))
+    note = (
+        f"frames {frames[0]} to {frames[-1]}: the picture may be an enlarged part of a larger one: its principal point "
+        f"was found at ({x:.0f}, {y:.0f})"
+    )
+    return with_doubts(freed, np.flatnonzero(freed.accepted & ~is_sure).tolist(), ENLARGED), [note]

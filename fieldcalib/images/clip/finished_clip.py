@@ -12,23 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.cropping_evidence import CUT, Declared
-from fieldcalib.assess.findings import Finding, What
+from fieldcalib.assess.findings import CUT, Finding, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip.clip_models import CUT_OUT, CameraModel, Pieces
 from fieldcalib.images.clip.clip_problem import calibrate_frames_alone
-from fieldcalib.images.clip.enlarged_clip import (
-    OFF_MIDDLE,
-    enlarged_note,
-    is_better_free,
-    may_be_enlarged,
-    off_middle,
-    with_doubts_of_all,
-    with_doubts_of_part,
-)
+from fieldcalib.images.clip.clip_shape import OFF_MIDDLE, better_of_enlarged, may_be_enlarged, off_middle
 from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
@@ -36,6 +27,7 @@ from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
@@ -196,9 +188,7 @@ def _finished_tripod(
             pieces = pieces.with_model(piece, CUT_OUT)
         freed = _calibrated(lines, pieces, members, None)
         if not freed.together or may_be_enlarged(freed, how, softness, is_free=True):
-            if not is_better_free(found, freed, how):
-                return with_doubts_of_all(found), []
-            return with_doubts_of_part(freed), [enlarged_note(lines.solved.keyframes.shots.begin + frames, freed)]
+            return better_of_enlarged(found, freed, how, lines.solved.keyframes.shots.begin + frames)
     return _with_place_of_picture(found, how, model), []
 
 

@@ -26,8 +26,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import named
-from fieldcalib.assess.placement import Placement, Shape
-from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.video import Shape, VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
@@ -44,6 +43,7 @@ from fieldcalib.io.image_files import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.request import GivenCamera, Task, check_of_clip
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
@@ -115,7 +115,7 @@ def calibrate_video(
     may_be_enlarged : bool
         Whether frames with the shape of whole ones may be enlarged parts of larger ones (digital zoom), whose principal
         point is not in the middle. If the frames of a tripod do not show that they are whole, they are calibrated with
-        a free principal point, or are to be checked (`fieldcalib.images.clip.enlarged_clip`). Only with a network and a
+        a free principal point, or are to be checked (`fieldcalib.images.clip.clip_shape`). Only with a network and a
         prior, and if nothing of the camera is given.
     every : int
         Frames from one keyframe to the next, at most.
@@ -188,7 +188,7 @@ def calibrate_clip(
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(how).shape(images))
     found = _calibrated_parts(clip, how, parts)
-    of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.doubts))
+    of_shape = () if clip.shape is None else clip.shape.words
     without = network is not None and len(found) and not has_cameras(found)
     asked = notes_without_camera(how.task.object_segments, clip.image_size) if without else ()
     notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)

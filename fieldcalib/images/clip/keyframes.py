@@ -21,12 +21,12 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.background.keyframe_tracking import TiedFrame
 from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
 from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of
-from fieldcalib.images.clip.enlarged_clip import Detail, softness_of_shot
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, place_of, search_from
-from fieldcalib.images.shape.enlarged import window_prior
+from fieldcalib.images.shape.enlarged import Detail, softness_of_shot
+from fieldcalib.images.shape.shape_of_picture import window_prior
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate

@@ -28,9 +28,9 @@ from fieldcalib.images.clip.clip_models import (
     misfit_note,
     parts,
 )
-from fieldcalib.images.clip.enlarged_clip import MAY_BE_OFF, OFF_MIDDLE, off_middle
+from fieldcalib.images.clip.clip_shape import MAY_BE_OFF, OFF_MIDDLE, off_middle
 from fieldcalib.images.clip.keyframes import Keyframes, witnesses_of
-from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.problem.picture_shape import is_whole_shape
 from fieldcalib.solve.sequence.tripod_position import nearest_places
 from fieldcalib.solve.solver_options import CalibrationFlags
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._checks import truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
@@ -226,7 +226,8 @@ class Tracker:
                 self._begin()
             image = self._shape.image_in_frame(image)
         calibration = self._side.with_alternatives(self._updated(image), self._how.task.field)
-        return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
+        shape = self._shape.shape
+        return calibration if shape is None else in_picture(calibration, shape.placement, *shape.findings)
 
     def _updated(self, image: Image) -> Calibration:
         """Calibrate the next frame, cut out of its image."""

@@ -1,7 +1,7 @@
-"""Relation of a picture to the camera's frame: the frame itself, or with borders, in a window, squashed or enlarged.
+"""The hypotheses of what a picture shows of which frame (`fieldcalib.problem.picture_shape`), asked of a picture.
 
-`borders_and_squash` and `picture_in_picture` find the frame within the picture; `enlarged` checks whether it may be an
-enlarged part of a frame; `why_no_camera` states what is wrong with pictures that give no camera.
+`borders_and_windows` and `enlarged` measure evidence in its pixels, `shape_of_picture` calibrates it by each hypothesis
+and chooses; `why_no_camera` states what is wrong with pictures that give no camera.
 """
 
 import lazy_loader

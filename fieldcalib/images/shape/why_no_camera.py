@@ -12,7 +12,7 @@ from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.images.shape.borders_and_squash import Method
+from fieldcalib.images.shape.shape_of_picture import Method
 from fieldcalib.io.image import Image, size_of
 
 LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there

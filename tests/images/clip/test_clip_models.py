@@ -8,7 +8,6 @@ from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
-from fieldcalib.assess.cropping_evidence import Declared
 from fieldcalib.assess.findings import WHICH_PART, Verdict, What
 from fieldcalib.assess.label_errors import is_contradicted
 from fieldcalib.assess.paint_in_view import MarkingInView
@@ -25,6 +24,7 @@ from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, a
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import cell_means

@@ -1,7 +1,6 @@
 """Clips between black borders, squashed clips, and parts of frames: read from files, and live."""
 
 from concurrent.futures import Future
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,16 +9,14 @@ from networks import KnownCameras, looked_at
 from tripods import far_off
 
 from fieldcalib import calibrate_video, soccer
-from fieldcalib.assess.cropping_evidence import SHAPE
-from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.placement import Crop, Placement, Shape
-from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Verdict
+from fieldcalib.assess.video import Shape, VideoCalibration
 from fieldcalib.images.clip import clip_shape
-from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, common_borders, shape_of_odds
+from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_frames, shape_of_odds
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
-from fieldcalib.images.shape.borders_and_squash import within_borders
-from fieldcalib.solve.picture_shape import WAS_SQUASHED
+from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
+from fieldcalib.problem.picture_shape import Crop, Placement
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
@@ -96,7 +93,7 @@ def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
     network = Asked([*first, *first, *(cameras[t] for t in looked_at(pictures, cameras))])
     found = calibrate_video(FIELD, thin, network)
     assert found.shape.placement.frame_size == SIZE
-    assert found.shape.doubts == ()
+    assert found.shape.findings == (WAS_SQUASHED,)
     for one, truth in zip(found, cameras, strict=True):
         assert one.verdict is Verdict.GOOD
         assert WAS_SQUASHED in one.findings
@@ -114,7 +111,7 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
     assert asked.log_odds([squashed(picture) for picture in pictures[some]]) > 3.0
     corner = SIZE[0] - SQUASHED[0], 0
     parts = [camera.cropped(corner, SQUASHED) for camera in cameras[some]]
-    asked = replace(asked, network=Asked(parts))
+    asked = ShapeEstimator(How(Task(FIELD), Asked(parts)))
     assert asked.log_odds([picture[:, corner[0] :] for picture in pictures[some]]) < 0.0
 
 
@@ -136,27 +133,28 @@ def test_borders_are_those_of_all_pictures_that_show_something(clip):
     black = np.zeros_like(boxed[0])
     assert bright_frames([black] * 60) == []
     assert len(bright_frames([black] * 24 + boxed * 10)) > 1
-    assert common_borders(bright_frames([black] * 24 + boxed * 10)).frame_size == SIZE
+    assert parts_of(bright_frames([black] * 24 + boxed * 10))[0].frame_size == SIZE
     bright = boxed[0].copy()
     bright[:20] = 90
-    assert common_borders([*boxed, bright]).is_whole
+    assert parts_of([*boxed, bright])[0].is_whole
 
 
 def test_a_sky_that_is_black_is_no_border(clip):
     night = [picture.copy() for picture in clip[1][:3]]
     for picture in night:
         picture[:40] = 0
-    assert common_borders(night).is_whole
+    assert parts_of(night)[0].is_whole
 
 
 @pytest.mark.parametrize("log_odds", [-9.0, -1.0, 1.0, 9.0])
 def test_odds_within_borders(log_odds):
     """Squashed frames between borders: their pixels come back where they were."""
-    found = shape_of_odds(log_odds, within_borders((360, 360), (0, BAR)))
+    found = shape_of_odds(log_odds, Shape(within_borders((360, 360), (0, BAR))))
     assert (SHAPE in found.findings) is (abs(log_odds) < 3.0)
     assert found.placement.frame_size == (SIZE if log_odds > 0.0 else SQUASHED)
-    (xy,) = found.placement.to_frame({"a": np.array([[90.0, BAR + 10.0]])}).values()
-    np.testing.assert_allclose(xy, [[120.0 if log_odds > 0.0 else 90.0, 10.0]])
+    xy = found.placement.to_frame([90.0, BAR + 10.0])
+    np.testing.assert_allclose(xy, [120.0 if log_odds > 0.0 else 90.0, 10.0])
+    assert found.words[0] == "without borders: 360 x 270 at 0, 45"
     assert Shape.from_dict(found.to_dict()) == found
 
 

@@ -12,10 +12,8 @@ from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, arranged, clip_views, counts
 from fieldcalib import Camera, VideoCalibration, calibrate_video, soccer
-from fieldcalib.assess.cropping_evidence import ENLARGED
-from fieldcalib.assess.findings import WHICH_PART, Verdict
-from fieldcalib.images.clip.enlarged_clip import Detail, SecondDifferences, are_interpolated, softness_of_shot
-from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS
+from fieldcalib.assess.findings import ENLARGED, WHICH_PART, Verdict
+from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, Detail, are_interpolated, softness_of_shot
 
 PART = (720, 405)  # px: three quarters of a frame
 RNG = np.random.default_rng(0)
@@ -31,7 +29,7 @@ def are_enlarged(share, interpolation=cv2.INTER_LINEAR, stored=lambda one: one):
     """Whether frames of which a part is shown in full size have the pattern of interpolation."""
     x, y = round(share * 960), round(share * 540)
     shown = [cv2.resize(one[:y, :x], (960, 540), interpolation=interpolation) for one in FRAMES]
-    return are_interpolated([SecondDifferences.of(stored(one)) for one in shown])
+    return are_interpolated([Detail.of(stored(one)) for one in shown])
 
 
 def as_jpeg(image):
@@ -48,19 +46,19 @@ def test_whole_frames_have_no_pattern():
     assert not are_enlarged(1.0)
     assert not are_enlarged(1.0, stored=as_jpeg)  # a pattern of eight pixels
     assert not are_interpolated([])
-    assert not are_interpolated([SecondDifferences.of(FRAMES[0][:90, :160])])
+    assert not are_interpolated([Detail.of(FRAMES[0][:90, :160])])
 
 
 def test_enlarging_in_one_direction_is_no_zoom():
     wide = [cv2.resize(one[:, :720], (960, 540)) for one in FRAMES]
-    assert not are_interpolated([SecondDifferences.of(one) for one in wide])
+    assert not are_interpolated([Detail.of(one) for one in wide])
 
 
 def test_a_shot_is_as_soft_as_most_of_its_keyframes_unless_interpolated():
-    sharp, soft = (Detail(value, SecondDifferences.of(FRAMES[0])) for value in (0.1, 0.6))
+    sharp, soft = (Detail.of(FRAMES[0])._replace(softness=value) for value in (0.1, 0.6))
     assert softness_of_shot([]) == 0.0
     assert softness_of_shot([sharp, soft, soft]) == 0.6
-    enlarged = Detail(0.0, SecondDifferences.of(cv2.resize(FRAMES[0][:405, :720], (960, 540))))
+    enlarged = Detail.of(cv2.resize(FRAMES[0][:405, :720], (960, 540)))._replace(softness=0.0)
     assert softness_of_shot([enlarged]) == LARGEST_SOFTNESS
 
 
@@ -70,7 +68,7 @@ def short_shot(pan, focal_length, corner=(0, 0), *, is_soft=True, **options):
     if corner != (0, 0):
         cameras = [one.cropped(corner, PART).scaled(SIZE) for one in cameras]
     clip = clip_of(cameras, noise=1.0)
-    detail = Detail(LARGEST_SOFTNESS, SecondDifferences(*2 * [np.zeros(0, np.float32)]))
+    detail = Detail(LARGEST_SOFTNESS, *2 * [np.zeros(0, np.float32)])
     details = dict.fromkeys(clip.labels, detail) if is_soft else {}
     return cameras, finished(solved(replace(clip, details=details, how=replace(clip.how, **options))))
 

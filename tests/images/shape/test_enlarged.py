@@ -11,12 +11,12 @@ from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from fieldcalib import Calibration, calibrate_from_images
-from fieldcalib.assess.cropping_evidence import ENLARGED
-from fieldcalib.assess.findings import WHICH_PART, Verdict
+from fieldcalib.assess.findings import ENLARGED, WHICH_PART, Verdict
 from fieldcalib.cli.camera_options import DeclaredPictures
 from fieldcalib.console.options import add_options
-from fieldcalib.images.shape import enlarged
-from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, may_be_enlarged, softness
+from fieldcalib.images.shape import shape_of_picture
+from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, softness
+from fieldcalib.images.shape.shape_of_picture import may_be_enlarged
 
 TRUTH = camera(-22, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
 VIEW = View(cv2.GaussianBlur(picture(TRUTH), (0, 0), 0.8), TRUTH, FIELD)
@@ -38,7 +38,7 @@ def test_an_enlarged_part_is_not_good_with_a_wrong_camera():
 
 
 def test_a_camera_that_is_not_sure_without_the_middle_is_kept_with_a_doubt(monkeypatch):
-    monkeypatch.setattr(enlarged, "SURE", 1.1)
+    monkeypatch.setattr(shape_of_picture, "SURE", 1.1)
     as_whole, found = calibrated(PART, may_be_enlarged=False), calibrated(PART)
     assert found.verdict is Verdict.CHECK
     assert found.findings == (ENLARGED,)

@@ -1,9 +1,14 @@
-"""Detection of windows in a picture: frames shown shrunk before a background, and views side by side.
+"""Evidence in pixels for the part of a picture that shows a frame: black borders, and windows.
 
-The sides of a window are steps of brightness or colour that are exactly vertical or horizontal, and go on from one
-corner to the other. A pixel counts as a step if the change to its neighbour is the largest within a few pixels across
-the side. Along a side nearly all pixels of one column (one row) are steps; in stands or grass one in five is by chance.
-Posts and markings are as steep, but do not meet others at their ends to form a rectangle.
+Black borders (letterboxes and pillarboxes) are black, even, and equal on opposite sides, whereas night skies and dark
+stands are on one side only, or have structure. Borders are compressed with the picture, so black is not quite zero, and
+their last rows show a little of the picture.
+
+In a window a frame is shown shrunk before a background, or beside other views. The sides of a window are steps of
+brightness or colour that are exactly vertical or horizontal, and go on from one corner to the other. A pixel counts as
+a step if the change to its neighbour is the largest within a few pixels across the side. Along a side nearly all pixels
+of one column (one row) are steps; in stands or grass one in five is by chance. Posts and markings are as steep, but do
+not meet others at their ends to form a rectangle.
 """
 
 from __future__ import annotations
@@ -14,10 +19,17 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.problem.prior import BROADCAST_SHAPE
+from fieldcalib.problem.picture_shape import BROADCAST_SHAPE, Placement
+
+BLACK = 30  # brightest channel; black of video is 16
+FEW = 0.02  # share of brighter pixels that a black row may have: noise, a logo
+EVEN = 4.0  # largest standard deviation of the brightness of a border; dark stands have more
+THINNEST, THICKEST = 0.01, 0.35  # shares of the picture's height or width that one border takes
+EVERY = 3  # one pixel in three of each row is used
 
 LOOKED_AT = 200  # approximate number of rows (columns) at which vertical (horizontal) steps are looked for
 STEP = 8  # levels: smaller steps are compression and noise
@@ -33,6 +45,9 @@ NARROWEST_BORDER = 0.01  # share of the picture's size: nearer steps come from c
 SHOWN = 0.4  # least height of the highest window, as a share of the picture's
 SAME_SHAPE = 0.05  # largest log ratio of two aspect ratios that count as the same
 SAME = 0.02  # share of the picture's size: sides that are nearer to each other belong to one border
+
+
+SAME_IN_CLIP = 2  # px: windows of several pictures that differ by no more are the same, up to compression
 
 
 class Window(NamedTuple):
@@ -87,6 +102,77 @@ class Sides:
         is_weak = (least >= FAINT_PART) & (mean >= FAINT)
         is_strong = (least >= COVERED_PART) & (mean >= COVERED)
         return np.where(is_strong, STRONG, np.where(is_weak, WEAK, 0))
+
+
+def parts_of(images: Sequence[Image]) -> list[Placement]:
+    """Where pictures of one camera may show a frame: between the black borders that all have, and in windows there.
+
+    A window counts if most pictures have it.
+
+    Examples
+    --------
+    >>> picture = np.zeros((720, 960, 3), np.uint8)
+    >>> picture[90:630] = 100
+    >>> [one.frame_size for one in parts_of([picture])], [one.is_whole for one in parts_of([picture, picture + 50])]
+    ([(960, 540)], [True])
+    """
+    size = size_of(images[0])
+    whole = within_borders(size, np.min([borders_of(image) for image in images], axis=0).tolist())
+    found = [windows_of(whole.image_in_frame(image)) for image in images]
+    often = max(found, key=lambda some: sum(_are_same(some, other) for other in found))
+    if sum(_are_same(often, other) for other in found) <= len(found) / 2:
+        often = []
+    within = [np.subtract(one, np.tile(whole.corner, 2)).tolist() for one in often]
+    return [whole, *(Placement.around(size, left, top, right, bottom) for left, top, right, bottom in within)]
+
+
+def _are_same(some: Sequence[Window], others: Sequence[Window]) -> bool:
+    return len(some) == len(others) and bool(np.all(np.abs(np.subtract(some, others)) <= SAME_IN_CLIP))
+
+
+def within_borders(image_size: tuple[int, int], borders: tuple[int, int]) -> Placement:
+    """Placement of frames between borders: columns left and right, and rows above and below.
+
+    Examples
+    --------
+    >>> within_borders((960, 720), (0, 90)).frame_size
+    (960, 540)
+    """
+    (width, height), (x, y) = image_size, borders
+    return Placement.around(image_size, x, y, width - x, height - y)
+
+
+def borders_of(image: Image) -> tuple[int, int]:
+    """Columns of the black borders left and right, and rows of those above and below; 0 where there are none.
+
+    Examples
+    --------
+    >>> picture = np.zeros((720, 960, 3), np.uint8)
+    >>> picture[90:630] = 100
+    >>> borders_of(picture), borders_of(picture[:400])
+    ((0, 90), (0, 0))
+    """
+    rows = _border(image[:, ::EVERY])
+    return _border(np.swapaxes(image[rows : len(image) - rows : EVERY], 0, 1)), rows
+
+
+def _border(pixels: Image) -> int:
+    """Height in rows of the smaller of the borders above and below, in pixels (N, M, 3); 0 if there are none."""
+    count = len(pixels)
+    most = int(THICKEST * count)
+    if any(np.median(pixels[end].max(axis=1)) > BLACK for end in (0, -1)):  # quick: most pictures have none
+        return 0
+    border = min(_black_rows(side.max(axis=2)) for side in (pixels[: most + 1], pixels[: -most - 2 : -1]))
+    if not max(round(THINNEST * count), 2) <= border <= most:
+        return 0
+    ends = np.concatenate([pixels[:border], pixels[count - border :]]).max(axis=2).astype(float)
+    return border if np.std(np.minimum(ends, BLACK)) <= EVEN else 0
+
+
+def _black_rows(rows: NDArray[np.uint8]) -> int:
+    """Number of black rows from the first row on."""
+    is_black = np.mean(rows > BLACK, axis=1) <= FEW
+    return int(len(rows) if np.all(is_black) else np.argmin(is_black))
 
 
 def windows_of(image: Image) -> list[Window]:

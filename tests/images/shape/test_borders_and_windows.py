@@ -10,14 +10,13 @@ from pictures import picture
 from data_tools.pictures_in_pictures import WAYS, View, arranged, counts
 from data_tools.simulated import observe
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.cropping_evidence import IN_WINDOW, SEVERAL_VIEWS
-from fieldcalib.assess.findings import Status, Verdict, What
+from fieldcalib.assess.findings import IN_WINDOW, SEVERAL_VIEWS, Status, Verdict, What
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.from_images import How
-from fieldcalib.images.shape.borders_and_squash import without_borders
-from fieldcalib.images.shape.picture_in_picture import windows_of
+from fieldcalib.images.shape.borders_and_windows import windows_of
+from fieldcalib.images.shape.shape_of_picture import without_borders
 from fieldcalib.io.image import size_of
 from fieldcalib.solve.request import Task
 

@@ -1,0 +1,86 @@
+"""The shape of pictures from their labels: calibrated as they are and as squashed from 16:9, the likelier one is kept.
+
+The hypotheses, their prior and their likelihood are those of `fieldcalib.problem.picture_shape`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, What
+from fieldcalib.assess.result import Calibration, found_of, in_picture, with_findings
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
+from fieldcalib.problem.picture_shape import Placement, log_evidence, may_be_squashed, other_border, squash_log_odds
+from fieldcalib.solve.solver_options import CERTAIN
+
+
+def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
+    """The calibration with the finding of `other_border` replaced; only for labels that were set by hand."""
+    others = tuple(one for one in found_of(calibration) if one.what is not What.BORDER)
+    if calibration.camera is not None and calibration.are_annotated:
+        column = other_border(object_segments, frame, calibration.camera)
+        if column is not None:
+            width = calibration.camera.image_size[0]
+            others = (*others, Finding(What.BORDER, numbers=(column, width, column + 1)))
+    return calibration if others == found_of(calibration) else replace(calibration, _found=others)
+
+
+def evidence_of(calibration: Calibration) -> float:
+    """Log evidence of a calibration's labels (`log_evidence`); minus infinity without a camera."""
+    if calibration.solved is None:
+        return -np.inf
+    uncertainty = calibration.solved.uncertainty
+    return log_evidence(float(uncertainty.evaluation.cost[0]), uncertainty.information.matrix[0])
+
+
+def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
+    """The more likely of two calibrations of a picture: as it is, and stretched as if it had been squashed.
+
+    Parameters
+    ----------
+    as_it_is, shown : Calibration
+        Calibrations in pixels of the picture, and in those of its frame if it was squashed (`Placement.squashed`).
+    log_ratio : float
+        Log evidence for `shown` minus that for `as_it_is`.
+    image_size : (int, int)
+        Width and height of the picture.
+    """
+    log_odds = log_ratio + squash_log_odds(image_size)
+    is_sure = abs(log_odds) > CERTAIN
+    only_one = not is_sure and shown.accepted != as_it_is.accepted
+    if shown.camera is not None and (shown.accepted if only_one else log_odds > 0.0):
+        found = in_picture(shown, Placement.whole(image_size).squashed, WAS_SQUASHED)
+    else:
+        found = as_it_is
+    if is_sure or not found.accepted or found.has_finding(What.SHAPE):
+        return found
+    return with_findings(found, SHAPE)
+
+
+def with_likely_aspect(
+    object_segments: ObjectSegments,
+    calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
+    frames: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+    *,
+    estimated: bool,
+) -> list[Calibration]:
+    """Calibrate frames of one size, each as it is or stretched to 16:9, whichever its labels make more likely.
+
+    Unless the aspect ratio is `estimated`, all are calibrated as they are.
+    """
+    found = calibrate(frames, image_size)
+    if not (estimated and may_be_squashed(image_size)):
+        return found
+    squashed = Placement.whole(image_size).squashed
+    pixels = [{label: np.reshape(np.asarray(xy, float), (-1, 2)) for label, xy in frame.items()} for frame in frames]
+    in_frame = [{label: squashed.to_frame(xy) for label, xy in one.items()} for one in pixels]
+    chosen = [
+        likelier(one, other, evidence_of(other) - evidence_of(one), image_size) if one.solved or other.solved else one
+        for one, other in zip(found, calibrate(in_frame, squashed.frame_size), strict=True)
+    ]
+    return [with_border_complaint(object_segments, *pair) for pair in zip(pixels, chosen, strict=True)]
