@@ -505,6 +505,9 @@ NUMBERS = {  # of findings that have some
     **dict.fromkeys((What.OFF_PAINT, What.WIDE_PAINT, What.MISFIT, What.REPEATS, What.STRAY), (3.5,)),
     **dict.fromkeys((What.CONTRADICTED, What.INACCURATE, What.SHARED_MISFIT), (0.25,)),
     **dict.fromkeys((What.IMPROBABLE, What.OTHER_SIZE, What.SUSPECTS, What.MISSED), (1.0, 2.0)),
+    **dict.fromkeys((What.OTHER_PICTURE, What.EXPLAINED), (960.0, 540.0)),
+    What.ONE_OF: (6.0,),
+    What.TWO_WIDTHS: (8.23, 10.97, 13.7, 10.5),
     **dict.fromkeys((What.BORDER, What.OTHER_PLACE, What.TOO_FEW_LABELS), (1.0, 2.0, 3.0)),
 }
 
