@@ -251,7 +251,7 @@ def test_resuming_a_finished_run_changes_nothing(annotated_folder, tmp_path, mon
     assert calibrate(out, annotated_folder) == 0
     printed = capsys.readouterr().out
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", lambda *_, **__: pytest.fail("has worked"))
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     assert capsys.readouterr().out == printed

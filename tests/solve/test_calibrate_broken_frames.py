@@ -8,7 +8,7 @@ from commands import BROKEN_KEYS, SIZE, WITH_CAMERA, WITHOUT_CAMERA, calibrate, 
 
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import calibrate_labels
 
 BROKEN = {
     "cut": ('{"Middle line": [{"x"', "is no JSON"),
@@ -110,11 +110,11 @@ def test_dense_labels_are_thinned_before_anything_is_done_with_them(annotated_fr
     (tmp_path / "dense.json").write_text(format_annotation(dense, SIZE))
     most = []
 
-    def method(field, frames, *arguments, **options):
+    def method(task, frames, *arguments, **options):
         most.extend(len(xy) for frame in frames for xy in frame.values())
-        return calibrate_batch(field, frames, *arguments, **options)
+        return calibrate_labels(task, frames, *arguments, **options)
 
-    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", method)
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_labels", method)
     assert calibrate(tmp_path / "out", tmp_path) == 0
     assert max(most) <= 200
     sparse, thinned = lines_of(tmp_path / "out")
