@@ -56,6 +56,7 @@ from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
+from fieldcalib.geometry.lens import FisheyeLens
 from fieldcalib.problem.picture_shape import Declared, Placement
 
 ANGLE_NAMES = ("pan", "tilt", "roll")
@@ -589,7 +590,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
     with reading(record, "calibration", VERSION):
         size = record["image_size"]
         return {
-            "camera": None if size is None else _camera_from_record(record, size),
+            "camera": None if size is None else camera_from_line(record, size),
             "status": Status(record["status"]),
             "message": expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
             "rms": float(from_json(record.get("rms_px"))),
@@ -601,7 +602,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
                 SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
                 for one in record["suspect_labels"]
             ),
-            "alternatives": tuple(_camera_from_record(other, size) for other in record["alternatives"]),
+            "alternatives": tuple(camera_from_line(other, size) for other in record["alternatives"]),
             "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
             "pixel_counts": _pixel_counts_from_record(record),
             "field": None if record["field"] is None else field_from_record(record["field"]),
@@ -616,14 +617,19 @@ def _camera_to_record(camera: Camera) -> dict[str, Any]:
     return {
         "K": to_json(camera.K),
         "dist": to_json(camera.dist[0]),
+        **({"lens": FisheyeLens.name} if camera.fisheye else {}),
         "R": to_json(camera.R),
         "C": to_json(camera.C),
         "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
     }
 
 
-def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
-    return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])
+def camera_from_line(line: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
+    """The camera of a record of results; a ValueError or KeyError if it is none."""
+    lens = line.get("lens")
+    if lens not in (None, FisheyeLens.name):
+        raise ValueError(f"'lens': expected {FisheyeLens.name!r}, or no such key for OpenCV's lens, got {lens!r}")
+    return Camera(line["K"], line["R"], line["C"], image_size, line["dist"], fisheye=lens is not None)
 
 
 def _pixel_counts_from_record(record: Mapping[str, Any]) -> dict[str, int]:

@@ -135,7 +135,14 @@ class DeclaredPictures:
 def _intrinsics(text: str) -> Intrinsics:
     found = read_intrinsics(text)
     try:
-        Camera(found.camera_matrix, np.eye(3), np.zeros(3), found.image_size or (1, 1), found.dist_coeffs)
+        Camera(
+            found.camera_matrix,
+            np.eye(3),
+            np.zeros(3),
+            found.image_size or (1, 1),
+            found.dist_coeffs,
+            fisheye=found.fisheye,
+        )
     except ValueError as error:
         raise ValueError(f"{text}: {error}") from None
     return found
@@ -202,6 +209,8 @@ class KnownCamera:
         """Flags of what is known and what is estimated."""
         F = CalibrationFlags
         flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENS_FLAGS[self.lens]
+        if self.intrinsics is not None and self.intrinsics.fisheye:
+            flags |= F.CALIB_FISHEYE
         if self.position is not None:
             flags |= F.CALIB_FIX_POSITION
         if self.rotation is not None:

@@ -74,6 +74,8 @@ def without_lens(image: Image, camera: Camera) -> Image:
             f"the image has {width}x{height} pixels, and its camera is of {expected}x{rows}: are they of one clip?"
         )
     _, _, K, dist = camera.to_opencv()
+    if camera.fisheye:
+        return np.asarray(cv2.fisheye.undistortImage(image, K, dist, Knew=K), dtype=np.uint8)
     return np.asarray(cv2.undistort(image, K, dist), dtype=np.uint8)
 
 

@@ -293,6 +293,6 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         "--lens",
         choices=LENS_FLAGS,
         default=USUAL_LENS,
-        help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
-        f"call for ({USUAL_LENS})",
+        help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, cv2.fisheye's k1 k2 k3 "
+        f"k4, or as much as the labels call for ({USUAL_LENS})",
     )

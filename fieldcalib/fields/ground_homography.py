@@ -67,7 +67,7 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
     xy, X = _in_view(expect(camera, Camera, CAMERA), expect(field, Field, FIELD))
     exact = np.asarray(np.linalg.inv(camera.pinhole_homography))
     exact = exact / exact[2, 2]
-    if not np.any(camera.dist):
+    if camera.is_pinhole:
         return FieldHomography(exact, exact, 0.0, 0.0, 0.0, 0.0)
     fitted = _fitted(X, xy)
     if fitted is None:

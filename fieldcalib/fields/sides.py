@@ -61,7 +61,7 @@ def side_of(C: ArrayLike, field: Field) -> Side:
 
 def turned_camera(camera: Camera) -> Camera:
     """The camera turned by 180 degrees about the centre mark: it takes the same picture of the turned field."""
-    return Camera(camera.K, camera.R * TURN, camera.C * TURN, camera.image_size, camera.dist)
+    return camera.moved(camera.R * TURN, camera.C * TURN)
 
 
 def side_of_stand(stand: CameraDistribution, field: Field) -> Side:

@@ -1,4 +1,4 @@
-"""The camera: a frozen pinhole with OpenCV's lens, in the conventions of the package.
+"""The camera: a frozen pinhole with one of OpenCV's two lenses, in the conventions of the package.
 
 World: metres, x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward,
 ``Xc = R (X - C)``. Pixels: (x, y), the first pixel's centre is (0, 0); image sizes are (width, height).
@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike
 from fieldcalib._checks import is_number, number, real_array, truth
 from fieldcalib._html import table
 from fieldcalib._types import Array
-from fieldcalib.geometry.lens import Lens, lens_of
+from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
+from fieldcalib.geometry.lens.fisheye import fisheye_vector
 from fieldcalib.geometry.lens.model import POWERS, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles, rotation_from_vector
@@ -46,18 +47,21 @@ class Camera:
     image_size : (int, int)
         Width and height in pixels.
     k : (2,) array_like
-        OpenCV's radial coefficients k1, k2, or its dist_coeffs (k1, k2, p1, p2, k3, ...) of any of its lengths. The
-        attribute `k` is (k1, k2) in any case, `dist` has them all.
+        OpenCV's radial coefficients k1, k2, or its dist_coeffs (k1, k2, p1, p2, k3, ...) of any of its lengths; of a
+        fisheye lens the four of cv2.fisheye. The attribute `k` is (k1, k2) in any case, `dist` has them all.
     checked : bool
         False for a camera of another system, which is projected and evaluated as it is: its focal lengths may be
         negative and R need be no rotation, and points at which the lens is not monotone have a pixel, as in OpenCV and
         in SoccerNet's evaluation.
+    fisheye : bool
+        Whether the lens is that of cv2.fisheye (`fieldcalib.geometry.lens.fisheye`).
 
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, K has skew, or the lens has a tilted sensor (the last two of 14
-        coefficients); if `checked`, also if R is not a rotation, or K has no positive focal length.
+        If a shape is wrong, a number is not finite, K has skew, the lens has a tilted sensor (the last two of 14
+        coefficients), or a fisheye lens has not four coefficients; if `checked`, also if R is not a rotation, or K has
+        no positive focal length.
 
     Examples
     --------
@@ -77,8 +81,11 @@ class Camera:
     k: Array
     """(k1, k2)."""
     dist: Array = field(repr=False)
-    """OpenCV's dist_coeffs (1, 5); (1, 8) or (1, 12) if the coefficients that follow are not all 0."""
+    """OpenCV's dist_coeffs (1, 5); (1, 8) or (1, 12) if the coefficients that follow are not all 0; (1, 4) of a fisheye
+    lens."""
     checked: bool = True
+    fisheye: bool = False
+    """Whether `dist` are the coefficients of cv2.fisheye."""
 
     def __init__(
         self,
@@ -88,10 +95,13 @@ class Camera:
         image_size: tuple[int, int],
         k: ArrayLike = (0.0, 0.0),
         checked: bool = True,
+        fisheye: bool = False,
     ) -> None:
         for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,))):
             object.__setattr__(self, name, finite_array(name, value, shape))
-        object.__setattr__(self, "dist", shortest_opencv_vector(opencv_vector(k, "k"))[None])
+        object.__setattr__(self, "fisheye", truth(fisheye, "fisheye"))
+        dist = fisheye_vector(k, "k") if fisheye else shortest_opencv_vector(opencv_vector(k, "k"))
+        object.__setattr__(self, "dist", dist[None])
         object.__setattr__(self, "k", self.dist[0, :2])
         self.k.flags.writeable = self.dist.flags.writeable = False
         object.__setattr__(self, "image_size", checked_image_size(image_size))
@@ -118,6 +128,7 @@ class Camera:
         image_size: tuple[int, int],
         principal_point: ArrayLike | None = None,
         k: ArrayLike = (0.0, 0.0),
+        fisheye: bool = False,
     ) -> Camera:
         """A camera with square pixels from its angles in radians and its focal length in pixels.
 
@@ -136,7 +147,7 @@ class Camera:
         for name, angle in (("tilt", angles[1]), ("roll", angles[2])):  # a camera may pan on and on
             if abs(angle) > FULL_TURN:
                 raise ValueError(f"{name}: expected radians, got {angle:g}: of degrees, np.deg2rad({angle:g})")
-        return cls(K, rotation_from_angles(np.array(angles)), C, image_size, k)
+        return cls(K, rotation_from_angles(np.array(angles)), C, image_size, k, fisheye=fisheye)
 
     @classmethod
     def from_opencv(
@@ -146,8 +157,11 @@ class Camera:
         camera_matrix: ArrayLike,
         dist_coeffs: ArrayLike | None,
         image_size: tuple[int, int],
+        fisheye: bool = False,
     ) -> Camera:
         """A camera from OpenCV's rvec, tvec, K and dist (k1, k2, p1, p2, k3, ...; None: no distortion).
+
+        Of a fisheye lens they are the K and D of cv2.fisheye.
 
         Raises
         ------
@@ -157,10 +171,14 @@ class Camera:
         rvec, tvec = (_three(name, vector) for name, vector in (("rvec", rvec), ("tvec", tvec)))
         R = rotation_from_vector(rvec)
         C = -R.T @ tvec
-        return cls(camera_matrix, R, C, image_size, opencv_vector(dist_coeffs))
+        dist = fisheye_vector(dist_coeffs) if fisheye else opencv_vector(dist_coeffs)
+        return cls(camera_matrix, R, C, image_size, dist, fisheye=fisheye)
 
     def to_opencv(self) -> tuple[Array, Array, Array, Array]:
-        """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), `dist`), as `cv2.projectPoints` takes them."""
+        """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), `dist`), as `cv2.projectPoints` takes them.
+
+        Those of a fisheye lens are for `cv2.fisheye.projectPoints`.
+        """
         from scipy.spatial.transform import Rotation  # a slow import; cv2.Rodrigues loses digits near half a turn
 
         R = self.R.copy()  # SciPy before 1.15 takes no read-only array
@@ -180,8 +198,16 @@ class Camera:
 
     @property
     def field_of_view(self) -> float:
-        """Horizontal field of view in radians: ``2 atan(w / (2 fx))`` (paper, appendix "Camera Model")."""
-        return float(2.0 * np.arctan(0.5 * self.image_size[0] / self.focal_length))
+        """Horizontal field of view in radians: ``2 atan(w / (2 fx))`` (paper, appendix "Camera Model").
+
+        Of a fisheye lens, which is far from that, twice the angle that it images half a width from the principal point,
+        and pi where that is 90 degrees or more.
+        """
+        half = 0.5 * self.image_size[0] / self.focal_length
+        if self.fisheye:
+            x, _ = self.normalized(self.principal_point + (0.5 * self.image_size[0], 0.0))
+            half = np.inf if np.isnan(x) else x
+        return float(2.0 * np.arctan(half))
 
     @property
     def angles(self) -> Array:
@@ -196,14 +222,36 @@ class Camera:
     @cached_property
     def lens(self) -> Lens:
         """The smallest lens model that has the coefficients of this camera; its parameters are `lens_coefficients`."""
-        return lens_of(self.dist, self.half_diagonal)
+        return FisheyeLens(self.half_diagonal) if self.fisheye else lens_of(self.dist, self.half_diagonal)
 
     @cached_property
     def lens_coefficients(self) -> Array:
-        """The coefficients (n,) of `lens`."""
-        b = self.lens.from_opencv(self.dist, self.focal_length)
+        """The coefficients (n,) of `lens`, and the focal length if it needs that."""
+        f = self.focal_length
+        b = self.lens.at_focal_length(self.lens.from_opencv(self.dist, f), f)
         b.flags.writeable = False
         return b
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the lens does not distort."""
+        return not (self.fisheye or np.any(self.dist))
+
+    @property
+    def opencv_coefficients(self) -> Array:
+        """The twelve coefficients k1, k2, p1, p2, k3, ... of OpenCV's lens, 0 where `dist` ends.
+
+        Raises
+        ------
+        ValueError
+            If the lens is a fisheye, which has others.
+        """
+        if self.fisheye:
+            raise ValueError(
+                "the lens is a fisheye, which has no coefficients k1, k2, p1, p2, k3, ...: undistort the pictures "
+                "(fieldcalib undistort), or use a format that has this lens (opencv, colmap, nerfstudio)"
+            )
+        return opencv_vector(self.dist)
 
     @property
     def corner_distortion(self) -> Array:
@@ -257,7 +305,7 @@ class Camera:
         >>> Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 56, -15), (960, 540), k=(0.1, 0)).lens_shift.__round__(1)
         7.1
         """
-        if not np.any(self.dist):
+        if self.is_pinhole:
             return 0.0
         axes = (np.linspace(0.0, size - 1.0, PIXELS_PER_AXIS) for size in self.image_size)
         xy = np.stack(np.meshgrid(*axes), axis=-1)
@@ -287,12 +335,12 @@ class Camera:
             Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
             visible = Xc[..., 2] > 0.0
             x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
-            if np.any(self.dist) and self.checked:
+            if self.fisheye or (self.checked and not self.is_pinhole):
                 lens, b = self.lens, self.lens_coefficients
                 s = _components(self.focal_length * x)
-                visible &= lens.is_monotone(s, b)
+                visible &= lens.is_monotone(s, b) | (not self.checked)
                 x = _vectors_last(lens.distort(s, b)) / self.focal_length
-            elif np.any(self.dist):
+            elif not self.is_pinhole:
                 x = _vectors_last(brown_conrady(_components(x), opencv_vector(self.dist)))
             xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
         visible &= np.all(np.isfinite(xy), axis=-1)
@@ -307,9 +355,9 @@ class Camera:
             NaN where no ray through the lens meets the pixel; one of several rays if the lens is not monotone.
         """
         x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
-        if not np.any(self.dist):
+        if self.is_pinhole:
             return np.asarray(x)
-        if not self.checked:
+        if not (self.checked or self.fisheye):
             return _vectors_last(undistorted(_components(x), opencv_vector(self.dist)))
         s = self.lens.undistort(_components(self.focal_length * x), self.lens_coefficients)
         return _vectors_last(s) / self.focal_length
@@ -341,7 +389,23 @@ class Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""
         new_size = checked_image_size(image_size)
         scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
-        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist, self.checked)
+        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist, self.checked, self.fisheye)
+
+    def moved(self, R: ArrayLike, C: ArrayLike) -> Camera:
+        """The camera with another rotation and centre.
+
+        Raises
+        ------
+        ValueError
+            As in the constructor.
+
+        Examples
+        --------
+        >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 56, -15), (960, 540), k=(0.1, 0))
+        >>> camera.moved(camera.R, camera.C + (5.0, 0.0, 0.0))
+        Camera(f=1500.0 px, pan=0.00°, tilt=74.48°, roll=0.00°, C=(5.00, 56.00, -15.00) m, k=(0.1, 0), ...)
+        """
+        return Camera(self.K, R, C, self.image_size, self.dist, self.checked, self.fisheye)
 
     def cropped(self, offset: ArrayLike, image_size: tuple[int, int]) -> Camera:
         """The camera of a part of the image, whose principal point is ``c - offset``.
@@ -375,19 +439,20 @@ class Camera:
             raise ValueError(f"offset must be a pixel (x, y), got {offset!r}")
         K = self.K.copy()
         K[:2, 2] -= shift
-        return Camera(K, self.R, self.C, image_size, self.dist, self.checked)
+        return Camera(K, self.R, self.C, image_size, self.dist, self.checked, self.fisheye)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
         arrays = ((self.K, other.K), (self.R, other.R), (self.C, other.C), (self.dist, other.dist))
-        is_alike = self.image_size == other.image_size and self.checked == other.checked
+        is_alike = (self.image_size, self.checked, self.fisheye) == (other.image_size, other.checked, other.fisheye)
         return is_alike and all(np.array_equal(a, b) for a, b in arrays)
 
     __hash__ = None  # type: ignore[assignment]  # arrays do not hash
 
     def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
-        return Camera, (self.K, self.R, self.C, self.image_size, self.dist, self.checked)  # copies are read-only too
+        copied = self.K, self.R, self.C, self.image_size, self.dist, self.checked, self.fisheye
+        return Camera, copied  # copies are read-only too
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""
@@ -398,9 +463,10 @@ class Camera:
         pan, tilt, roll = np.degrees(self.angles)
         x, y, z = self.C
         k = self.dist[0] if np.any(self.dist[0, 2:]) else self.k
+        lens = "fisheye, " if self.fisheye else ""
         return (
             f"Camera(f={self.focal_length:.1f} px, pan={pan:.2f}°, tilt={tilt:.2f}°, roll={roll:.2f}°, "
-            f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({', '.join(f'{value:.4g}' for value in k)}), "
+            f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, {lens}k=({', '.join(f'{value:.4g}' for value in k)}), "
             f"image_size={self.image_size[0]}x{self.image_size[1]})"
         )
 

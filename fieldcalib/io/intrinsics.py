@@ -21,13 +21,17 @@ class Intrinsics:
     camera_matrix: Array
     """(3, 3)"""
     dist_coeffs: Array
-    """(n,), in OpenCV's order."""
+    """(n,), in OpenCV's order; of a fisheye lens the four of cv2.fisheye."""
     image_size: tuple[int, int] | None
     """Width and height of the images that they are for; None where the file does not say."""
+    fisheye: bool = False
+    """Whether the lens is that of cv2.fisheye."""
 
     def __str__(self) -> str:
         """All of it, to the last digit."""
-        return json.dumps([self.camera_matrix.tolist(), self.dist_coeffs.tolist(), self.image_size])
+        return json.dumps(
+            [self.camera_matrix.tolist(), self.dist_coeffs.tolist(), self.image_size, *["fisheye"] * self.fisheye]
+        )
 
 
 def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
@@ -55,4 +59,4 @@ def _of_opencv(content: bytes) -> Intrinsics:
     from fieldcalib.io.exports.opencv import parse_opencv  # imports OpenCV
 
     found = parse_opencv(content)
-    return Intrinsics(found.camera_matrix, found.dist_coeffs, found.image_size)
+    return Intrinsics(found.camera_matrix, found.dist_coeffs, found.image_size, found.fisheye)

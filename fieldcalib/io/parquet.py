@@ -19,7 +19,7 @@ from fieldcalib.io.files import BrokenFileError, escaped, replacement
 
 ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
 TEXT, SOLVER_TEXT = "line", "solver"
-TEXTS = ("id", "status", "message", "verdict", "reason", "remedy", "basis")
+TEXTS = ("id", "status", "message", "verdict", "reason", "remedy", "basis", "lens")
 NUMBERS = ("rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3", "probability_right_0.5m", "probability_right_1m")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldcalib._checks import LARGEST, is_number
 from fieldcalib.assess.findings import Status, Verdict
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, camera_from_line
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.line_log import whole_lines
@@ -31,7 +31,7 @@ BROKEN = "broken file"  # status of a frame whose file could not be read
 MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
     *("id", "status", "message", "verdict", "reason", "findings", "remedy", "advice", "basis", "version"),
     *("field", "image_size"),
-    *("K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
+    *("K", "dist", "lens", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
     *("probability_right_0.5m", "probability_right_1m"),
 )
 NAMED_NUMBERS = {  # of cameras.jsonl, by the key of their object
@@ -262,7 +262,7 @@ class ResultFile:
         if line.get("K") is None:
             return None
         with self._named(number):
-            return Camera(line["K"], line["R"], line["C"], tuple(line["image_size"]), line["dist"])
+            return camera_from_line(line, tuple(line["image_size"]))
 
     def texts(self, number: int) -> Texts:
         """The lines of a frame as they stand in both files."""

@@ -18,7 +18,6 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.model import opencv_vector
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
 from fieldcalib.io.files import FrameFile, find_files, named_in_errors, parse_json_object
@@ -131,7 +130,7 @@ def camera_to_record(camera: Camera) -> dict[str, Any]:
     """
     pan, tilt, roll = np.degrees(angles_from_rotation(camera.R)).tolist()
     coefficients = np.empty(len(OPENCV_ORDER))
-    coefficients[OPENCV_ORDER] = opencv_vector(camera.dist)
+    coefficients[OPENCV_ORDER] = camera.opencv_coefficients
     ends = np.cumsum([count for _, count in LENS])
     return {
         "pan_degrees": pan,

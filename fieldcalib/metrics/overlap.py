@@ -155,7 +155,7 @@ def _sees(view: Prediction, X: Array, image_size: tuple[int, int]) -> BoolArray:
     """Whether each of the points (M, 3) on the ground is in the image, (M,)."""
     xy = project(view, X)
     inside = np.asarray(np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1.0)), axis=-1))  # false for NaN
-    if isinstance(view, Camera) and not view.checked and np.any(view.dist):
+    if isinstance(view, Camera) and not view.checked and not view.is_pinhole:
         # where the lens is not monotone, two points have the same pixel: keep the one that the pixel is mapped back to
         back = image_to_field(view, xy[inside])
         inside[inside] = np.all(np.abs(back - X[inside, :2]) < CELL, axis=-1)

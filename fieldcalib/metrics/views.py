@@ -11,7 +11,6 @@ from fieldcalib._checks import real_array
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
-from fieldcalib.geometry.lens.model import opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 Prediction: TypeAlias = Camera | Array
@@ -127,7 +126,7 @@ def _project_cameras(cameras: list[Camera], X: Array) -> tuple[Array, BoolArray]
     K, R = np.stack([camera.K for camera in cameras]), np.stack([camera.R for camera in cameras])
     C, dist = (
         np.stack([camera.C for camera in cameras]),
-        np.stack([opencv_vector(camera.dist) for camera in cameras], axis=1),
+        np.stack([np.zeros(12) if camera.fisheye else camera.opencv_coefficients for camera in cameras], axis=1),
     )
     Xc = np.moveaxis((X - C[:, None]) @ np.swapaxes(R, 1, 2), -1, 0)
     visible = Xc[2] > NEAREST
@@ -135,6 +134,10 @@ def _project_cameras(cameras: list[Camera], X: Array) -> tuple[Array, BoolArray]
     x = np.array([Xc[0] / depth, Xc[1] / depth])
     if np.any(dist):
         x = brown_conrady(x, dist[:, :, None])
+    for one, camera in enumerate(cameras):
+        if camera.fisheye:
+            s = camera.focal_length * x[:, one]
+            x[:, one] = camera.lens.distort(s, camera.lens_coefficients[:, None]) / camera.focal_length
     f, c = K[:, [0, 1], [0, 1]].astype(np.float32), K[:, :2, 2].astype(np.float32)
     single = np.moveaxis(x, 0, -1).astype(np.float32)
     return np.asarray(single * f[:, None] + c[:, None], dtype=float), np.asarray(visible)

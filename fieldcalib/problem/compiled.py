@@ -15,12 +15,11 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import closest as by_numpy
 from fieldcalib.fields.segments.segment import Vector
-from fieldcalib.geometry.lens.model import FOLD
+from fieldcalib.geometry.lens.model import FOLD, UNDISTORTING_STEPS
 from fieldcalib.problem.compile_cache import cached
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL, Bounds
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.projection import UNDISTORTING_STEPS
 
 compiled = cached(error_model="numpy")  # a division by zero is infinite, as in NumPy
 inlined = cached(error_model="numpy", inline="always")  # a camera as an argument is forty numbers

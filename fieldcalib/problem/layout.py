@@ -27,7 +27,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import Lens, RadialLens
+from fieldcalib.geometry.lens import FisheyeLens, Lens, RadialLens
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 
 # The blocks that every camera has, at the same positions for every lens.
@@ -272,6 +272,8 @@ class Layout:
         ValueError
             If the lens of the layout does not have the camera's coefficients.
         """
+        if camera.fisheye != isinstance(self.lens, FisheyeLens):
+            raise ValueError(f"a {self.lens.name} lens cannot be that of {camera}")
         fx, fy = camera.K[0, 0], camera.K[1, 1]
         theta = np.zeros(self.size)
         theta[ANGLES], theta[LOG_F], theta[CENTER] = camera.angles, np.log(fx), camera.C
@@ -327,7 +329,8 @@ class Layout:
         K[:, :2, 2] = theta[:, PRINCIPAL_POINT]
         R, C = rotation_from_angles(theta[:, ANGLES]), theta[:, CENTER]
         dist = self.lens.to_opencv(theta[:, self.lens_block].T, fx).T
-        return [Camera(K[b], R[b], C[b], self.image_size, dist[b]) for b in range(len(theta))]
+        fisheye = isinstance(self.lens, FisheyeLens)
+        return [Camera(K[b], R[b], C[b], self.image_size, dist[b], fisheye=fisheye) for b in range(len(theta))]
 
 
 def _names(lens: Lens, field_size: SizeBlock | None, zoom_law: ZoomLaw | None) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.stands import CameraDistribution, focal_length_from_fov
 from fieldcalib.fields.traits import DEVIATIONS
-from fieldcalib.problem.layout import LOG_ASPECT, PAN, POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.picture_shape import principal_point_sigma
 
 # Standard deviations of the zoom law: slopes of the principal point in image widths, slope and curvature of a1, and the
@@ -47,7 +47,8 @@ class GaussianPrior:
 def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> GaussianPrior:
     """A camera distribution as independent normals over theta; mean and sigma are (n,).
 
-    The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike.
+    The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike. A lens that tells the
+    focal length, as a fisheye does, takes the place of that range.
 
     Examples
     --------
@@ -65,6 +66,8 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
         mean[layout.field_size_block] = layout.field_size.given
         sigma[layout.field_size_block] = layout.field_size.sigma
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
+    if layout.lens.usual_focal_length is not None:
+        mean[LOG_F], sigma[LOG_F] = np.add(layout.lens.usual_focal_length, (np.log(width), 0.0))
     if layout.zoom_law is not None:
         sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
     return GaussianPrior(mean, sigma)

@@ -15,8 +15,6 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 
-UNDISTORTING_STEPS = 3  # fixed-point steps before a search for closest points
-
 
 class Projection:
     """The projection of B cameras.
@@ -35,7 +33,7 @@ class Projection:
         self.C = theta[:, None, CENTER]
         self.f = exp_of(theta, LOG_F)[:, None]
         self.aspect = exp_of(theta, LOG_ASPECT)[:, None]
-        self.lens = np.ascontiguousarray(theta[:, layout.lens_block].T)[..., None]
+        self.lens = layout.lens.at_focal_length(np.ascontiguousarray(theta[:, layout.lens_block].T)[..., None], self.f)
         # without lens and aspect real offsets are ideal ones, which halves the work
         self.is_pinhole = layout.lens.is_identity(self.lens) and not np.any(theta[:, LOG_ASPECT])
         self._scaled_R = self.R.copy()
@@ -82,14 +80,10 @@ class Projection:
         return np.where(np.isfinite(s), s, isotropic)
 
     def nearly_ideal_offset(self, d: Array) -> Array:
-        """Approximate ideal offsets of real ones by a few fixed-point steps, to begin a search for closest points."""
+        """Approximate ideal offsets of real ones, to begin a search for closest points."""
         if self.is_pinhole:
             return d
-        isotropic = np.array([d[0], d[1] / self.aspect])
-        s = isotropic
-        for _ in range(UNDISTORTING_STEPS):
-            s = s + (isotropic - self.layout.lens.distort(s, self.lens))
-        return s
+        return self.layout.lens.nearly_undistort(np.array([d[0], d[1] / self.aspect]), self.lens)
 
     def real_offset(self, s: Array) -> Array:
         """Real offsets of ideal ones (2, B, N): the lens, then the pixels' aspect."""
@@ -120,7 +114,9 @@ class Projection:
 
         With the point's camera coordinates ``Xc = (s / f, 1)``, its inverse depth w and ``g = n dxy_dXc``,
 
-            n dxy_dangle = -axis . (Xc x g),    n dxy_dC = -w R^T g,    n dxy_dlog f = n dd_ds s.
+            n dxy_dangle = -axis . (Xc x g),    n dxy_dC = -w R^T g,    n dxy_dlog f = n dd_ds s
+
+        and, for a lens that follows the zoom, that of the lens besides.
 
         Parameters
         ----------
@@ -156,8 +152,10 @@ class Projection:
         J[:, PRINCIPAL_POINT] = np.swapaxes(n, 0, 1)
         if free[LOG_ASPECT]:
             J[:, LOG_ASPECT] = n[1] * self.real_offset(s)[1]
+        through = np.array([n[0], self.aspect * n[1]])
+        if layout.lens.follows_zoom:
+            J[:, LOG_F] += layout.lens.pull_zoom(s, self.lens, through)
         if np.any(free[layout.lens_block]):
-            through = np.array([n[0], self.aspect * n[1]])
             J[:, layout.lens_block] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through), 0, 1)
         return J[:, free]
 

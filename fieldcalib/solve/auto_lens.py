@@ -1,7 +1,11 @@
-"""Further lens coefficients where the labels require them: k2, then k3 and the tangential coefficients.
+"""Further lens coefficients where the labels require them: k2, then k3 and the tangential coefficients; or a fisheye.
 
 A coefficient is freed for the frames that it makes much more likely: the cost, a negative log-likelihood, must fall by
 more than one for each coefficient (Akaike), and by `CERTAIN` beyond that.
+
+Where the labels still lie beside their markings, or are bent as strongly as by a fisheye lens, the frame is calibrated
+with that. Labels that miss their marking then cost at most as much as a wrong label: otherwise the lens would be bent
+towards a few wrong ones.
 """
 
 from __future__ import annotations
@@ -11,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._types import IntArray
-from fieldcalib.geometry.lens import lens_with
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.geometry.lens import FisheyeLens, lens_with
 from fieldcalib.problem.evaluation import Evaluation, with_segment_ends
 from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
@@ -20,6 +24,11 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.solver_options import CERTAIN, Options
 
 LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))
+FISHEYE = ("a fisheye lens",)
+WRONG_LABEL = 6.5  # cost of a label that another one of some twenty should replace (`fieldcalib.solve.mislabels`)
+# Mean cost of the labels from which on the lens may be another one, that of a distance of 1.4 px; and a1 of barrel
+# lenses that may be a fisheye as well. Cameras of 100 degrees have -0.12: k1 and k2 hide the difference but for 1 px.
+MISFIT, STRONG = 1.0, -0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +55,44 @@ def with_required_lens(solution: Solution, prior: GaussianPrior, options: Option
         yield _take(part, np.flatnonzero(~better))
         part = _with_ends_anew(_take(more, np.flatnonzero(better)))
     yield part
+
+
+def as_fisheye(options: Options) -> Options:
+    """The options with a fisheye lens whose coefficients are estimated."""
+    old = options.layout
+    layout = Layout.of(old.image_size, FisheyeLens(old.lens.rho), old.field_size)
+    index = [layout.names.index(name) for name in old.names if name not in old.lens.names]
+    kept = ~old.is_lens
+    roles, known = layout.roles.copy(), np.zeros(layout.size)
+    roles[index], known[index] = old.roles[kept], options.known[kept]
+    return replace(options, layout=replace(layout, roles=roles), known=known)
+
+
+def may_be_fisheye(evaluation: Evaluation) -> BoolArray:
+    """Mask (B,) of the frames whose labels lie beside their markings, or whose lens bends them like a fisheye."""
+    count = np.sum(evaluation.problem.observations.rank >= 0, axis=1)
+    a1 = evaluation.theta[:, evaluation.problem.layout.lens_block.start]
+    return np.asarray((np.sum(_label_costs(evaluation), axis=1) > MISFIT * count) | (a1 < STRONG))
+
+
+def more_likely(fisheye: Evaluation, other: Evaluation) -> BoolArray:
+    """Mask (B,) of the frames whose labels are certainly better explained by a fisheye lens than by another."""
+    found, count = [], []
+    for one in (fisheye, other):
+        prior = 0.0 if one.prior is None else one.prior.cost
+        cost = np.sum(_label_costs(one), axis=1) + prior
+        found.append(np.where(one.problem.is_possible(one.theta) & np.isfinite(cost), cost, np.inf))
+        count.append(np.count_nonzero(one.problem.free))
+    return np.asarray(found[1] - found[0] > CERTAIN + count[0] - count[1])
+
+
+def _label_costs(evaluation: Evaluation) -> Array:
+    """Cost (B, L) of each label, at most that of a wrong one."""
+    label, costs = evaluation.problem.observations.label, evaluation.costs
+    found = np.zeros(evaluation.problem.observations.rank.shape)
+    frame = np.broadcast_to(np.arange(len(label))[:, None], label.shape)
+    np.add.at(found, (frame[label >= 0], label[label >= 0]), costs[label >= 0])
+    return np.minimum(found, WRONG_LABEL)
 
 
 def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:

@@ -280,7 +280,10 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
                 f"frame {index}: expected a camera within {FARTHEST_START:g} m, got one at {camera.C.tolist()}; "
                 f"calibrate frames without an initial camera apart"
             )
-    return [one if one.checked else Camera(one.K, one.R, one.C, one.image_size, one.dist) for one in found]
+    return [
+        one if one.checked else Camera(one.K, one.R, one.C, one.image_size, one.dist, fisheye=one.fisheye)
+        for one in found
+    ]
 
 
 def _chunks(object_segments: ObjectSegments, pixels: PixelTable) -> Iterator[IntArray]:

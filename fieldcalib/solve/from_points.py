@@ -413,7 +413,7 @@ def _started(task: Task, start: Camera) -> Task:
     flags = int(task.flags or 0)
     if flags & CalibrationFlags.CALIB_FIX_ROTATION and task.given.rvec is not None:
         R = Camera.from_opencv(task.given.rvec, np.zeros(3), start.K, None, start.image_size).R
-        start = Camera(start.K, R, start.C, start.image_size, start.dist)
+        start = start.moved(R, start.C)
     rvec, tvec, K, dist = start.to_opencv()
     return replace(task, given=GivenCamera(K, dist, rvec, tvec), flags=flags | GUESS)
 
@@ -490,7 +490,7 @@ def _calibrated_nearby(points: Points, task: Task, pose: Camera) -> Calibration:
     if found.camera is None or found.solved is None:
         return found
     C = origin + found.camera.C @ turn / scale
-    camera = Camera(found.camera.K, found.camera.R @ turn, C, pose.image_size, found.camera.dist)
+    camera = found.camera.moved(found.camera.R @ turn, C)
     return replace(found, camera=camera, errors=_moved_back(found.solved, camera, points, scale))
 
 
@@ -508,7 +508,8 @@ def _start(points: Points, options: Options) -> Camera | None:
     known, size, layout = options.known, options.image_size, options.layout
     d = points.xy - known[PRINCIPAL_POINT]
     d[:, 1] /= np.exp(known[LOG_ASPECT])
-    u = layout.lens.undistort(d.T, known[layout.lens_block, None]).T
+    b = layout.lens.at_focal_length(known[layout.lens_block, None], np.exp(known[LOG_F]))
+    u = layout.lens.undistort(d.T, b).T
     seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches other pixels
     focal_length = float(np.exp(known[LOG_F]))
     found = resect(points.X[seen], u[seen], options.wide_loss, size[0], focal_length, points.weights[seen])

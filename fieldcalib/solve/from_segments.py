@@ -9,7 +9,7 @@ SciPy's `least_squares`. Both minimise the same cost.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._checks import truth
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
@@ -42,13 +42,13 @@ from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.auto_lens import with_required_lens
+from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more_likely, with_required_lens
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_exchanged_sides, with_other_court
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, Criteria, Options, Prior
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Options, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
@@ -233,23 +233,49 @@ def _calibrate_as_given(
 ) -> list[Calibration]:
     """Calibrate checked frames as they are labelled."""
     observations = Observations.of(options.object_segments, pixels, options.image_size, options.motion)
+    parts = _solved(observations, options, solve, given)
+    if options.auto_lens and given is None:
+        parts = _with_fisheye(parts, solve)
+    calibrations: dict[int, Calibration] = {}
+    for frames, part in parts:
+        calibrations |= dict(zip(frames.tolist(), _judged(part), strict=True))
+    return [calibrations[t] for t in range(pixels.count)]
+
+
+def _solved(
+    observations: Observations, options: Options, solve: Solver, given: Array | None
+) -> Iterator[tuple[IntArray, _Frames]]:
+    """Solve frames; with `CALIB_AUTO_LENS` in parts by the coefficients of the lens, each with its frames' indices."""
     found = find_cameras(observations, options, given)
     approached = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
-    relabelled = Relabelled(approached, found.prior, [()] * pixels.count)
+    relabelled = Relabelled(approached, found.prior, [()] * len(observations))
     if not options.trust_labels:
         relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     if not options.auto_lens:
-        return _judged(_Frames(observations, relabelled, solution, options))
-    calibrations: dict[int, Calibration] = {}
+        yield np.arange(len(observations)), _Frames(observations, relabelled, solution, options)
+        return
     for part in with_required_lens(solution, relabelled.prior, options):
         its = relabelled.take(part.frames, part.prior)
-        some = _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
-        calibrations |= dict(zip(part.frames.tolist(), _judged(some), strict=True))
-    return [calibrations[t] for t in range(pixels.count)]
+        yield part.frames, _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
+
+
+def _with_fisheye(parts: Iterable[tuple[IntArray, _Frames]], solve: Solver) -> Iterator[tuple[IntArray, _Frames]]:
+    """Solve frames whose labels no other lens explains with a fisheye lens, and keep that where it does."""
+    for frames, part in parts:
+        tried = np.flatnonzero(may_be_fisheye(part.as_given))
+        better = np.zeros(0, dtype=np.intp)
+        if len(tried) and not np.any(part.options.known[part.options.layout.lens_block]):
+            options = replace(as_fisheye(part.options), flags=part.options.flags & ~CalibrationFlags.CALIB_AUTO_LENS)
+            ((_, fisheye),) = _solved(part.observations.take(tried), options, solve, None)
+            is_better = more_likely(fisheye.as_given, part.as_given.take(tried))
+            better = tried[is_better]
+            yield frames[better], replace(fisheye.take(np.flatnonzero(is_better)), freed=FISHEYE)
+        left = np.setdiff1d(np.arange(len(frames)), better)
+        yield frames[left], part.take(left) if len(better) else part
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,12 +297,19 @@ class _Frames:
         return self.solution.evaluation
 
     @property
-    def errors_as_given(self) -> Array:
-        """Root mean square distances of the given labels, (B, L)."""
+    def as_given(self) -> Evaluation:
+        """Evaluation of the given labels at the solution."""
         if not any(self.relabelled.suspects):
-            return rms_by_label(self.evaluation)
+            return self.evaluation
         problem = replace(self.evaluation.problem, observations=self.observations)
-        return rms_by_label(evaluate(problem, self.evaluation.theta))
+        return evaluate(problem, self.evaluation.theta)
+
+    def take(self, index: IntArray) -> _Frames:
+        """Some of the frames."""
+        found = self.solution
+        solution = Solution(found.evaluation.take(index), found.converged[index], found.iterations[index])
+        relabelled = self.relabelled.take(index, self.relabelled.prior.take(index))
+        return replace(self, observations=self.observations.take(index), relabelled=relabelled, solution=solution)
 
 
 def _judged(frames: _Frames) -> list[Calibration]:
@@ -287,7 +320,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
     options, relabelled, evaluation, given = frames.options, frames.relabelled, frames.evaluation, frames.observations
     cameras = options.layout.cameras(evaluation.theta)
     other = other_side(evaluation.problem.observations, evaluation.theta, options)
-    errors_as_given = frames.errors_as_given
+    errors_as_given = rms_by_label(frames.as_given)
     calibrations = []
     for t, evidence in enumerate(_evidence(frames)):
         errors = given.by_name(t, errors_as_given[t])

@@ -5,7 +5,8 @@ The solver runs from all of them and keeps the best (`argmin` in the paper, sect
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +15,13 @@ from fieldcalib.fields.segments import LineRows, Rows
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.homography import decompose_homography
+from fieldcalib.geometry.lens import Lens
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
+    COMMON,
     LOG_F,
     PAN,
     POSE_AND_ZOOM,
@@ -34,6 +37,7 @@ SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short
 LEAST_SPREAD = 1e-3  # of the image's diagonal, and of the depth: added to spreads, which may be 0
 ON_GROUND = 1e-9  # metres
 MOST_MEMBERS = 1_000_000  # pixels, of all frames, times labels whose lines are fitted at a time: some 60 MB
+FOCAL_LENGTHS = np.array([-1.0, 0.0, 1.0])  # tried by the DLT, in standard deviations
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
 
@@ -50,11 +54,16 @@ class InitialCameras:
 
 
 def initial_cameras(
-    observations: Observations, stands: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
+    observations: Observations,
+    stands: GaussianPrior,
+    known: Array,
+    scale: float = SOCCER_SCALE,
+    lens: Lens | None = None,
 ) -> InitialCameras:
     """Initial cameras of every frame: from each stand, and by the DLT if there are at least four ground lines.
 
-    If the position is known, there is a single one.
+    If the position is known, there is a single one. Where the lens is one that the DLT cannot do without, there is one
+    by the DLT for each of some focal lengths.
 
     Parameters
     ----------
@@ -66,22 +75,49 @@ def initial_cameras(
         Parameters given by the user; NaN for unknown ones.
     scale : float
         Size of the part of the object that is usually in view, metres.
+    lens : Lens, optional
+        The lens that pixels are seen through.
     """
     T, K = len(observations), len(stands.mean)
     if np.isnan(known[CENTER]).any():
         pointed = pointed_camera(observations, stands, known, scale)
-        by_lines, found = camera_from_lines(observations, known, scale)
-        theta = [*pointed, by_lines[found]]
-        frame = [*K * [np.arange(T)], np.flatnonzero(found)]
-        member = [np.full(T, i) for i in range(K)]
+        by_lines = [camera_from_lines(one, known, scale) for one in _through_pinhole(observations, known, lens)]
+        theta = [*pointed, *(some[found] for some, found in by_lines)]
+        frame = [*K * [np.arange(T)], *(np.flatnonzero(found) for _, found in by_lines)]
+        member = [np.full(T, i) for i in range(K)] + [_nearest_stand(some, stands) for some in theta[K:]]
     else:
         theta = [pointed_camera(observations, GaussianPrior(stands.mean[0], stands.sigma[0]), known, scale)]
-        frame, member = [np.arange(T)], []
-    member.append(_nearest_stand(theta[-1], stands))
+        frame, member = [np.arange(T)], [_nearest_stand(theta[0], stands)]
     order = np.argsort(np.concatenate(frame), kind="stable")
     return InitialCameras(
         np.concatenate(theta)[order], np.concatenate(frame)[order], stands.take(np.concatenate(member)[order])
     )
+
+
+def _through_pinhole(observations: Observations, known: Array, lens: Lens | None) -> Iterator[Observations]:
+    """The observations as a camera without lens would see them: as they are, but for a lens that bends all lines.
+
+    Such a lens is undone for some focal lengths that it usually has, or for the known one.
+    """
+    if lens is None or lens.usual_focal_length is None:
+        yield observations
+        return
+    usual, sigma = lens.usual_focal_length
+    width, height = observations.image_size
+    log_f = usual + np.log(width) + sigma * FOCAL_LENGTHS if np.isnan(known[LOG_F]) else known[LOG_F, None]
+    centre = np.where(np.isnan(known[PRINCIPAL_POINT]), (width / 2.0, height / 2.0), known[PRINCIPAL_POINT])
+    b = np.nan_to_num(known[len(COMMON) : len(COMMON) + len(lens.names)])
+    for f in np.exp(log_f):
+        rows = []
+        for one in observations.rows:
+            s = np.moveaxis(
+                lens.undistort(np.moveaxis(one.xy - centre, -1, 0), lens.at_focal_length(b, f)[:, None, None]), 0, -1
+            )
+            seen = np.all(np.isfinite(s), axis=-1)
+            rows.append(
+                replace(one, xy=centre + np.where(seen[..., None], s, 0.0), weight=np.where(seen, one.weight, 0.0))
+            )
+        yield replace(observations, rows=tuple(rows))
 
 
 def given_cameras(theta: Array, stands: GaussianPrior) -> InitialCameras:

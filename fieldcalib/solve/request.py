@@ -21,7 +21,8 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.lens import lens_with
+from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_with
+from fieldcalib.geometry.lens.fisheye import fisheye_vector
 from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients, opencv_vector
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.layout import (
@@ -78,15 +79,15 @@ class GivenCamera(NamedTuple):
         """Scale the camera matrix to images of a size."""
         if self.camera_matrix is None or self.image_size in (None, image_size):
             return self
-        camera = self._replace(rvec=None, tvec=None).camera(self.image_size or image_size).scaled(image_size)
-        return self._replace(camera_matrix=camera.K, dist_coeffs=camera.dist[0], image_size=image_size)
+        camera = GivenCamera(self.camera_matrix).camera(self.image_size or image_size).scaled(image_size)
+        return self._replace(camera_matrix=camera.K, image_size=image_size)
 
-    def camera(self, image_size: tuple[int, int]) -> Camera:
+    def camera(self, image_size: tuple[int, int], fisheye: bool = False) -> Camera:
         """A camera with the given values, and arbitrary ones for the others."""
         nothing = np.zeros(3)
         rvec, tvec = (nothing if vector is None else vector for vector in (self.rvec, self.tvec))
         K = np.eye(3) if self.camera_matrix is None else self.camera_matrix
-        return Camera.from_opencv(rvec, tvec, K, self.dist_coeffs, image_size)
+        return Camera.from_opencv(rvec, tvec, K, self.dist_coeffs, image_size, fisheye)
 
 
 NOTHING_GIVEN = GivenCamera()
@@ -112,8 +113,8 @@ def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], fl
     fixed = []
     for t, one in enumerate(found):
         if one.camera is not None:
-            size = one.camera.image_size
-            like = given.of_size(size).camera(size) if isinstance(given, GivenCamera) else given[t]
+            size, fisheye = one.camera.image_size, bool(flags & F.CALIB_FISHEYE)
+            like = given.of_size(size).camera(size, fisheye) if isinstance(given, GivenCamera) else given[t]
             camera, *others = (_as_fixed(camera, like, flags) for camera in (one.camera, *one.alternatives))
             one = replace(one, camera=camera, alternatives=tuple(others))
         fixed.append(one)
@@ -121,16 +122,16 @@ def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], fl
 
 
 def _as_fixed(camera: Camera, given: Camera, flags: int) -> Camera:
-    K, dist = camera.K.copy(), camera.dist
+    K, of_lens = camera.K.copy(), camera
     if flags & F.CALIB_FIX_FOCAL_LENGTH:
         K[0, 0] = given.K[0, 0]
         if flags & F.CALIB_FIX_ASPECT_RATIO:
             K[1, 1] = given.K[1, 1]
         if flags & WHOLE_LENS == WHOLE_LENS:
-            dist = given.dist
+            of_lens = given
     R = given.R if flags & F.CALIB_FIX_ROTATION else camera.R
     C = given.C if flags & F.CALIB_FIX_POSITION else camera.C
-    return Camera(K, R, C, camera.image_size, dist)
+    return Camera(K, R, C, camera.image_size, of_lens.dist, fisheye=of_lens.fisheye)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +178,8 @@ class Task:
         """
         image_size = checked_image_size(image_size)
         flags, given = self.chosen_flags, self.given.of_size(image_size)
+        if start is not None and start.fisheye:
+            flags = flags & ~F.CALIB_AUTO_LENS | F.CALIB_FISHEYE
         dist_coeffs = given.dist_coeffs if start is None else start.dist
         layout = _layout(image_size, dist_coeffs, flags, self._size_block)
         if not np.any(layout.free[POSE_AND_ZOOM]):
@@ -281,13 +284,15 @@ def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlag
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
     if given.camera_matrix is not None:
-        dist = opencv_vector(given.dist_coeffs)
-        theta = layout.theta(Camera(given.camera_matrix, np.eye(3), np.zeros(3), layout.image_size, dist))
+        pose, fisheye = (np.eye(3), np.zeros(3)), isinstance(layout.lens, FisheyeLens)
+        dist = fisheye_vector(given.dist_coeffs) if fisheye else opencv_vector(given.dist_coeffs)
+        theta = layout.theta(Camera(given.camera_matrix, *pose, layout.image_size, dist, fisheye=fisheye))
         known[LOG_F], known[LOG_ASPECT] = theta[LOG_F], theta[LOG_ASPECT]
         known[PRINCIPAL_POINT], known[layout.lens_block] = theta[PRINCIPAL_POINT], theta[layout.lens_block]
     if given.rvec is not None:
         tvec = np.zeros(3) if given.tvec is None else given.tvec
-        theta = layout.theta(Camera.from_opencv(given.rvec, tvec, np.eye(3), None, layout.image_size))
+        fisheye = isinstance(layout.lens, FisheyeLens)
+        theta = layout.theta(Camera.from_opencv(given.rvec, tvec, np.eye(3), None, layout.image_size, fisheye))
         if flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_ROTATION):
             known[ANGLES] = theta[ANGLES]
         elif flags & F.CALIB_FIX_ROLL:
@@ -306,7 +311,11 @@ def _layout(
     """
     rho = float(np.hypot(*image_size) / 2.0)
     freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}
-    lens = lens_with({"k1", *(freed & {*COEFFICIENTS}), *nonzero_coefficients(dist_coeffs)}, rho)
+    if flags & F.CALIB_FISHEYE:
+        lens: Lens = FisheyeLens(rho)
+    else:
+        estimated = freed & {*COEFFICIENTS} - {"k4"}  # which is estimated of a fisheye lens alone
+        lens = lens_with({"k1", *estimated, *nonzero_coefficients(dist_coeffs)}, rho)
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
     return layout.fixed(*(block for block in known if block in layout.blocks))

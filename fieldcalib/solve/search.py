@@ -125,7 +125,7 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
         layout, known = layout.with_roles(Role.FRAME, "angles"), known.copy()
         known[ANGLES] = np.nan
     if given is None:
-        start = initial_cameras(observations, options.stands, known, options.scale)
+        start = initial_cameras(observations, options.stands, known, options.scale, layout.lens)
         prior = _around_known_lens(start.prior, options)
     else:  # initial values only: no parameter counts as known
         start = given_cameras(given, options.stands)

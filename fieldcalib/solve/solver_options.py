@@ -81,7 +81,7 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_K2 = 64
     """Keep k2 likewise; a barrel lens keeps the k2 that prevents folding (`fieldcalib.geometry.lens`)."""
     CALIB_FIX_K3 = 128
-    """Keep k3 likewise."""
+    """Keep k3 likewise; of a fisheye lens k4 too."""
     CALIB_FIX_TANGENT_DIST = 1 << 21
     """Keep the tangential coefficients likewise."""
     CALIB_USE_EXTRINSIC_GUESS = 1 << 22
@@ -94,7 +94,10 @@ class CalibrationFlags(IntFlag):
     """Keep the roll of `rvec`, or 0."""
     CALIB_AUTO_LENS = 1 << 30
     """Estimate the lens coefficients that the labels require: k2, then k3 and the tangential coefficients, are freed if
-    that makes the labels much more likely. The message says so."""
+    that makes the labels much more likely; where labels still lie beside their markings, a fisheye lens is tried. The
+    message says so."""
+    CALIB_FISHEYE = 1 << 26
+    """The lens is that of cv2.fisheye, and `dist_coeffs` are its k1, k2, k3, k4."""
     CALIB_FIX_ROTATION = 1 << 27
     """Keep the rotation of `rvec`, as of a tripod head that measures it."""
 
@@ -106,7 +109,7 @@ BLOCKS_OF_FLAGS: Mapping[CalibrationFlags, tuple[str, ...]] = {
     CalibrationFlags.CALIB_FIX_FOCAL_LENGTH: ("focal length",),
     CalibrationFlags.CALIB_FIX_K1: ("k1",),
     CalibrationFlags.CALIB_FIX_K2: ("k2",),
-    CalibrationFlags.CALIB_FIX_K3: ("k3",),
+    CalibrationFlags.CALIB_FIX_K3: ("k3", "k4"),
     CalibrationFlags.CALIB_FIX_TANGENT_DIST: ("p1", "p2"),
     CalibrationFlags.CALIB_FIX_POSITION: ("centre",),
     CalibrationFlags.CALIB_FIX_ROLL: ("roll",),
@@ -129,15 +132,18 @@ WHOLE_LENS = (
     | CalibrationFlags.CALIB_FIX_K3
     | CalibrationFlags.CALIB_FIX_TANGENT_DIST
 )
+FISHEYE_FLAGS = (DEFAULT_FLAGS & ~WHOLE_LENS) | CalibrationFlags.CALIB_FISHEYE  # all of cv2.fisheye's lens is estimated
 
 LENS_FLAGS: Mapping[str, CalibrationFlags] = {
     "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
     "k1": DEFAULT_FLAGS,
     "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
     "opencv": DEFAULT_FLAGS & ~(WHOLE_LENS & ~CalibrationFlags.CALIB_FIX_K1),
+    "fisheye": FISHEYE_FLAGS,
     "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
 }
-"""Flags by the name of what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's five, as much as is required."""
+"""Flags by the name of what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's five, cv2.fisheye's four, or as
+much as is required."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +263,8 @@ def checked_flags(flags: int) -> CalibrationFlags:
         )
     if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FIX_K1:
         raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
+    if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FISHEYE:
+        raise ValueError("CALIB_FISHEYE and CALIB_AUTO_LENS contradict each other: one says which lens it is")
     return CalibrationFlags(flags)
 
 

@@ -238,7 +238,7 @@ def horizon_of(camera: Camera) -> list[list[float]] | None:
     if len(near) < 2 or not _is_in_view(xy[near], camera.image_size):
         return None
     line = xy[near[0] : near[-1] + 1]
-    is_straight = not np.any(camera.dist)
+    is_straight = camera.is_pinhole
     return _rounded(line[[0, -1]] if is_straight else line, 1)
 
 

@@ -26,11 +26,10 @@ from fieldcalib._checks import expect, file_path
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, camera_from_line
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import stored_size
@@ -377,5 +376,5 @@ def _rounded(value: float | None, digits: int) -> float | None:
 def _view(line: Mapping[str, Any], field: Field) -> list[float]:
     """Coordinates x, y, x, y, ... of the ground in view, metres."""
     width, height = line["image_size"]
-    camera = Camera(line["K"], line["R"], line["C"], (width, height), line["dist"])
+    camera = camera_from_line(line, (width, height))
     return [round(value, 1) for X in view_of(camera, field, VIEW_POINTS // 4) for value in X]

@@ -76,7 +76,7 @@ SAME_FIELD = ["--field-size", "estimated", "--same-field"]
         (["--tau", "0"], "argument --tau: expected a positive number, got '0'"),
         (["--tau", "low"], "argument --tau: expected a positive number, got 'low'"),
         (["--least-probability", "90"], "argument --least-probability: expected a number from 0 to 1, got '90'"),
-        (["--lens", "fisheye"], "argument --lens: invalid choice"),
+        (["--lens", "mirror"], "argument --lens: invalid choice"),
         ([*SAME_FIELD, "--field-length", "85"], "90 to 120 x 45 to 90 m (law 1)"),
         (["--field-size", "unknown"], "argument --field-size: invalid choice"),
         (["--display-size", "16:9"], "argument --display-size: expected WIDTHxHEIGHT, as 960x540, got '16:9'"),

@@ -13,7 +13,10 @@ from views import camera
 
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.findings import WAS_SQUASHED, Verdict
+from fieldcalib.cli.camera_options import KnownCamera
+from fieldcalib.console.arguments import Default
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.io.exports.opencv import format_opencv
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
@@ -193,9 +196,20 @@ def test_files_of_something_else(tmp_path, content, message):
     assert str(caught.value).startswith(str(tmp_path / "cam.yml"))
 
 
-def test_a_fisheye_lens_is_refused(tmp_path):
-    with pytest.raises(BrokenFileError, match="fisheye"):
-        read_intrinsics(opencv_file(tmp_path / "cam.yml", WIDE, fisheye_model=1))
+def test_a_fisheye_lens_is_one(tmp_path):
+    wide = Camera(WIDE.K, WIDE.R, WIDE.C, WIDE.image_size, (0.1, 0.02, 0.0, -0.01), fisheye=True)
+    (tmp_path / "cam.yml").write_text(format_opencv(wide))
+    found = read_intrinsics(tmp_path / "cam.yml")
+    assert found.fisheye
+    np.testing.assert_array_equal(found.dist_coeffs, wide.dist[0])
+    known = KnownCamera(Default("k1"), found)
+    assert known.flags & F.CALIB_FISHEYE
+    width, height = WIDE.image_size
+    given = known.given.of_size((width // 2, height // 2))
+    np.testing.assert_allclose(given.camera_matrix, wide.scaled((width // 2, height // 2)).K)
+    np.testing.assert_array_equal(given.dist_coeffs, wide.dist[0])
+    with pytest.raises(BrokenFileError, match="of a fisheye lens must be the four finite coefficients"):
+        read_intrinsics(opencv_file(tmp_path / "five.yml", WIDE, fisheye_model=1))
 
 
 # --- the command line ---

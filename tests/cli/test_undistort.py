@@ -52,6 +52,21 @@ def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
     )
 
 
+def test_a_fisheye_picture_becomes_that_of_the_pinhole(tmp_path):
+    bent = Camera.from_angles(
+        0.1, np.radians(75), 0.01, 330.0, (0.0, 50.0, -18.0), SIZE, k=(0.05, 0.0, 0.0, 0.0), fisheye=True
+    )
+    pinhole = Camera(bent.K, bent.R, bent.C, SIZE)
+    cv2.imwrite(str(tmp_path / "a.png"), render_field(bent, FIELD))
+    folder = results(tmp_path / "out", {"a": bent})
+    command = ["undistort", str(tmp_path / "a.png"), "--cameras", folder, "--out", str(tmp_path / "flat")]
+    assert main(command) == 0
+    picture = cv2.imread(str(tmp_path / "flat" / "a.png"))
+    inside = picture.any(axis=-1)
+    picture[~inside] = render_field(pinhole, FIELD)[~inside]
+    assert difference(picture, pinhole) < 0.25 * difference(picture, bent)
+
+
 def test_a_video_keeps_its_frames(tmp_path, capsys):
     with VideoWriter(tmp_path / "clip.mp4", 25.0) as video:
         for _ in range(6):

@@ -213,7 +213,7 @@ WRONG = {
         {},
     ],
     "principal_point": ["x", (480, 270), 1, None, []],
-    "lens": ["fisheye", [], {}, None, 5],
+    "lens": ["mirror", [], {}, None, 5],
     "field_size": ["ab", [105], 5, (105, 680), (105, 20), (30, 20), (5, 5), (-105, 68), (0, 0), ("a", "b"), {}],
     "aspect": ["a", 0, -1, 100.0, float("nan"), (16, 9), [], True],
 }

@@ -5,6 +5,7 @@ import importlib.util
 import io
 import json
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,6 +51,34 @@ def with_lens(*dist):
 def test_formats_that_hold_the_whole_camera(format, camera):
     write, read = EXACT[format]
     assert farthest(read(write({"00007": camera}))["00007"], camera) < MOST
+
+
+FISHEYE = Camera.from_angles(
+    0.2, 1.3, 0.01, 400.0, (2.0, 60.0, -15.0), (960, 540), k=(0.1, -0.02, 0.01, -0.001), fisheye=True
+)
+
+
+def test_a_fisheye_lens_is_that_of_colmap_and_nerfstudio():
+    X = visible_field_points(CAMERA)
+    expected, pose = FISHEYE.project(X), (X - FISHEYE.C) @ FISHEYE.R.T
+    model, *numbers = colmap_files({"7": FISHEYE})["cameras.txt"].decode().splitlines()[-1].split()[1:]
+    assert (model, numbers[:2]) == ("OPENCV_FISHEYE", ["960", "540"])
+    fx, fy, cx, cy, *k = map(float, numbers[2:])
+    ours = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3]}
+    record = json.loads(nerfstudio_files({"7": FISHEYE})["transforms.json"])
+    assert record["camera_model"] == "OPENCV_FISHEYE"
+    assert {name: record["frames"][0][name] for name in ours} == ours
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    xy, _ = cv2.fisheye.projectPoints(pose[:, None], np.zeros(3), np.zeros(3), K, np.array(k))
+    np.testing.assert_allclose(xy[:, 0] - 0.5, expected, rtol=0.0, atol=1e-6)  # their first pixel is at 0.5
+    with pytest.raises(ValueError, match="one model for all frames"):
+        nerfstudio_files({"7": FISHEYE, "8": CAMERA})
+
+
+@pytest.mark.parametrize("write", [soccernet_files, gamestate_files, table_files])
+def test_formats_without_a_fisheye_lens_say_so(write):
+    with pytest.raises(ValueError, match="the lens is a fisheye, which has no coefficients k1, k2, p1"):
+        write({"2116000001": FISHEYE})
 
 
 @given(camera=cameras())

@@ -60,6 +60,28 @@ def test_a_camera_comes_back(camera):
     np.testing.assert_allclose(parse_opencv(format_opencv(camera)).camera.project(X), camera.project(X), atol=1e-8)
 
 
+FISHEYE = Camera.from_angles(
+    0.2, 1.3, 0.01, 400.0, (2.0, 60.0, -15.0), (960, 540), k=(0.1, -0.02, 0, 0.01), fisheye=True
+)
+
+
+@pytest.mark.parametrize(
+    "said", [{"fisheye_model": 1}, {"distortion_model": "equidistant"}, {"distortion_model": "fisheye"}], ids=str
+)
+def test_files_of_a_fisheye_lens(tmp_path, said):
+    path = written(tmp_path / "cam.yml", camera_matrix=FISHEYE.K, distortion_coefficients=FISHEYE.dist.T, **said)
+    found = read_opencv(path)
+    assert found.fisheye
+    np.testing.assert_array_equal(found.dist_coeffs, FISHEYE.dist[0])
+
+
+def test_a_fisheye_camera_comes_back():
+    X = visible_field_points(CAMERA)
+    back = parse_opencv(format_opencv(FISHEYE)).camera
+    assert back.fisheye
+    np.testing.assert_allclose(back.project(X), FISHEYE.project(X), atol=1e-8)
+
+
 def test_opencv_4_reads_the_header():
     assert format_opencv(CAMERA).startswith("%YAML:1.0\n")
 
@@ -73,7 +95,10 @@ def test_opencv_4_reads_the_header():
         ({"camera_matrix": "none"}, "camera_matrix is no matrix"),
         ({"camera_matrix": K, "distortion_coefficients": np.zeros((1, 3))}, "distortion_coefficients must be"),
         ({"camera_matrix": K, "distortion_coefficients": np.ones((1, 14))}, "a tilted sensor"),
-        ({"camera_matrix": K, "fisheye_model": 1}, "is of a fisheye lens"),
+        (
+            {"camera_matrix": K, "distortion_coefficients": np.zeros((1, 5)), "fisheye_model": 1},
+            "of a fisheye lens must be",
+        ),
         ({"camera_matrix": K, "image_width": 0, "image_height": 540}, "image_size must be"),
         ({"camera_matrix": K, "rvec": np.zeros((3, 3))}, "rvec must be 3 finite numbers"),
     ],

@@ -14,7 +14,7 @@ from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
+from fieldcalib.geometry.lens import BrownConradyLens, FisheyeLens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import (
     CENTER,
@@ -48,6 +48,7 @@ LAYOUTS = {
     "radial lens": RADIAL,
     "Brown-Conrady lens": Layout.of(SIZE, BrownConradyLens(RHO)),
     "zoom law": Layout.of(SIZE, zoom_law=ZoomLaw(np.log(1200.0))),
+    "fisheye lens": Layout.of(SIZE, FisheyeLens(RHO)),
 }
 LAW = np.array([10.0, 10.0, 0.05, 0.1, 0.5])  # slopes of the principal point, of a1, its bend, the offset of the axes
 # p1, p2, a3 to a6, s1 to s4 of a lens that bends the corner by some percent with each
@@ -145,6 +146,12 @@ def _room(xy, curve):
     return np.nanmin(np.where(away, radius, np.nan), axis=1)
 
 
+def through_fisheye(camera):
+    """The camera with a fisheye lens that sees 140 degrees."""
+    f, k = SIZE[0] / np.radians(140.0), (0.04, -0.02, 0.004, -0.001)
+    return Camera.from_angles(*camera.angles, f, camera.C, SIZE, k=k, fisheye=True)
+
+
 @cache
 def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False):
     """Random cameras at what they see; `lens` is one of `LAYOUTS`."""
@@ -155,6 +162,8 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
         camera = random_camera(DISTRIBUTIONS[stand], rng)
         if lens in ("radial lens", "Brown-Conrady lens", "zoom law"):
             camera = random_distorted(camera, rng)
+        if lens == "fisheye lens":
+            camera = through_fisheye(camera)
         theta = layout.theta(camera)
         if lens == "Brown-Conrady lens":
             theta[layout.lens_block][2:] = OTHER_COEFFICIENTS * rng.uniform(-1.0, 1.0, size=10)
@@ -172,6 +181,7 @@ def sightings(draw, lens):
     """A layout, a camera in it, and what it sees with pixels up to 50 px beside it; `lens` is one of `LAYOUTS`."""
     with_lens = lens in ("radial lens", "Brown-Conrady lens", "zoom law")
     layout, camera = LAYOUTS[lens], draw(cameras(lens=with_lens, image_sizes=(SIZE,)))
+    camera = through_fisheye(camera) if lens == "fisheye lens" else camera
     layout = Layout.of(SIZE, layout.lens, draw(st.sampled_from([None, SIZES])), layout.zoom_law)
     theta = layout.theta(camera)
     if lens == "Brown-Conrady lens":

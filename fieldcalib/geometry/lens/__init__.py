@@ -19,6 +19,9 @@ distortion (a1 < 0) and ``a2 >= 0`` for pincushion distortion the slope is posit
 parameters are therefore (a1, b2), ``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner
 of an image by 0.005 %.
 
+`FisheyeLens` is OpenCV's other lens, that of ``cv2.fisheye``. It bends angles, and is therefore the one lens whose warp
+depends on f.
+
 Arrays have their components first: plane vectors are (2, ...), coefficients are (n, ...) and broadcast against the
 trailing axes of the points. Contiguous components halve the time.
 
@@ -32,6 +35,7 @@ from collections.abc import Collection
 from numpy.typing import ArrayLike
 
 from fieldcalib.geometry.lens.brown_conrady import BrownConradyLens as BrownConradyLens
+from fieldcalib.geometry.lens.fisheye import FisheyeLens as FisheyeLens
 from fieldcalib.geometry.lens.model import Lens as Lens
 from fieldcalib.geometry.lens.model import nonzero_coefficients
 from fieldcalib.geometry.lens.pinhole import Pinhole as Pinhole
@@ -39,7 +43,7 @@ from fieldcalib.geometry.lens.radial import RadialLens as RadialLens
 
 __all__: list[str] = []  # what Tab shows: nothing here is for users
 
-LENSES: dict[str, type[Lens]] = {lens.name: lens for lens in (Pinhole, RadialLens, BrownConradyLens)}
+LENSES: dict[str, type[Lens]] = {lens.name: lens for lens in (Pinhole, RadialLens, BrownConradyLens, FisheyeLens)}
 
 
 def __dir__() -> list[str]:
@@ -47,14 +51,14 @@ def __dir__() -> list[str]:
 
 
 def lens_with(coefficients: Collection[str], rho: float) -> Lens:
-    """The smallest lens that has some of OpenCV's coefficients, given by their names.
+    """The smallest lens that has some of OpenCV's coefficients, given by their names; a fisheye has others.
 
     Examples
     --------
     >>> lens_with({"k1", "p2"}, rho=550.0)
     BrownConradyLens(rho=550.0)
     """
-    fitting = (lens for lens in LENSES.values() if set(coefficients) <= set(lens.opencv_names))
+    fitting = (one for one in LENSES.values() if set(coefficients) <= set(one.opencv_names) and not one.follows_zoom)
     return min(fitting, key=lambda lens: len(lens.names))(rho)
 
 
@@ -77,10 +81,20 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
 def common_lens(lenses: Collection[Lens]) -> Lens:
     """The smallest lens that has the coefficients of all of some lenses of images of one size.
 
+    Raises
+    ------
+    ValueError
+        If some are fisheye lenses and others are not.
+
     Examples
     --------
     >>> common_lens([RadialLens(550.0), Pinhole(550.0)])
     RadialLens(rho=550.0)
     """
     (rho,) = {lens.rho for lens in lenses}
+    are_fisheye = {isinstance(lens, FisheyeLens) for lens in lenses}
+    if are_fisheye == {True, False}:
+        raise ValueError("some of the cameras have a fisheye lens, and others have not: take them apart")
+    if are_fisheye == {True}:
+        return FisheyeLens(rho)
     return lens_with({name for lens in lenses for name in lens.opencv_names}, rho)

@@ -21,6 +21,7 @@ POWERS = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])  # of rho / f, by which 
 LENGTHS = (1, 2, 4, 5, 8, 12, 14)  # of dist_coeffs: k1; k1, k2; and the five lengths of OpenCV
 
 FOLD = 0.46  # a little above 9/20
+UNDISTORTING_STEPS = 3  # fixed-point steps before a search for closest points
 TINY = 1e-100  # of a complex step, whose square is lost in rounding
 
 
@@ -101,9 +102,24 @@ class Lens(ABC):
     least: ClassVar[Array]
     """(n,) lower bounds of the coefficients when they are estimated, -inf where there is none."""
     mean: ClassVar[Array]
-    """(n,) mean of broadcast lenses."""
+    """(n,) mean of the lenses that cameras have."""
     sigma: ClassVar[Array]
-    """(n,) standard deviation of broadcast lenses."""
+    """(n,) standard deviation of the lenses that cameras have."""
+    follows_zoom: ClassVar[bool] = False
+    """Whether the warp depends on the focal length: the methods then take it behind the coefficients
+    (`at_focal_length`)."""
+    usual_focal_length: ClassVar[tuple[float, float] | None] = None
+    """Mean and standard deviation of the log of the focal length in widths of the image; None for a lens that tells
+    nothing of it."""
+
+    def at_focal_length(self, b: Array, f: Array | float) -> Array:
+        """What the methods take as coefficients: b (n, ...), with the focal length behind them if the warp depends on
+        it."""
+        return b
+
+    def pull_zoom(self, s: Array, b: Array, n: Array) -> Array | float:
+        """Derivative (...) of ``n . distort(s, b)`` by the log of the focal length, s and n held."""
+        return 0.0
 
     @abstractmethod
     def distort(self, s: Array, b: Array) -> Array:
@@ -128,6 +144,13 @@ class Lens(ABC):
     @abstractmethod
     def undistort(self, d: Array, b: Array) -> Array:
         """Ideal offsets (2, ...) of real ones; NaN where no ray on the monotone part of the lens meets d."""
+
+    def nearly_undistort(self, d: Array, b: Array) -> Array:
+        """Approximate ideal offsets of real ones, from a few fixed-point steps; finite everywhere."""
+        s = d
+        for _ in range(UNDISTORTING_STEPS):
+            s = s + (d - self.distort(s, b))
+        return s
 
     @abstractmethod
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
@@ -192,6 +215,27 @@ class Lens(ABC):
     def _index(self) -> IntArray:
         """Indices of the coefficients among OpenCV's twelve."""
         return np.array([COEFFICIENTS.index(name) for name in self.opencv_names], dtype=np.intp)
+
+
+class SymmetricLens(Lens):
+    """A lens that is symmetric about the principal point: ``distorted = gain s``.
+
+    So ``J = gain I + slope s s^T`` with ``slope = 2 dgain/d|s|^2``, which is symmetric.
+    """
+
+    @abstractmethod
+    def gain(self, s: Array, b: Array) -> tuple[Array, Array]:
+        """The gain and the slope (...) at ideal offsets (2, ...)."""
+
+    def push(self, s: Array, b: Array, *steps: Array) -> tuple[Array, ...]:
+        """``J step = gain step + slope (s . step) s``."""
+        gain, slope = self.gain(s, b)
+        return gain * s, *(gain * step + slope * dot(s, step) * s for step in steps)
+
+    def pull(self, s: Array, b: Array, n: Array) -> Array:
+        """``J n``, as in `push`: J is symmetric."""
+        gain, slope = self.gain(s, b)
+        return np.asarray(gain * n + slope * dot(s, n) * s)
 
 
 def a2_of_a1(b: Array) -> Array:

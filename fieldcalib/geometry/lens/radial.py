@@ -7,13 +7,13 @@ from typing import ClassVar
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.geometry.lens.model import Lens, constant, da2_da1, dot
+from fieldcalib.geometry.lens.model import SymmetricLens, constant, da2_da1, dot
 
 # Broadcast lenses displace the corner outwards: on annotated frames a1 has its median at 2.8 %, 95 % are below 5.5 %.
 RADIAL_MEAN, RADIAL_SIGMA = (0.025, 0.0), (0.02, 0.005)  # a1, b2
 
 
-class RadialLens(Lens):
+class RadialLens(SymmetricLens):
     """Two radial coefficients (a1, b2), monotone where b2 >= 0; with b2 = 0 it has one parameter.
 
     For the methods see `Lens`.
@@ -37,22 +37,12 @@ class RadialLens(Lens):
         q, (a1, a2) = dot(s, s) / self.rho**2, self.corner(b)
         return np.asarray((1.0 + q * (a1 + q * a2)) * s)
 
-    def push(self, s: Array, b: Array, *steps: Array) -> tuple[Array, ...]:
-        """``J = gain I + slope s s^T`` with ``slope = 2 gain'(q) / rho^2``; symmetric."""
-        gain, slope = self._gain(s, b)
-        return gain * s, *(gain * step + slope * dot(s, step) * s for step in steps)
-
     def bend(self, s: Array, b: Array, step: Array) -> Array:
         """``(slope |step|^2 + 8 a2 / rho^4 (s . step)^2) s + 2 slope (s . step) step``."""
-        _, slope = self._gain(s, b)
+        _, slope = self.gain(s, b)
         along = dot(s, step)
         by_slope = (8.0 / self.rho**4 * self.corner(b)[1]) * along * along
         return np.asarray((slope * dot(step, step) + by_slope) * s + (2.0 * slope * along) * step)
-
-    def pull(self, s: Array, b: Array, n: Array) -> Array:
-        """``J n``, as in `push`: J is symmetric."""
-        gain, slope = self._gain(s, b)
-        return np.asarray(gain * n + slope * dot(s, n) * s)
 
     def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
         """``n . s dgain/db``; a2 depends on a1."""
@@ -70,7 +60,7 @@ class RadialLens(Lens):
         """``1 + 3 a1 q + 5 a2 q^2 > 0`` up to the q of s."""
         return _is_monotone(dot(s, s) / self.rho**2, *self.corner(b))
 
-    def _gain(self, s: Array, b: Array) -> tuple[Array, Array]:
+    def gain(self, s: Array, b: Array) -> tuple[Array, Array]:
         """``1 + a1 q + a2 q^2``, and ``2 / rho^2`` times its derivative by q."""
         q, (a1, a2) = dot(s, s) / self.rho**2, self.corner(b)
         c = 2.0 / self.rho**2

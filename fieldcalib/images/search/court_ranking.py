@@ -216,4 +216,4 @@ def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:
     if field.repeats is None:
         return []
     steps = [sign * k * field.repeats for k in range(1, MOST_STEPS + 1) for sign in (-1.0, 1.0)]
-    return [Camera(camera.K, camera.R, camera.C + (x, 0.0, 0.0), camera.image_size, camera.dist) for x in steps]
+    return [camera.moved(camera.R, camera.C + (x, 0.0, 0.0)) for x in steps]

@@ -24,6 +24,7 @@ MODELS = {
     "OPENCV": ("k1", "k2", "p1", "p2"),
     "FULL_OPENCV": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
+FISHEYE = "OPENCV_FISHEYE"  # k1, k2, k3, k4 of cv2.fisheye
 ONE_FOCAL_LENGTH, LARGEST = "SIMPLE_RADIAL", "FULL_OPENCV"
 HALF_PIXEL = 0.5
 
@@ -66,6 +67,11 @@ def colmap_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> dict[s
 def _intrinsics(id: str, camera: Camera) -> str:
     """``MODEL WIDTH HEIGHT PARAMS...`` with the smallest model that holds the lens."""
     fx, fy = camera.K[0, 0], camera.K[1, 1]
+    width, height = camera.image_size
+    if camera.fisheye:
+        return (
+            f"{FISHEYE} {width} {height} {_numbers([fx, fy, *(camera.principal_point + HALF_PIXEL), *camera.dist[0]])}"
+        )
     needed = nonzero_coefficients(camera.dist).keys()
     fitting = (
         model for model, names in MODELS.items() if needed <= set(names) and (fx == fy or model != ONE_FOCAL_LENGTH)
@@ -74,7 +80,6 @@ def _intrinsics(id: str, camera: Camera) -> str:
     lens = lens_coefficients(id, camera, MODELS[model], "COLMAP")
     focal_lengths = [fx] if model == ONE_FOCAL_LENGTH else [fx, fy]
     values = [*focal_lengths, *(camera.principal_point + HALF_PIXEL), *lens]
-    width, height = camera.image_size
     return f"{model} {width} {height} {_numbers(values)}"
 
 

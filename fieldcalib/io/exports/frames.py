@@ -89,6 +89,10 @@ def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) 
         ...
     ValueError: frame 00001: the format has k1, k2 of a lens, this one has k3 = 0.2 too: undistort the images, or ...
     """
+    if camera.fisheye:
+        raise ValueError(
+            f"frame {id}: {tool} has no fisheye lens: undistort the images, or calibrate with another lens"
+        )
     values = nonzero_coefficients(camera.dist)
     others = [f"{name} = {value:.4g}" for name, value in values.items() if name not in names]
     if others:

@@ -19,6 +19,7 @@ from fieldcalib.io.exports.frames import (
 )
 
 KEYS = ("k1", "k2", "k3", "p1", "p2")
+FISHEYE_KEYS = ("k1", "k2", "k3", "k4")  # of cv2.fisheye
 HALF_PIXEL = 0.5
 
 
@@ -34,7 +35,7 @@ def nerfstudio_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> di
     Raises
     ------
     ValueError
-        If no frame has a camera, or a lens has coefficients beyond k1, k2, k3, p1 and p2.
+        If no frame has a camera, a lens has coefficients beyond k1, k2, k3, p1 and p2, or only some are fisheye lenses.
 
     Examples
     --------
@@ -43,15 +44,20 @@ def nerfstudio_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> di
     >>> frame["file_path"], frame["fl_x"], frame["cx"]
     ('00001.jpg', 1500.0, 480.5)
     """
+    cameras = with_cameras(frames)
+    models = {"OPENCV_FISHEYE" if camera.fisheye else "OPENCV" for camera in cameras.values()}
+    if len(models) > 1:
+        raise ValueError("nerfstudio has one model for all frames: some have a fisheye lens, export them apart")
     record = {
-        "camera_model": "OPENCV",
-        "frames": [_frame(id, camera, image_name(image_names, id)) for id, camera in with_cameras(frames).items()],
+        "camera_model": models.pop(),
+        "frames": [_frame(id, camera, image_name(image_names, id)) for id, camera in cameras.items()],
     }
     return {"transforms.json": (json.dumps(record, indent=1) + "\n").encode()}
 
 
 def _frame(id: str, camera: Camera, path: str) -> dict[str, Any]:
-    values = lens_coefficients(id, camera, KEYS, "nerfstudio")
+    keys = FISHEYE_KEYS if camera.fisheye else KEYS
+    values = camera.dist[0].tolist() if camera.fisheye else lens_coefficients(id, camera, KEYS, "nerfstudio")
     width, height = camera.image_size
     cx, cy = (camera.principal_point + HALF_PIXEL).tolist()
     return {
@@ -62,6 +68,6 @@ def _frame(id: str, camera: Camera, path: str) -> dict[str, Any]:
         "fl_y": float(camera.K[1, 1]),
         "cx": cx,
         "cy": cy,
-        **dict(zip(KEYS, values, strict=True)),
+        **dict(zip(keys, values, strict=True)),
         "transform_matrix": camera_to_world(camera).tolist(),
     }

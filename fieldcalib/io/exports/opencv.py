@@ -1,7 +1,8 @@
 """OpenCV's calibration files, as its calibration sample writes them with ``cv2.FileStorage``: YAML, XML or JSON.
 
-Keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients``, and here also ``rvec`` and
-``tvec``, which place the camera: ``Xc = R X + t`` with X in metres, in the axes of this package.
+Keys are ``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients``, ``fisheye_model`` (1 where
+the coefficients are the four of cv2.fisheye), and here also ``rvec`` and ``tvec``, which place the camera:
+``Xc = R X + t`` with X in metres, in the axes of this package.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.lens.fisheye import fisheye_vector
 from fieldcalib.geometry.lens.model import opencv_vector, shortest_opencv_vector
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.files import BrokenFileError, named_in_errors, read_regular_file
 
 # "%YAML:1.0", which OpenCV 4 reads too: by default OpenCV 5 begins a file with "%YAML 1.2"
 YAML = getattr(cv2, "FILE_STORAGE_FORMAT_YAML_1_0", cv2.FILE_STORAGE_FORMAT_YAML)
+FISHEYE_KEY = "fisheye_model"  # of OpenCV's calibration sample
+FISHEYE_MODELS = ("equidistant", "fisheye")  # values of "distortion_model", as ROS has it
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +34,15 @@ class OpenCVCalibration:
     camera_matrix: Array
     """(3, 3), pixels."""
     dist_coeffs: Array
-    """(5,), (8,) or (12,): k1, k2, p1, p2, k3, ..."""
+    """(5,), (8,) or (12,): k1, k2, p1, p2, k3, ...; (4,) of a fisheye lens."""
     image_size: tuple[int, int] | None = None
     """Width and height in pixels."""
     rvec: Array | None = None
     """(3,) rotation from the world to the camera, radians."""
     tvec: Array | None = None
     """(3,) origin of the world in the camera, metres."""
+    fisheye: bool = False
+    """Whether the coefficients are those of cv2.fisheye."""
 
     @property
     def camera(self) -> Camera:
@@ -49,7 +55,8 @@ class OpenCVCalibration:
         """
         if self.rvec is None or self.tvec is None or self.image_size is None:
             raise ValueError("a camera needs rvec, tvec, image_width and image_height: the file has intrinsics only")
-        return Camera.from_opencv(self.rvec, self.tvec, self.camera_matrix, self.dist_coeffs, self.image_size)
+        pose = self.rvec, self.tvec
+        return Camera.from_opencv(*pose, self.camera_matrix, self.dist_coeffs, self.image_size, self.fisheye)
 
 
 def opencv_files(frames: FrameCameras) -> dict[str, bytes]:
@@ -76,6 +83,8 @@ def format_opencv(camera: Camera) -> str:
     storage = cv2.FileStorage("camera.yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | YAML)
     for key, value in zip(("image_width", "image_height"), camera.image_size, strict=True):
         storage.write(key, value)
+    if camera.fisheye:
+        storage.write(FISHEYE_KEY, 1)
     matrices = {"camera_matrix": K, "distortion_coefficients": dist, "rvec": rvec, "tvec": tvec}
     for key, matrix in matrices.items():
         storage.write(key, matrix)
@@ -111,7 +120,7 @@ def parse_opencv(content: bytes | str) -> OpenCVCalibration:
     Raises
     ------
     BrokenFileError
-        If it is no such file, has no camera_matrix, is of a fisheye lens, or holds values that are no camera's.
+        If it is no such file, has no camera_matrix, or holds values that are no camera's.
     """
     try:
         text = content if isinstance(content, str) else content.decode("utf-8-sig")
@@ -127,21 +136,26 @@ def parse_opencv(content: bytes | str) -> OpenCVCalibration:
         raise BrokenFileError(f'has no key "camera_matrix", only {", ".join(storage.root().keys()) or "none"}')
     if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
         raise BrokenFileError(f"camera_matrix must be a finite (3, 3) with focal lengths above 0, got {K.tolist()}")
-    fisheye = storage.getNode("fisheye_model")
-    if not fisheye.empty() and fisheye.real():
-        raise BrokenFileError("is of a fisheye lens, which is not modelled: undistort the images, and give no lens")
+    fisheye = _is_fisheye(storage)
     for key, vector in (("rvec", rvec), ("tvec", tvec)):
         if vector is not None and (vector.size != 3 or not np.all(np.isfinite(vector))):
             raise BrokenFileError(f"{key} must be 3 finite numbers, got {vector.tolist()}")
     try:
-        coefficients = shortest_opencv_vector(opencv_vector(dist, "distortion_coefficients"))
+        vector_of = fisheye_vector if fisheye else opencv_vector
+        coefficients = vector_of(dist, "distortion_coefficients")
+        coefficients = coefficients if fisheye else shortest_opencv_vector(coefficients)
         width, height = (storage.getNode(key) for key in ("image_width", "image_height"))
         size = None if width.empty() or height.empty() else checked_image_size((width.real(), height.real()))
     except ValueError as error:
         raise BrokenFileError(str(error)) from error
-    return OpenCVCalibration(
-        K, coefficients, size, None if rvec is None else rvec.ravel(), None if tvec is None else tvec.ravel()
-    )
+    rvec, tvec = (None if vector is None else vector.ravel() for vector in (rvec, tvec))
+    return OpenCVCalibration(K, coefficients, size, rvec, tvec, fisheye)
+
+
+def _is_fisheye(storage: cv2.FileStorage) -> bool:
+    """Whether a file says that its coefficients are those of cv2.fisheye."""
+    flag, model = storage.getNode(FISHEYE_KEY), storage.getNode("distortion_model")
+    return bool(not flag.empty() and flag.real()) or (model.isString() and model.string() in FISHEYE_MODELS)
 
 
 def _matrix(storage: cv2.FileStorage, key: str) -> Array | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens.model import COEFFICIENTS, opencv_vector
+from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.files import escaped
 
@@ -61,4 +61,4 @@ def table_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | N
 def _camera_cells(camera: Camera) -> list[float]:
     (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
     angles = np.degrees(camera.angles).tolist()
-    return [*camera.image_size, fx, fy, cx, cy, *angles, *camera.C.tolist(), *opencv_vector(camera.dist).tolist()]
+    return [*camera.image_size, fx, fy, cx, cy, *angles, *camera.C.tolist(), *camera.opencv_coefficients.tolist()]
