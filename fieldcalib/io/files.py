@@ -278,6 +278,7 @@ def find_files(
     prefix: str = "",
     suffix: str | tuple[str, ...],
     others: re.Pattern[str] = HIDDEN,
+    apart: bool = False,
 ) -> list[FrameFile]:
     """Find files named ``<prefix><id><suffix>`` in folders and zips, and single files, in the order of their names.
 
@@ -293,6 +294,9 @@ def find_files(
         id of a single file is its name without ending and prefix.
     others : re.Pattern
         Matches the beginning of the names of files that are something else.
+    apart : bool
+        Whether files of one folder that differ in their ending only are different frames: their whole names are their
+        ids then.
 
     Raises
     ------
@@ -302,26 +306,36 @@ def find_files(
         If a zip is broken, or two files would be the same frame.
     """
     suffixes = (suffix,) if isinstance(suffix, str) else suffix
-    found: dict[str, FrameFile] = {}
+    files: list[FrameFile] = []
     for path in inputs:
         if not path.exists():
             one_of = " or ".join(suffixes)
             raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a {one_of} file")
-        count = len(found)
-        for member, zipped in _members(path):
-            if member is not path and not is_named(member.name, prefix, suffixes, others):
-                continue
-            file = FrameFile(member.stem.removeprefix(prefix), member, zipped)
-            if file.id in found:
-                raise BrokenFileError(
-                    f"{file.path} and {found[file.id].path} are the same frame {file.id}: rename one of them"
-                )
-            found[file.id] = file
-        if len(found) == count:
+        chosen = [
+            FrameFile(member.stem.removeprefix(prefix), member, zipped)
+            for member, zipped in _members(path)
+            if member is path or is_named(member.name, prefix, suffixes, others)
+        ]
+        if not chosen:
             names = " or ".join(f"{prefix}<id>{ending}" for ending in suffixes)
             hint = "; folders in it are not searched" if _has_folders(path) else ""
             raise FileNotFoundError(f"{path} holds no {what}: expected files named {names}{hint}")
-    return list(found.values())
+        files += chosen
+    if apart:
+        alike = Counter({file.path: (file.path.parent, file.id) for file in files}.values())
+        files = [_by_whole_name(file) if alike[file.path.parent, file.id] > 1 else file for file in files]
+    found: dict[str, FrameFile] = {}
+    for file in files:
+        if file.id in found:
+            raise BrokenFileError(
+                f"{file.path} and {found[file.id].path} are the same frame {file.id}: rename one of them"
+            )
+        found[file.id] = file
+    return files
+
+
+def _by_whole_name(file: FrameFile) -> FrameFile:
+    return FrameFile(file.path.name, file.path, file.zipped)
 
 
 def _has_folders(path: Path) -> bool:

@@ -8,10 +8,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeAlias, TypeVar
 
+from fieldcalib.io.animations import is_animated_webp
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.coco import format_coco, parse_coco
 from fieldcalib.io.cvat import format_cvat, parse_cvat
@@ -52,14 +54,20 @@ class Format(Generic[Read, Write]):
     prefix: str = ""
     others: re.Pattern[str] = HIDDEN
     """Matches the beginning of the names of files that are something else."""
+    apart: bool = False
+    """Whether files that differ in their ending only are different frames (`fieldcalib.io.files.find_files`)."""
+    by_content: Callable[[Path], bool] | None = None
+    """Tells files with other names by their content; None if there are none."""
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file's name is of this format."""
-        return is_named(path.name, self.prefix, self.suffixes, self.others)
+        """Whether a file is of this format by its name or, where names do not tell, by its content."""
+        by_name = is_named(path.name, self.prefix, self.suffixes, self.others)
+        return by_name or (self.by_content is not None and self.by_content(path))
 
     def find(self, inputs: Iterable[Path]) -> list[FrameFile]:
         """The files of frames in folders and zips, and single files, see `fieldcalib.io.files.find_files`."""
-        return find_files(inputs, self.name, prefix=self.prefix, suffix=self.suffixes, others=self.others)
+        around = partial(find_files, prefix=self.prefix, suffix=self.suffixes, others=self.others)
+        return around(inputs, self.name, apart=self.apart)
 
     def file_name(self, id: str) -> str:
         """The name of a frame's file."""
@@ -114,13 +122,15 @@ IMAGES = Format(
     parse_image,
     encode_image,
     others=re.compile(rf"\.|{OVERLAYS.prefix}"),
+    apart=True,
 )
 """Images: ``<id>.jpg`` and others that OpenCV reads."""
 
 VIDEOS = Format(
     "video",
-    (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg", ".mjpeg", ".mjpg"),
+    (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg", ".mjpeg", ".mjpg", ".gif"),
     VideoReader,
     VideoWriter,
+    by_content=is_animated_webp,
 )
-"""Videos that OpenCV reads; what is written is MP4."""
+"""Videos that OpenCV reads, animated GIF and WebP among them; what is written is MP4."""

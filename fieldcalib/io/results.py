@@ -48,6 +48,11 @@ Texts: TypeAlias = tuple[bytes, bytes]
 """The lines of a frame in both files, without their ends; the second is empty in older formats."""
 
 
+def broken_line(id: str, problem: str) -> dict[str, Any]:
+    """The line of a frame whose file cannot be read: whoever counts verdicts finds one in every line."""
+    return {"id": id, "status": BROKEN, "message": problem, "verdict": str(Verdict.REJECT), "reason": problem}
+
+
 def split_line(line: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keys of a frame's results that go to ``cameras.jsonl``, and those of ``solver.jsonl``.
 

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.io.animations import Animation, is_animated_webp
 from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, native_name, replacement
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
@@ -343,6 +344,8 @@ def _opened(location: str, threads: int | None, options: str = "") -> Any:
     import cv2
 
     check_utf8(location)
+    if is_animated_webp(Path(location)):
+        return Animation(Path(location))
     parameters = [] if threads is None else [cv2.CAP_PROP_N_THREADS, threads]
     with _OPENING, _environment(CAPTURE_OPTIONS, options):
         return cv2.VideoCapture(location, cv2.CAP_ANY, parameters)

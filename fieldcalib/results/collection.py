@@ -205,7 +205,7 @@ class Results(Mapping[str, Calibration]):
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
         """The verdict on each frame by id: "good", "check" or "reject"."""
-        return ById({line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if "verdict" in line})
+        return ById({line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if line["id"] in self})
 
     @property
     def basis(self) -> Mapping[str, str]:

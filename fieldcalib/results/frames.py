@@ -14,7 +14,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.results import BROKEN, ResultFile, split_line
+from fieldcalib.io.results import ResultFile, broken_line, split_line
 from fieldcalib.run_folder.frame_record import calibration_line
 
 EQ3 = "loss_ndc_eq3"  # key of TVCalib's loss
@@ -121,7 +121,7 @@ class KeptFrames:
     def _made_line(self, number: int) -> Mapping[str, Any]:
         id = self.ids[number]
         if id in self.broken:
-            return {"id": id, "status": BROKEN, "message": self.broken[id]}
+            return broken_line(id, self.broken[id])
         kept = self._calibrations[self._by_number[number]]
         if not isinstance(kept, Calibration):
             return unpacked(kept)

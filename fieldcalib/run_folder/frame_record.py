@@ -22,7 +22,7 @@ from fieldcalib.assess.result import ANGLE_NAMES, Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image
-from fieldcalib.io.results import BROKEN
+from fieldcalib.io.results import broken_line
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
@@ -69,7 +69,7 @@ class Outcome:
     @classmethod
     def broken(cls, item: Item, problem: str) -> Outcome:
         """Make the outcome of a frame that cannot be read."""
-        return cls({"id": item.id, "status": BROKEN, "message": problem}, complaint=f"{item.path}: {problem}")
+        return cls(broken_line(item.id, problem), complaint=f"{item.path}: {problem}")
 
     @classmethod
     def of(

@@ -106,7 +106,7 @@ class ResultsWriter:
                 raise ValueError(f"frame {outcome.id!r} cannot name a file: give it a name without / and the like")
             write_bytes(self.out / name, content)
         self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
-        self.calibrated += bool(outcome.line.get("verdict"))
+        self.calibrated += bool(_verdict_on_camera(outcome.line))
 
     def _append(self, line: Mapping[str, Any]) -> None:
         if self.solver is None:
@@ -130,7 +130,7 @@ class ResultsWriter:
         self._count(line, is_squashed(line), has_camera)
 
     def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
-        verdict = line.get("verdict", "")
+        verdict = _verdict_on_camera(line)
         self.done += 1
         self.statuses[line["status"]] += 1
         if verdict:
@@ -281,6 +281,11 @@ def open_run_folder(
                 done = f"{counted(results.done, 'frame')} done in {out}"
                 say(f"{done}: --resume goes on with the run")
             raise
+
+
+def _verdict_on_camera(line: Mapping[str, Any]) -> str:
+    """The verdict on the calibration of a frame; empty where its file could not be read."""
+    return "" if line["status"] == BROKEN else str(line.get("verdict", ""))
 
 
 def _check_targets(run: RunOptions, record: RunRecord, lines: str, files: Sequence[FrameFile]) -> None:

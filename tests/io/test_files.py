@@ -11,6 +11,7 @@ import pytest
 
 from fieldcalib.io import files
 from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
+from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.videos import VideoReader
@@ -48,6 +49,19 @@ def test_messages_say_what_is_looked_for(tmp_path):
     (tmp_path / "mask_1.png").write_bytes(b"")
     with pytest.raises(BrokenFileError, match=r"are the same frame 1: rename one of them"):
         names_found(tmp_path, tmp_path / "mask_1.png")
+
+
+def test_images_that_differ_in_their_ending_are_different_frames(tmp_path):
+    for name in ("a.jpg", "a.png", "b.jpg", "c.JPG", "c.jpg"):
+        (tmp_path / name).write_bytes(b"")
+    assert [file.id for file in IMAGES.find([tmp_path])] == ["a.jpg", "a.png", "b", "c.JPG", "c.jpg"]
+    assert [file.id for file in IMAGES.find([tmp_path / "b.jpg", tmp_path / "a.jpg"])] == ["b", "a"]
+    with pytest.raises(BrokenFileError, match=r"are the same frame b: rename one of them"):
+        IMAGES.find([tmp_path, tmp_path / "b.jpg"])
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "b.png").write_bytes(b"")
+    with pytest.raises(BrokenFileError, match=r"are the same frame b: rename one of them"):
+        IMAGES.find([tmp_path, tmp_path / "other"])
 
 
 def test_a_zip_may_name_its_members_as_it_likes(tmp_path):

@@ -12,7 +12,8 @@ import pytest
 
 from fieldcalib.io import videos
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter
 
 SIZE = (160, 90)
 CODECS = {".mp4": "mp4v", ".avi": "MJPG", ".mkv": "MJPG"}
@@ -269,3 +270,47 @@ def test_options_of_one_video_are_not_those_of_another_thread(monkeypatch):
         counted.result()
         read.result()
     assert seen == {"counted": "ignore_editlist;1", "read": None}
+
+
+def moving(count=12):
+    """Pictures in which a bright square moves to the right, ten pixels a frame."""
+    frames = []
+    for number in range(count):
+        image = np.full((96, 160, 3), 40, np.uint8)
+        image[40:56, 10 * number : 10 * number + 16] = (30, 200, 240)
+        frames.append(image)
+    return frames
+
+
+def column_of_square(image):
+    return np.mean(np.nonzero(image[..., 2] > 150)[1])
+
+
+@pytest.mark.skipif(not hasattr(cv2, "imwriteanimation"), reason="needs OpenCV 4.11, which writes animations")
+@pytest.mark.parametrize("ending", [".gif", ".webp"])
+def test_animations_are_clips(tmp_path, ending):
+    path, animation = tmp_path / f"clip{ending}", cv2.Animation()
+    animation.frames, animation.durations = moving(), np.full(12, 40)
+    assert cv2.imwriteanimation(str(path), animation)
+    assert VIDEOS.recognises(path)
+    with VideoReader(path) as video:
+        assert (video.count, video.frames_per_second) == (12, pytest.approx(25.0))
+        found = list(video)
+        assert video.loss() == ""
+    assert len(found) == 12
+    assert [column_of_square(image) for image in found] == pytest.approx(10.0 * np.arange(12) + 7.5, abs=1.0)
+    with FramesByNumber(path) as frames:
+        assert frames.count == 12
+        for number in (7, 2, 11):
+            assert column_of_square(frames.read(number)) == pytest.approx(10.0 * number + 7.5, abs=1.0)
+        assert frames.read(12) is None
+
+
+def test_a_webp_of_one_picture_is_none(tmp_path):
+    path = tmp_path / "picture.webp"
+    assert cv2.imwrite(str(path), moving()[0])
+    assert not VIDEOS.recognises(path)
+    assert IMAGES.recognises(path)
+    path.write_bytes(b"RIFF")
+    assert not VIDEOS.recognises(path)
+    assert not VIDEOS.recognises(tmp_path / "missing.webp")

@@ -71,7 +71,7 @@ def test_the_report_of_a_run_has_its_frames_pictures_and_options(know, tmp_path)
     page = Page(out / "report.html")
     frames = page.frames
     assert frames["id"] == ["a", "b", "c"]
-    assert frames["verdict"][2] == ""
+    assert frames["verdict"][2] == "reject"
     assert frames["pan"][:2] == pytest.approx(np.degrees([one.angles[0] for one in TRUTHS[:2]]), abs=0.2)
     assert page.report["reasons"][-1]["remedy"] == UNREADABLE.text
     assert page.report["rate"] is None
