@@ -8,12 +8,14 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted_coefficients, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
-from fieldcalib.assess.findings import Status
+from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.batch import calibrate_batch, compute_errors
 from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.solver_options import LENS_FLAGS
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)  # of the synthetic frames
 MARKINGS = whole_circle_markings(FIELD)
@@ -93,6 +95,30 @@ def test_frames_that_look_the_same_from_the_other_side_are_half_as_probable():
         here, there = calibration.camera.project(X), other.project(X * (-1.0, -1.0, 1.0))
         assert np.isfinite(here).any()
         np.testing.assert_allclose(there, here, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("a1", "spacing", "noise", "lens", "is_surprise"),
+    [
+        (-0.07, 1.0, 1.0, "k1", False),
+        (-0.07, 1.0, 2.5, "k1", True),  # off their markings
+        (-0.07, 30.0, 1.0, "k1", True),  # few
+        (-0.15, 1.0, 1.0, "k1", True),  # k2 may be anything
+        (-0.15, 1.0, 1.0, "k1k2", False),
+    ],
+)
+def test_a_strong_lens_is_a_surprise_unless_many_labels_lie_on_it(a1, spacing, noise, lens, is_surprise):
+    lens_of_truth = Layout.of(SIZE).lens.to_opencv(np.array([a1, 0.0]), 700.0)
+    camera = Camera.from_angles(-0.2, 1.3, 0.0, 700.0, (1.5, 60.0, -17.0), SIZE, k=lens_of_truth)
+    rng, frame = np.random.default_rng(0), {}
+    for label, segment in MARKINGS.items():
+        xy = camera.project(segment.sample(spacing))
+        xy = xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)]
+        if len(xy) > 1:
+            frame[label] = xy + rng.normal(0.0, noise, xy.shape)
+    found = calibrate_from_segments(FIELD, frame, SIZE, flags=LENS_FLAGS[lens])
+    assert found.camera.corner_distortion[0] == pytest.approx(a1, abs=0.03)
+    assert (Finding(What.UNUSUAL, "lens") in found.findings) == is_surprise
 
 
 def test_errors():
