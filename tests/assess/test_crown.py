@@ -116,7 +116,7 @@ def crown_of(found):
     return np.sqrt(found.considered[-1, -1])
 
 
-@pytest.mark.parametrize("crown", [0.2, 0.35])
+@pytest.mark.parametrize("crown", [0.35, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_frames_of_a_clip_tell_how_high_their_pitch_is(crown):
     assert crown_of(clip(crown)) == pytest.approx(crown, rel=0.3)
 

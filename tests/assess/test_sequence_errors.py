@@ -112,7 +112,7 @@ def by_hand(problem, theta):
 
 
 @pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
-@pytest.mark.parametrize("paint", [0.0, 0.03])
+@pytest.mark.parametrize("paint", [0.03, pytest.param(0.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("pairs", [None, ((0, 1), (1, 2), (0, 2), (3, 2))], ids=["alone", "tied"])
 def test_own_errors_are_those_of_the_whole_system(pairs, paint, prior):
     labelled = range(4) if pairs is None else (0, 1, 3)

@@ -240,7 +240,7 @@ def run(*arguments):
         return error.code
 
 
-@pytest.mark.parametrize("alignment", ["wc14", "chen"])
+@pytest.mark.parametrize("alignment", ["wc14", pytest.param("chen", marks=pytest.mark.slow)])
 def test_annotations_to_homographies_and_cameras(alignment, database, file, tmp_path):
     cameras = central(5, 21)
     (tmp_path / "in").mkdir()

@@ -248,7 +248,7 @@ def test_what_localize_writes_is_calibrated(tool, images, know, tmp_path):
     assert set(cameras_in(tmp_path / "cameras")) == {"a", "b"}
 
 
-@pytest.mark.parametrize("format", ["soccernet", "labelme", "coco"])
+@pytest.mark.parametrize("format", ["soccernet", "coco", pytest.param("labelme", marks=pytest.mark.slow)])
 def test_localize_writes_the_names_that_calibrate_reads(format, images, know, tmp_path):
     names = tmp_path / "names.yaml"
     names.write_text("halfway: Middle line\nhalf: Middle line\nfar touchline: Side line top\nball:\n")

@@ -31,7 +31,9 @@ def frames(tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-@pytest.mark.parametrize("redirection", ["2>&-", ">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "redirection", ["<&- >&- 2>&-", *(pytest.param(one, marks=pytest.mark.slow) for one in ("2>&-", ">&-"))]
+)
 def test_closed_streams_are_no_fault(frames, tmp_path, redirection):
     out = tmp_path / "out"
     arguments = ("calibrate", frames, "--size", "960x540", "--out", out, "--jobs", 2)  # its processes inherit them

@@ -540,7 +540,7 @@ def test_help(capsys):
 # --- several processes ---
 
 
-@pytest.mark.parametrize("size", [None, "1280x720"])
+@pytest.mark.parametrize("size", ["1280x720", pytest.param(None, marks=pytest.mark.slow)])
 def test_the_report_is_the_same_with_any_number_of_jobs(truth, cameras, capsys, monkeypatch, size):
     monkeypatch.setattr("fieldcalib.run_folder.predictions.READ_AT_ONCE", 2)
     monkeypatch.setattr("fieldcalib.metrics.accuracy.CHUNK", 3)

@@ -40,7 +40,9 @@ def exported(folder, out, format, *options):
     return {path.name: path.read_bytes() for path in out.iterdir()}
 
 
-@pytest.mark.parametrize("format", [*EXACT, "gsr", "blender", "freed"])
+@pytest.mark.parametrize(  # of those that hold the whole camera others tell by default
+    "format", [*(pytest.param(name, marks=pytest.mark.slow) for name in EXACT), "gsr", "blender", "freed"]
+)
 def test_a_hundred_real_frames(real_folder, tmp_path, format):
     results = read(real_folder)
     expected = {id: one.camera for id, one in results.items() if one.camera is not None}

@@ -256,7 +256,7 @@ def test_a_stream_that_breaks_off_keeps_what_came(know, film, tmp_path, on_stdin
     assert f"standard input: no more frames after {count}" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("side", [0, 5000, 30_000, 65_535])
+@pytest.mark.parametrize("side", [30_000, *(pytest.param(side, marks=pytest.mark.slow) for side in (0, 5000, 65_535))])
 def test_a_damaged_frame_of_a_stream_is_left_out(know, picture, tmp_path, on_stdin, capfd, side):
     """A JPEG whose header states a size that its data cannot have, as from a camera with a bad line."""
     know([TRUTH] * 6)
@@ -292,7 +292,8 @@ def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_
         assert len(list(overlay)) == 3
 
 
-@pytest.mark.parametrize("frame", [pytest.param(0, marks=pytest.mark.slow), 3])
+@pytest.mark.slow  # the tracker alone: test_tracker
+@pytest.mark.parametrize("frame", [0, 3])
 def test_a_live_stream_goes_on_when_its_other_process_is_killed(
     know, film, tmp_path, on_stdin, monkeypatch, capfd, frame
 ):

@@ -33,7 +33,7 @@ def shards_of(folder, out, count, options=()):
     return [out / str(number) for number in range(1, count + 1)]
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 7])
+@pytest.mark.parametrize("count", [1, 3, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 7))])
 def test_shards_together_are_the_whole(folder, tmp_path, count):
     assert calibrate(tmp_path / "whole", folder) == 0
     shards = shards_of(folder, tmp_path, count)

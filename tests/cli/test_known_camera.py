@@ -48,7 +48,7 @@ def from_image(truth, flags=DEFAULT_FLAGS, **known):
 # --- images ---
 
 
-@pytest.mark.parametrize("truth", [WIDE, NARROW], ids=["wide", "narrow"])
+@pytest.mark.parametrize("truth", [WIDE, pytest.param(NARROW, marks=pytest.mark.slow)], ids=["wide", "narrow"])
 def test_what_is_known_is_kept_to_the_bit_and_helps(truth):
     free = from_image(truth)
     of_lens = from_image(truth, KNOWN_INTRINSICS_FLAGS, **intrinsics(truth))
@@ -419,7 +419,14 @@ def test_a_live_camera_whose_place_is_known():
     assert largest_error(found, cameras) < 2.0
 
 
-@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (0.0, 5.0, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
+@pytest.mark.parametrize(
+    "off",
+    [
+        (0.0, 0.0, 0.0),
+        (5.0, 0.0, 0.0),
+        *(pytest.param(off, marks=pytest.mark.slow) for off in ((0.0, 5.0, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0))),
+    ],
+)
 def test_paint_tells_a_position_that_is_wrong_by_five_metres(off):
     """What contradicts a given position is left out of the fit, and must not be forgotten."""
     given, flags = Camera(WIDE.K, WIDE.R, WIDE.C + off, SIZE, WIDE.dist), DEFAULT_FLAGS | PLACE

@@ -1,6 +1,7 @@
 """`fieldcalib undistort`: pixels of the pictures that it writes are those of the pinhole."""
 
 import json
+from functools import cache
 
 import cv2
 import numpy as np
@@ -29,14 +30,24 @@ def results(folder, cameras):
     return str(folder)
 
 
+@cache
+def _rendered(is_bent):
+    return render_field(BENT if is_bent else PINHOLE, FIELD)
+
+
+def rendered(camera):
+    """The picture of one of both cameras, rendered once."""
+    return _rendered(camera is BENT)
+
+
 def difference(picture, camera):
     """Share of the pixels that differ by more than a mark of paint does."""
-    return float(np.mean(np.abs(picture.astype(int) - render_field(camera, FIELD).astype(int)).max(axis=-1) > 60))
+    return float(np.mean(np.abs(picture.astype(int) - rendered(camera).astype(int)).max(axis=-1) > 60))
 
 
 def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
     for id in ("a", "b"):
-        cv2.imwrite(str(tmp_path / f"{id}.png"), render_field(BENT, FIELD))
+        cv2.imwrite(str(tmp_path / f"{id}.png"), rendered(BENT))
     inputs = [str(tmp_path / "a.png"), str(tmp_path / "b.png")]
     command = ["undistort", *inputs, "--cameras", results(tmp_path / "out", {"a": BENT, "b": None}), "--out"]
     assert main([*command, str(tmp_path / "flat")]) == 0
@@ -44,7 +55,7 @@ def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
     assert [path.name for path in (tmp_path / "flat").iterdir()] == ["a.png"]
     picture = cv2.imread(str(tmp_path / "flat" / "a.png"))
     inside = picture.any(axis=-1)
-    picture[~inside] = render_field(PINHOLE, FIELD)[~inside]
+    picture[~inside] = rendered(PINHOLE)[~inside]
     assert difference(picture, PINHOLE) < 0.25 * difference(picture, BENT)
     assert main([*command, str(tmp_path / "flat")]) == 2
     assert (
@@ -70,7 +81,7 @@ def test_a_fisheye_picture_becomes_that_of_the_pinhole(tmp_path):
 def test_a_video_keeps_its_frames(tmp_path, capsys):
     with VideoWriter(tmp_path / "clip.mp4", 25.0) as video:
         for _ in range(6):
-            video.write(render_field(BENT, FIELD))
+            video.write(rendered(BENT))
     cameras = {f"{n:06d}": BENT if n != 3 else None for n in range(1, 5)}
     command = ["undistort", str(tmp_path / "clip.mp4"), "--cameras", results(tmp_path / "out", cameras), "--out"]
     assert main([*command, str(tmp_path / "flat.mp4")]) == 0
@@ -87,7 +98,7 @@ def test_a_damaged_frame_of_a_video_is_left_out(tmp_path, capsys):
     path = tmp_path / "clip.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
     for _ in range(6):
-        writer.write(render_field(BENT, FIELD))
+        writer.write(rendered(BENT))
     writer.release()
     content = bytearray(path.read_bytes())
     second = [at for at in range(len(content) - 2) if content[at : at + 3] == b"\xff\xd8\xff"][1]

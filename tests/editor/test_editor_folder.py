@@ -314,7 +314,10 @@ def test_labels_in_a_format(blank, tmp_path, format):
 # --- labels that are given ---
 
 
-@pytest.mark.parametrize("format", ["soccernet", "labelme", "coco", "labelstudio", "cvat"])
+@pytest.mark.parametrize(
+    "format",
+    ["soccernet", "cvat", *(pytest.param(one, marks=pytest.mark.slow) for one in ("labelme", "coco", "labelstudio"))],
+)
 def test_given_labels(pictures, tmp_path, format):
     """Labels of a file are marks of a person; saved in their format into the folder, never over the file."""
     if format == "cvat":

@@ -449,9 +449,9 @@ for begin in (first, second):
 
 
 @pytest.mark.parametrize("way", ["kill", "full"])
-@pytest.mark.parametrize("step", [5, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("step", [9, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_save_that_is_interrupted_goes_on(pictures, tmp_path, way, step):
-    """At operations on files of a first and a second save, each or every fifth: killed, or with no room on the disk."""
+    """At operations on files of a first and a second save, each or every ninth: killed, or with no room on the disk."""
     environment = {**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])}
     command = [sys.executable, "-c", SAVING, str(pictures), str(tmp_path), way, str(step)]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)

@@ -74,7 +74,7 @@ def distance(estimated, truth):
 
 
 @any_view
-@pytest.mark.parametrize("px", [5.0, 8.0])
+@pytest.mark.parametrize("px", [8.0, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_a_moved_camera_is_brought_back(truth, px):
     start = replace(calibrated(truth), camera=moved(truth, px, seed=1))
     refined = refine_on_image(FIELD, picture(truth), start)

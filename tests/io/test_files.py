@@ -127,7 +127,13 @@ def test_a_corrupt_member_is_broken_whatever_packed_it(tmp_path, method):
     assert whole.read() == b"whole"
 
 
-@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, *METHODS.values()], ids=["stored", *METHODS])
+@pytest.mark.parametrize(
+    "method",
+    [
+        pytest.param(method, id=name, marks=pytest.mark.slow if name in ("bzip2", "lzma") else ())
+        for name, method in {"stored": zipfile.ZIP_STORED, **METHODS}.items()
+    ],
+)
 def test_files_are_read_up_to_a_size(tmp_path, method):
     bomb = bytes(30_000_000)
     with zipfile.ZipFile(tmp_path / "a.zip", "w", method) as archive:

@@ -38,7 +38,9 @@ def test_wrong_fields_are_named(tmp_path, text, problem):
     assert problem in str(error.value)
 
 
-@pytest.fixture(params=[ZIP_DEFLATED, ZIP_BZIP2, ZIP_LZMA], ids=["deflate", "bzip2", "lzma"])
+@pytest.fixture(
+    params=[ZIP_DEFLATED, ZIP_BZIP2, pytest.param(ZIP_LZMA, marks=pytest.mark.slow)], ids=["deflate", "bzip2", "lzma"]
+)
 def zipped(request, tmp_path):
     """A zip with 100 MB of zeros, and a small member."""
     path = tmp_path / "a.zip"

@@ -27,7 +27,7 @@ def test_it_is_small_and_knows_all_segments(network):
     assert network.classes == (BACKGROUND, *CLASSES)
 
 
-@pytest.mark.parametrize("seed", CLEAR)
+@pytest.mark.parametrize("seed", [CLEAR[0], *(pytest.param(seed, marks=pytest.mark.slow) for seed in CLEAR[1:])])
 def test_synthetic_frames_get_their_cameras(network, seed):
     made = frame(seed, (1280, 720))
     (calibration,) = calibrate_from_images(made.field, [made.image], network)
@@ -39,7 +39,7 @@ def test_synthetic_frames_get_their_cameras(network, seed):
     assert np.median(np.linalg.norm(found - seen, axis=1)[inside]) < 4.5
 
 
-@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 14))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, *range(2, 14)))])
 def test_no_field_no_camera(network, seed):
     (calibration,) = calibrate_from_images(soccer(), [nonsense(seed)], network)
     assert not calibration.accepted

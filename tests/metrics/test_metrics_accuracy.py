@@ -235,7 +235,10 @@ def test_equals_soccernets_evaluation_on_real_frames(real, kind):
         assert evaluation.segments[..., 1].sum() > 3 * len(records)  # it does see segments
 
 
-@pytest.mark.parametrize("kind", KINDS)
+# of the other kinds the real frames tell by default; labels of the wrong side and of nothing are in each of them
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=() if kind in ("good", "wildly off") else pytest.mark.slow) for kind in KINDS]
+)
 def test_equals_soccernets_evaluation_on_synthetic_frames(synthetic, kind):
     evaluation = assert_equals_referee(*of_kind(kind, *synthetic))
     unknown = [evaluation.labels.index(label) for label in sorted(UNKNOWN_LABELS)]
@@ -243,7 +246,13 @@ def test_equals_soccernets_evaluation_on_synthetic_frames(synthetic, kind):
     assert missed.tolist() == [2 * ((i % 3) == 2) for i in range(3 * len(KINDS))][list(KINDS).index(kind) :: len(KINDS)]
 
 
-@pytest.mark.parametrize("kind", ["good", "slightly off", "inside the field", "with a lens"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "inside the field",
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("good", "slightly off", "with a lens")),
+    ],
+)
 def test_planar_equals_soccernets_evaluation_without_goals(synthetic, kind):
     records, annotations = of_kind(kind, *synthetic)
     evaluation = assert_equals_referee(records, annotations, planar=True)
@@ -257,7 +266,8 @@ def test_planar_equals_soccernets_evaluation_without_goals_on_real_frames(real):
     assert_equals_referee(records, annotations, planar=True)
 
 
-def test_equals_what_soccernets_evaluation_reports(synthetic, tmp_path):
+@pytest.mark.parametrize(("t", "threshold"), [pytest.param(0, 5.0, marks=pytest.mark.slow), (2, 20.0)])
+def test_equals_what_soccernets_evaluation_reports(synthetic, tmp_path, t, threshold):
     """Means over the frames and the table of classes, of its own program on zips."""
     from SoccerNet.Evaluation import CameraCalibration as program
 
@@ -275,23 +285,22 @@ def test_equals_what_soccernets_evaluation_reports(synthetic, tmp_path):
         [parse_annotation(json.dumps(annotation), SIZE, unknown=True) for annotation in annotations],
         SIZE,
     )
-    for t, threshold in ((0, 5.0), (2, 20.0)):
-        with np.errstate(all="ignore"):
-            expected = program.evaluate(tmp_path / "truth.zip", tmp_path / "pred.zip", threshold, *SIZE)
-        ours = {
-            "completeness": evaluation.completeness,
-            "meanAccuracies": evaluation.accuracy[t],
-            "meanPrecision": evaluation.precision[t],
-            "meanRecall": evaluation.recall[t],
-        }
-        for label, confusion in evaluation.per_label_points(threshold).items():
-            name = "Goal left post left " if label == "Goal left post left" else label
-            ours[f"{name}Accuracy"] = confusion.accuracy
-            ours[f"{name}Precision"] = confusion.precision
-            ours[f"{name}Recall"] = confusion.recall
-        assert set(ours) == set(expected)
-        for name, value in expected.items():
-            assert ours[name] == pytest.approx(float(value), abs=1e-6, nan_ok=True), name
+    with np.errstate(all="ignore"):
+        expected = program.evaluate(tmp_path / "truth.zip", tmp_path / "pred.zip", threshold, *SIZE)
+    ours = {
+        "completeness": evaluation.completeness,
+        "meanAccuracies": evaluation.accuracy[t],
+        "meanPrecision": evaluation.precision[t],
+        "meanRecall": evaluation.recall[t],
+    }
+    for label, confusion in evaluation.per_label_points(threshold).items():
+        name = "Goal left post left " if label == "Goal left post left" else label
+        ours[f"{name}Accuracy"] = confusion.accuracy
+        ours[f"{name}Precision"] = confusion.precision
+        ours[f"{name}Recall"] = confusion.recall
+    assert set(ours) == set(expected)
+    for name, value in expected.items():
+        assert ours[name] == pytest.approx(float(value), abs=1e-6, nan_ok=True), name
     assert evaluation.completeness == 4 / 5
 
 

@@ -50,6 +50,9 @@ LAYOUTS = {
     "zoom law": Layout.of(SIZE, zoom_law=ZoomLaw(np.log(1200.0))),
     "fisheye lens": Layout.of(SIZE, FisheyeLens(RHO)),
 }
+quick_lenses = pytest.mark.parametrize(
+    "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
+)
 LAW = np.array([10.0, 10.0, 0.05, 0.1, 0.5])  # slopes of the principal point, of a1, its bend, the offset of the axes
 # p1, p2, a3 to a6, s1 to s4 of a lens that bends the corner by some percent with each
 OTHER_COEFFICIENTS = np.array([0.004, 0.004, 0.02, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005, 0.005])
@@ -196,7 +199,11 @@ def sightings(draw, lens):
 
 
 @pytest.mark.parametrize(
-    "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
+    "lens",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("Brown-Conrady lens", "no radial lens") else ())
+        for name in LAYOUTS
+    ],
 )
 @examples(6)
 @given(data=st.data())
@@ -209,7 +216,7 @@ def test_jacobian_equals_central_differences_column_by_column(lens, data):
     assert max(worst.values()) < 5e-6, worst  # less than of a column that is wrong by 1e-5, see below
 
 
-@pytest.mark.parametrize("lens", ["radial lens", "Brown-Conrady lens"])
+@pytest.mark.parametrize("lens", ["radial lens", pytest.param("Brown-Conrady lens", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("a1", [-0.38, pytest.param(-0.2, marks=pytest.mark.slow)])
 def test_closest_points_are_found_through_lenses_far_stronger_than_those_of_broadcasts(lens, a1):
     """Steps that leave out how the lens bends do not arrive, and derivatives where they end are wrong by up to 90 %."""
@@ -226,7 +233,7 @@ def test_closest_points_are_found_through_lenses_far_stronger_than_those_of_broa
     assert compared > 3
 
 
-@pytest.mark.parametrize("lens", LAYOUTS)
+@quick_lenses
 def test_jacobian_by_the_size_of_the_field(lens):
     evaluation = random_evaluation("main center", lens, 3, with_size=True)
     layout = evaluation.problem.layout
@@ -251,7 +258,7 @@ def test_cameras_of_a_field_of_another_size_see_the_segments_where_they_are_then
     assert np.max(np.abs(r - evaluation.r)) > 10.0
 
 
-@pytest.mark.parametrize("lens", LAYOUTS)
+@quick_lenses
 def test_the_checker_finds_a_wrong_jacobian(lens):
     evaluation = random_evaluation("main center", lens, 3, with_size=True)
     J = jacobian(evaluation)

@@ -48,7 +48,9 @@ def random_problem(count, loss, seed, noise=1.5, prior=True, outlier=30.0):
 
 
 @pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
-@pytest.mark.parametrize("name", ["cauchy", "soft_l1", "huber", "linear"])
+@pytest.mark.parametrize(
+    "name", ["cauchy", "linear", *(pytest.param(name, marks=pytest.mark.slow) for name in ("soft_l1", "huber"))]
+)
 def test_both_solvers_find_the_same_optimum_on_many_frames(name, prior):
     count = 30 if name == "cauchy" else 25
     outlier = 30.0 if name == "cauchy" else 3.0  # the others follow gross errors into kinks

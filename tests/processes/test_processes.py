@@ -124,7 +124,13 @@ EXECUTORS = {
 }
 
 
-@pytest.mark.parametrize("make", EXECUTORS.values(), ids=EXECUTORS)
+@pytest.mark.parametrize(
+    "make",
+    [
+        pytest.param(make, id=name, marks=pytest.mark.slow if name == "multiprocessing" else ())
+        for name, make in EXECUTORS.items()
+    ],
+)
 def test_results_are_in_order_whatever_the_executor(make):
     numbers = range(40)
     if make is None:
@@ -134,6 +140,7 @@ def test_results_are_in_order_whatever_the_executor(make):
         assert list(in_order(executor, late_square, numbers, ahead=5)) == [n * n for n in numbers]
 
 
+@pytest.mark.slow
 def test_dask():
     from distributed import Client, LocalCluster
 
@@ -222,7 +229,11 @@ def localized_here(images):
     return localize(FIELD, images, Seeing())
 
 
-@pytest.mark.parametrize("make", [partial(ThreadPoolExecutor, 2), partial(Processes, 2)], ids=["threads", "processes"])
+@pytest.mark.parametrize(
+    "make",
+    [pytest.param(partial(ThreadPoolExecutor, 2), marks=pytest.mark.slow), partial(Processes, 2)],
+    ids=["threads", "processes"],
+)
 def test_images_are_calibrated_the_same_by_any_executor(images, calibrated_here, localized_here, make):
     assert calibrated_here[0].accepted
     with make() as executor:

@@ -61,7 +61,13 @@ def test_a_property_test_that_needs_an_extra_ends_at_its_first_example(run, pyte
     assert counts == {"failed": 1}, text
 
 
-@pytest.mark.parametrize("package", ["fieldcalib.nowhere", "torch.nowhere", "pandas_of_nobody"])
+@pytest.mark.parametrize(
+    "package",
+    [
+        "torch.nowhere",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("fieldcalib.nowhere", "pandas_of_nobody")),
+    ],
+)
 def test_what_no_extra_brings_is_an_error(run, package):
     counts, text = run(broken=absent(package), test_broken=inside(absent(package)))
     assert counts == {"errors": 1}, text

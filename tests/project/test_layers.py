@@ -43,7 +43,8 @@ def imports_the_command_line(code):
 def test_nothing_imports_the_command_line(package):
     files = [path for path in (ROOT / package).rglob("*.py") if not any(map(path.is_relative_to, MAY_IMPORT_IT))]
     assert files
-    assert [path for path in files if imports_the_command_line(path.read_text("utf-8"))] == []
+    texts = {path: path.read_text("utf-8") for path in files}
+    assert [path for path, text in texts.items() if "cli" in text and imports_the_command_line(text)] == []
 
 
 @pytest.mark.parametrize(

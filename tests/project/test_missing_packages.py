@@ -12,7 +12,13 @@ from fieldcalib._extras import missing
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("program", ["data_tools.train", "data_tools.export_onnx", "baselines.jiang"])
+@pytest.mark.parametrize(
+    "program",
+    [
+        "baselines.jiang",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("data_tools.train", "data_tools.export_onnx")),
+    ],
+)
 def test_without_torch_programs_name_the_remedy(program, tmp_path):
     (tmp_path / "torch.py").write_text("raise ModuleNotFoundError(\"No module named 'torch'\", name='torch')")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(ROOT)))}

@@ -49,7 +49,9 @@ def loss_of(path):
 
 
 @pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
-@pytest.mark.parametrize(("name", "codec"), [("a.mkv", "libx264"), ("a.webm", "libvpx")])
+@pytest.mark.parametrize(
+    ("name", "codec"), [("a.mkv", "libx264"), pytest.param("a.webm", "libvpx", marks=pytest.mark.slow)]
+)
 def test_matroska_files(tmp_path, name, codec, times):
     path = written(tmp_path / name, times, codec)
     assert loss_of(path) == (60, "")

@@ -114,7 +114,9 @@ NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 @pytest.mark.parametrize(("error", "code"), [(NO_SPACE, 2), (KeyboardInterrupt(), 130), (MemoryError(), 2)])
-@pytest.mark.parametrize(("count", "torn"), [(1, 0), (2, 1), (3, 0), (3, 1)])
+@pytest.mark.parametrize(
+    ("count", "torn"), [(1, 0), (3, 1), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((2, 1), (3, 0)))]
+)
 def test_what_was_done_is_not_lost(
     annotated_folder, small_units, whole_in_small_units, tmp_path, monkeypatch, capsys, error, code, count, torn
 ):

@@ -112,8 +112,14 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
-@pytest.mark.parametrize("lines", [0, 3])
-@pytest.mark.parametrize("clip", ["--clip", "--independent"])
+@pytest.mark.parametrize(
+    ("clip", "lines"),
+    [
+        ("--clip", 0),
+        ("--independent", 3),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("--clip", 3), ("--independent", 0))),
+    ],
+)
 def test_a_finished_video_whose_lines_are_gone_is_calibrated_again(short, know, tmp_path, clip, lines):
     def calibrated(*options):
         know(TRUTHS[:12] if clip == "--independent" else [TRUTHS[0]] * 12)

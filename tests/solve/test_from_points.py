@@ -143,10 +143,12 @@ def test_points_past_the_image_are_spoken_of():
 @pytest.mark.parametrize(
     ("planar", "count", "unit"),
     [
-        *((True, 4, unit) for unit in (1e-3, 1.0, 1e3)),  # km, m, mm
-        *((False, 6, unit) for unit in (1e-3, 1.0, 1e3)),
+        (True, 4, 1e3),  # mm
+        (False, 6, 1e-3),  # km
         (True, 12, 1.0),
-        (False, 12, 1.0),
+        *(pytest.param(True, 4, unit, marks=pytest.mark.slow) for unit in (1e-3, 1.0)),
+        *(pytest.param(False, 6, unit, marks=pytest.mark.slow) for unit in (1.0, 1e3)),
+        pytest.param(False, 12, 1.0, marks=pytest.mark.slow),
     ],
 )
 @given(data=st.data())
@@ -442,7 +444,7 @@ def test_weights_that_are_none_raise(weights, message):
 # very many points
 
 
-@pytest.mark.parametrize("prior", ["all", None])
+@pytest.mark.parametrize("prior", ["all", pytest.param(None, marks=pytest.mark.slow)])
 def test_memory_grows_linearly_with_the_points(prior):
     """Comparing every point with every other one would take 400 MB for the boxes of the points alone."""
     rng = np.random.default_rng(5)

@@ -40,7 +40,7 @@ def test_a_batch_of_them_too():
     assert np.mean(np.array(errors) < 1e-6) >= 0.99, sorted(errors)[-8:]
 
 
-@pytest.mark.parametrize("loss", ["cauchy", "huber", "linear"])
+@pytest.mark.parametrize("loss", ["cauchy", "linear", pytest.param("huber", marks=pytest.mark.slow)])
 def test_one_frame_and_a_batch_agree(loss):
     """SciPy's `least_squares` and the batched solver have the same minimum, and stop there alike."""
     frames, _ = random_frames(15, seed=13, noise=1.0, stands=("main center", "main left"))

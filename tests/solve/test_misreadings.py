@@ -177,7 +177,9 @@ def test_distances_of_a_guessed_rectangle_are_checked_by_nothing(reported):
 # the same mistakes with known cameras
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(
+    "name", ["left", *(pytest.param(name, marks=pytest.mark.slow) for name in CAMERAS if name != "left")]
+)
 @pytest.mark.parametrize("signs", [Z_OVER, Y_OVER, X_OVER])
 @pytest.mark.parametrize("prior", [None, "all"])
 def test_points_of_a_field_with_an_axis_turned_over(name, signs, prior):
@@ -212,7 +214,7 @@ def test_a_template_in_other_units_is_refused_by_its_unit(signs, unit):
         calibrate_from_points(X * signs / unit, xy, SIZE)
 
 
-@pytest.mark.parametrize("of_width", [640, 1280, 1920])
+@pytest.mark.parametrize("of_width", [1920, *(pytest.param(width, marks=pytest.mark.slow) for width in (640, 1280))])
 @pytest.mark.parametrize("prior", [None, "all"])
 def test_pixels_of_another_size_of_the_picture_are_not_good(of_width, prior):
     """Where the points contradict the size; where they do not, those of a field reach too near or too far."""

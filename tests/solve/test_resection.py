@@ -52,7 +52,7 @@ def test_a_known_focal_length_decides_the_distance():
     assert relative_error(started(X, camera.project(X), camera.K, None), camera) < 1e-5
 
 
-@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("planar", [True, pytest.param(False, marks=pytest.mark.slow)])
 @given(
     data=st.data(),
     wrong=st.sets(st.integers(0, 19), min_size=6, max_size=6),

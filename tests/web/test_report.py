@@ -190,7 +190,9 @@ def test_a_report_names_the_folder_and_the_input_of_its_run(know, tmp_path):
     assert f"fieldcalib run {picture} --out NEW-FOLDER with" in reason["how"]
 
 
-@pytest.mark.parametrize("most", [90_000, 50_000, 10_000])
+@pytest.mark.parametrize(
+    "most", [50_000, pytest.param(90_000, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.slow)]
+)
 def test_the_table_keeps_to_its_bytes_and_the_worst_rows(most):
     table = ReportTable.of(many(600), soccer())
     assert table.within(1e9, []) is table

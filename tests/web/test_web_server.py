@@ -816,7 +816,7 @@ def check_random_edits(folder, picture, count, rng):
 
 
 def test_random_edits(tmp_path, picture):
-    check_random_edits(tmp_path, picture, 60, np.random.default_rng(0))
+    check_random_edits(tmp_path, picture, 40, np.random.default_rng(0))
 
 
 @pytest.mark.slow
@@ -856,7 +856,9 @@ def asked(there, host, port, token, length=2, body=b"{}"):
     return connection
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 0)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGTERM, 143), pytest.param(signal.SIGINT, 0, marks=pytest.mark.slow)]
+)
 def test_the_page_ends_whatever_its_clients_do(served, number, code):
     """A request without its body, one whose client is gone, half a header, and pictures that nobody reads."""
     run, host, port, token = served()
@@ -880,7 +882,9 @@ def test_the_page_ends_whatever_its_clients_do(served, number, code):
         one.close()
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "::1", "localhost"])
+@pytest.mark.parametrize(
+    "host", ["0.0.0.0", "::1", *(pytest.param(host, marks=pytest.mark.slow) for host in ("::", "localhost"))]
+)
 def test_where_the_page_listens(served, host):
     if ":" in host and not has_ipv6():
         pytest.skip("this machine has no IPv6")

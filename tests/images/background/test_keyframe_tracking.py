@@ -72,7 +72,7 @@ def test_keyframes_come_earlier_where_the_view_changes():
     assert starts(found) == starts(zoomed) == []
 
 
-@pytest.mark.parametrize("at", [5, 12])
+@pytest.mark.parametrize("at", [5, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_cut_begins_a_piece(one, other, at):
     found = tied([*one[:at], *other[:20]])
     assert starts(found) == [at]
@@ -80,7 +80,9 @@ def test_a_cut_begins_a_piece(one, other, at):
     assert untied(found) == []
 
 
-@pytest.mark.parametrize(("count", "every"), [(8, EVERY), pytest.param(25, EVERY, marks=pytest.mark.slow), (25, 4)])
+@pytest.mark.parametrize(
+    ("count", "every"), [(8, EVERY), *(pytest.param(25, every, marks=pytest.mark.slow) for every in (EVERY, 4))]
+)
 def test_no_tie_goes_through_a_dissolve(one, other, count, every):
     """Nor in small steps: four frames of 25 change a sixth of the picture."""
     found = tied(dissolved(one[: 10 + count], other[: 20 + count], count), every=every)

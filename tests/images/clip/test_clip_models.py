@@ -177,6 +177,7 @@ def test_a_window_that_stays_is_a_tripod():
     assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 1.0
 
 
+@pytest.mark.slow
 def test_labels_without_sense_are_no_witnesses_where_others_tell_the_camera():
     clip = without_sense(clip_of(panned(12, -0.4, 0.4)), (5, 6, 7), consistent=False)
     assert not is_contradicted(together(clip).frames.misfit, SIZE).any()

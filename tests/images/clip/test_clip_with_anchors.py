@@ -32,7 +32,7 @@ def shifted(one, off):
     return {label: xy + off for label, xy in one.labels.by_label(0).items()}
 
 
-@pytest.mark.parametrize("anchors", [(), (5,), (0, 11)])
+@pytest.mark.parametrize("anchors", [(), (0, 11), pytest.param((5,), marks=pytest.mark.slow)])
 def test_spoiled_labels_are_left_out(anchors):
     """A third of the keyframes is moved by 40 px: they contradict the others, matches and the tripod."""
     clip = clip_of(CAMERAS)
@@ -83,7 +83,7 @@ def test_a_pan_too_fast_to_follow_is_linked():
     assert [tied.ties[0][0] for tied in found[20:30]] == list(range(19, 29))
 
 
-@pytest.mark.parametrize("length", [0, 12])
+@pytest.mark.parametrize("length", [12, pytest.param(0, marks=pytest.mark.slow)])
 def test_cuts_and_dissolves_are_not_linked(length):
     images = dissolved(shot(30), shot(25, seed=1), length) if length else [*shot(30), *shot(25, seed=1)]
     before = [tied for _, tied in tied_frames(images)]

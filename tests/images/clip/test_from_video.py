@@ -162,7 +162,7 @@ def test_more_frames_are_looked_at_where_a_keyframe_tells_nothing(one_tripod):
 
 
 def test_the_network_does_not_look_on_and_on(one_tripod):
-    count = 6 * EVERY
+    count = 4 * EVERY
     looked = []
 
     class Blind(KnownCameras):

@@ -81,7 +81,7 @@ def test_the_bend_of_a_camera_is_that_of_its_lens(a, f):
     assert Bend.of(camera).a == pytest.approx(a, abs=0.015)
 
 
-@pytest.mark.parametrize("k", [-0.25, 0.5])
+@pytest.mark.parametrize("k", [-0.25, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_view_through_a_known_lens_is_found(k):
     truth = Camera.from_angles(1.62, 1.33, 0.01, 1700.0, STAND + (0.2, -0.1, 0.1), SIZE, k=(k, 0.0))
     place = Place(STAND, np.full(3, 0.4), (0.8, 3.0), Bend.of(truth).a)

@@ -44,7 +44,7 @@ def on_court(pan, f):
     return Camera.from_angles(np.radians(pan), 1.3, 0.0, f, STAND, SIZE)
 
 
-@pytest.mark.parametrize("pan", [-34.0, 20.0])
+@pytest.mark.parametrize("pan", [-34.0, pytest.param(20.0, marks=pytest.mark.slow)])
 def test_a_zone_of_a_rink_is_found_from_a_known_place(pan):
     """Circles and marks tell the view; hardly a line crosses the picture."""
     truth = view(pan, 75.0, 2300.0)
@@ -53,7 +53,7 @@ def test_a_zone_of_a_rink_is_found_from_a_known_place(pan):
     assert off(found.camera, truth, RINK) < 2.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_nothing_is_found_in_pictures_without_a_field(seed):
     assert not search_from(Task(RINK), RINK, nonsense(seed), PLACE).accepted
 

@@ -107,7 +107,7 @@ def with_wrong_labels(wrong):
     return frames
 
 
-@pytest.mark.parametrize("wrong", [2, 4, 5, 7])
+@pytest.mark.parametrize("wrong", [2, *(pytest.param(wrong, marks=pytest.mark.slow) for wrong in (4, 5, 7))])
 def test_wrong_labels_that_ties_contradict_are_voted_out(matches, wrong):
     found = calibrate_sequence(FIELD, with_wrong_labels(wrong), SIZE, matches=matches)
     assert found.accepted.all()
