@@ -50,6 +50,7 @@ from fieldcalib.solve.batch import calibrate_batch, compute_errors
 LEAST_LABELS = 3
 CORNER = 0.75  # of width and height
 UPRIGHT = 9.0 / 16.0
+STRIP = 3.0 / 32.0  # of width or height, as screenshots lack one
 SAID_SIZES = {"a third larger": 4.0 / 3.0, "a third smaller": 2.0 / 3.0}
 BASKETBALL, COURT_CORNER = "basketball-fiba", (14.0, 7.5, 0.0)
 NOISE, SPACING = 1.5, 0.5  # px, metres
@@ -221,6 +222,13 @@ def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera
         "left two thirds": (0, 0, two, height),
         "right two thirds": (width - two, 0, two, height),
         "upright": ((width - upright) // 2, 0, upright, height),
+    }
+    columns, rows = round(STRIP * width), round(STRIP * height)
+    parts |= {
+        "without a strip above": (0, rows, width, height - rows),
+        "without a strip below": (0, 0, width, height - rows),
+        "without a strip at the left": (columns, 0, width - columns, height),
+        "without a strip at the right": (0, 0, width - columns, height),
     }
     w, h = round(CORNER * width), round(CORNER * height)
     for y, upper in ((0, "upper"), (height - h, "lower")):

@@ -58,7 +58,7 @@ class Picture:
 
 
 def principal_point_of(uncertainty: Uncertainty) -> PrincipalPoint | None:
-    """The principal point of a frame as its labels determine it; None if it was not free under a prior.
+    """The principal point of a frame as its labels determine it; None if it was not free under a prior of whole frames.
 
     Examples
     --------
@@ -70,8 +70,8 @@ def principal_point_of(uncertainty: Uncertainty) -> PrincipalPoint | None:
     >>> found.log_ratio_of_part < 0.0
     True
     """
-    freed = _freed(uncertainty, FAINT)
-    if freed is None:
+    freed, frame = _freed(uncertainty, FAINT), frame_around(uncertainty.layout.image_size)
+    if freed is None or np.min(uncertainty.unit[PRINCIPAL_POINT]) > LARGEST_SPREAD * frame[0]:
         return None
     own, z, shift, covariance = freed
     return PrincipalPoint((z + shift)[own], covariance[np.ix_(own, own)])
@@ -125,15 +125,8 @@ def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array
     return own, z, inverse @ (less * z), inverse @ (A @ determined @ A - np.diag(less)) @ inverse.T
 
 
-def score(uncertainty: Uncertainty, probability: float) -> float | None:
-    """Score of a picture with the shape of a frame (`score_of_part`), for a camera of some probability of being right.
-
-    None if its principal point was not free under the prior of whole frames.
-    """
-    found = principal_point_of(uncertainty)
-    frame = frame_around(uncertainty.layout.image_size)
-    if found is None or np.min(uncertainty.unit[PRINCIPAL_POINT]) > LARGEST_SPREAD * frame[0]:
-        return None
+def score(uncertainty: Uncertainty, found: PrincipalPoint, probability: float) -> float:
+    """Score of a picture with the shape of a frame (`score_of_part`), for a camera that is right with a probability."""
     roll = float(uncertainty.theta[ROLL]), float(uncertainty.covariance[ROLL, ROLL])
     error = 1.0 if uncertainty.field is None else largest_error_of_part(uncertainty) / uncertainty.field.tolerance
     return score_of_part(probability, found.log_ratio_of_part, roll, float(np.nan_to_num(error, nan=1.0)))
@@ -157,13 +150,14 @@ def seems_part(
     declared : Declared
         Statement of the user about the picture.
     """
-    found = None if declared == Declared.FRAME else score(uncertainty, probability)
+    found = None if declared == Declared.FRAME else principal_point_of(uncertainty)
     if found is None:
         return ()
-    size, is_square = uncertainty.layout.image_size, declared == Declared.PIXELS
+    size = uncertainty.layout.image_size
     if is_whole_shape(size):
-        return (CUT,) if found + log_ratio_of_part > 0.0 else ()
-    is_square |= "log aspect" not in uncertainty.offsets or has_square_pixels(size, uncertainty.offsets["log aspect"])
-    if probability >= SURE and is_square:
+        return (CUT,) if score(uncertainty, found, probability) + log_ratio_of_part > 0.0 else ()
+    is_known = declared != Declared.NOTHING or "log aspect" not in uncertainty.offsets
+    is_square = is_known or has_square_pixels(size, uncertainty.offsets["log aspect"])
+    if is_square and probability >= SURE:
         return ()
-    return (CUT if declared == Declared.PIXELS else SHAPE,)
+    return (SHAPE if declared == Declared.NOTHING else CUT,)

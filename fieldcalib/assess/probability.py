@@ -171,6 +171,24 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
     return float(np.max(uncertainty.on(field).at_field(X).rms)) if len(X) else float("nan")
 
 
+def largest_move(camera: Camera, other: Camera, field: Field) -> float:
+    """Largest distance, metres, between the places on the field that two cameras of one picture see in a pixel.
+
+    Infinite if one of them sees no ground where the other does; NaN if no ground is in view.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> moved = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.5, -16.0), (960, 540))
+    >>> round(largest_move(camera, moved, soccer()), 6)
+    0.5
+    """
+    X = ground_in_view(camera, field)
+    off = np.linalg.norm(other.image_to_field(camera.project(X)) - X, axis=1)
+    return float(np.max(np.nan_to_num(off, nan=np.inf))) if len(X) else float("nan")
+
+
 def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
     """Points of a field that a camera sees, (n, 3): on a grid of pixels, and along the border of the field.
 

@@ -49,6 +49,10 @@ PART_SIGMA = 0.5  # standard deviation, in shares of what is missing: a part may
 ENLARGED_SHARE = 0.15  # of the width: standard deviation of the principal point in a part that was enlarged
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 
+# Share of a frame's width or height. Where more is missing, the cameras of a picture as it is and as squashed may agree
+# and be wrong: of 47 real pictures cut to two thirds 2 would be good and more than 1 m off.
+STRIP = 0.125
+
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower
 LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
@@ -93,9 +97,11 @@ LARGEST_CORNER = 1_000_000  # pixels
 
 
 class Declared(StrEnum):
-    """Statement of a user about a picture."""
+    """What is known of a picture beforehand: the statement of a user, or the outcome of a comparison."""
 
     NOTHING = "nothing"
+    COMPARED = "compared"
+    """Whether it was squashed from 16:9, from a comparison of both; or that this moves no place in view."""
     PIXELS = "pixels"
     """The aspect ratio of its pixels."""
     FRAME = "frame"
@@ -303,6 +309,17 @@ def is_whole_shape(image_size: tuple[int, int]) -> bool:
     (True, False, False)
     """
     return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
+
+
+def lacks_strip(image_size: tuple[int, int]) -> bool:
+    """Whether a picture is at most a strip of `STRIP` smaller than a frame of 16:9, as screenshots are.
+
+    Examples
+    --------
+    >>> lacks_strip((1047, 536)), lacks_strip((640, 480))
+    (True, False)
+    """
+    return bool(np.min(np.divide(image_size, frame_around(image_size))) > 1.0 - STRIP)
 
 
 def may_be_squashed(image_size: tuple[int, int]) -> bool:

@@ -11,11 +11,22 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, What
+from fieldcalib.assess.probability import largest_move
 from fieldcalib.assess.result import Calibration, found_of, in_picture, with_findings
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
-from fieldcalib.problem.picture_shape import Placement, log_evidence, may_be_squashed, other_border, squash_log_odds
+from fieldcalib.problem.picture_shape import (
+    Declared,
+    Placement,
+    lacks_strip,
+    log_evidence,
+    may_be_squashed,
+    other_border,
+    squash_log_odds,
+)
 from fieldcalib.solve.solver_options import CERTAIN
+
+MOST_MOVED = 0.5  # share of the field's tolerance: the rest is left to the errors of the camera itself
 
 
 def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
@@ -40,6 +51,9 @@ def evidence_of(calibration: Calibration) -> float:
 def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
     """The more likely of two calibrations of a picture: as it is, and stretched as if it had been squashed.
 
+    It is doubted if the other one is nearly as likely; a picture that lacks but a strip of a frame, and was rather not
+    squashed, only if the other would move a place in view by more than half the field's tolerance.
+
     Parameters
     ----------
     as_it_is, shown : Calibration
@@ -52,13 +66,21 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
     log_odds = log_ratio + squash_log_odds(image_size)
     is_sure = abs(log_odds) > CERTAIN
     only_one = not is_sure and shown.accepted != as_it_is.accepted
-    if shown.camera is not None and (shown.accepted if only_one else log_odds > 0.0):
-        found = in_picture(shown, Placement.whole(image_size).squashed, WAS_SQUASHED)
-    else:
-        found = as_it_is
+    squashed = in_picture(shown, Placement.whole(image_size).squashed, WAS_SQUASHED)
+    is_squashed = shown.camera is not None and (shown.accepted if only_one else log_odds > 0.0)
+    found = squashed if is_squashed else as_it_is
+    if lacks_strip(image_size) and not is_squashed and (is_sure or _move_little(found, squashed)):
+        return replace(found, declared=Declared.COMPARED)
     if is_sure or not found.accepted or found.has_finding(What.SHAPE):
         return found
     return with_findings(found, SHAPE)
+
+
+def _move_little(found: Calibration, other: Calibration) -> bool:
+    """Whether another camera of a picture moves no place in view by more than half the field's tolerance."""
+    if found.camera is None or other.camera is None or found.field is None:
+        return False
+    return largest_move(found.camera, other.camera, found.field) <= MOST_MOVED * found.field.tolerance
 
 
 def with_likely_aspect(

@@ -88,7 +88,8 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
     scores = [score_of_part(0.9, 0.0, (0.0, 0.0), error) for error in (0.01, 0.05, 0.5, 2.0, 9.0)]
     assert scores[0] == scores[1] < scores[2] < scores[3] == scores[4]
     uncertainty = calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty
-    assert score(uncertainty, 0.5) > score(uncertainty, 0.9)
+    point = principal_point_of(uncertainty)
+    assert score(uncertainty, point, 0.5) > score(uncertainty, point, 0.9)
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():
@@ -342,6 +343,18 @@ def test_of_two_ways_the_likelier_one_counts_and_doubt_is_said():
     assert likelier(found, found, -5.0, (640, 640)) is found
     assert likelier(found, found, 1.0, (640, 640)).verdict is Verdict.CHECK
     assert likelier(found, found, -1.0, (640, 640)).verdict is Verdict.CHECK
+
+
+@pytest.mark.parametrize(("size", "is_strip"), [((880, 540), True), ((720, 540), False)])
+def test_a_strip_that_moves_no_place_in_view_is_not_asked_for(size, is_strip):
+    found = calibrate_from_segments(KNOWN, frame_of(), SIZE)
+    moved = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (3.0, 62.0, -15.0), SIZE)
+    same, other = (  # as in a picture whose pixels are not square
+        in_picture(one, Placement(size, SIZE)) for one in (found, calibrate_from_segments(KNOWN, frame_of(moved), SIZE))
+    )
+    assert (SHAPE in likelier(same, found, -1.0, size).findings) is not is_strip
+    assert SHAPE in likelier(other, found, -1.0, size).findings
+    assert SHAPE in likelier(same, found, 1.0, size).findings  # it is rather squashed
 
 
 def bordered(image, border, noise=0):

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.cropping_evidence import score
+from fieldcalib.assess.cropping_evidence import principal_point_of, score
 from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Verdict
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.fields.field import Field
@@ -118,10 +118,10 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
     if not (calibration.has_probability and is_whole_shape(camera.image_size)):
         return False
     uncertainty = solved.on(calibration.field)
-    found = score(uncertainty, calibration.probability(size_known=True))
+    found = principal_point_of(uncertainty)
     if found is None or uncertainty.layout.image_size != camera.image_size:
         return False
-    missing = LEAST_SCORE - found
+    missing = LEAST_SCORE - score(uncertainty, found, calibration.probability(size_known=True))
     return missing < SCORE_OF_SOFTNESS * LARGEST_SOFTNESS and SCORE_OF_SOFTNESS * softness(image) > missing
 
 
