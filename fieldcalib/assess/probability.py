@@ -62,7 +62,7 @@ NAMES = {  # of parameters that may be unusual: as what they are told
     **dict.fromkeys(("cx", "cy"), "principal point"),
     **dict.fromkeys(("a1", "b2"), "lens"),
 }
-EVIDENT = ("a1", "b2")  # what may be far out in its prior, if the labels determine it
+EVIDENT = ("a1", "b2", "x", "y", "z", "pan", "tilt", "roll")  # may be far out in their prior, if labels determine them
 
 GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field
@@ -80,7 +80,7 @@ size of the field, and the probabilities (K,) of these."""
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Find what is unusual about an estimate; nothing for an ordinary camera.
 
-    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings.
+    A lens or a place far out in its prior is no surprise where the labels determine it, and lie on their markings.
 
     Examples
     --------
