@@ -1,6 +1,7 @@
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
 from .field import Field as Field
+from .ground import Ground as Ground
 from .ground_homography import FieldHomography as FieldHomography
 from .ground_homography import field_homography as field_homography
 from .segments import Arc as Arc

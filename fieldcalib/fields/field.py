@@ -25,6 +25,7 @@ import numpy as np
 from fieldcalib._checks import CAMERA, ReadOnlyDict, expect, is_number, listed, number, one_of, truth
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._types import Array
+from fieldcalib.fields.ground import LEVEL, Ground, Terrain
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
@@ -113,6 +114,9 @@ class Field(Mapping[str, Segment]):
         Whether length and width are exact. By default they are not: no field is built to the centimetre.
     probability : ProbabilityModel, optional
         Gives the probability that a camera is right; None where it was not fitted to such fields.
+    ground : Ground, optional
+        The ground, if it is known. None where it is not: it is taken to be level, and an estimate from frames, or the
+        uncertainty that `size_model` states, replaces what is not known.
     repeats : float, optional
         Metres along x after which markings look alike, as yard lines do: 4.572 on a field of American football.
 
@@ -155,6 +159,7 @@ class Field(Mapping[str, Segment]):
     size_known: bool = field(default=False, repr=False)
     probability: ProbabilityModel | None = field(default=None, repr=False)
     repeats: float | None = field(default=None, repr=False)
+    ground: Ground | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -176,6 +181,8 @@ class Field(Mapping[str, Segment]):
                 raise ValueError(f"a Field needs a positive {name} in metres, got {value}")
             if name in ("length", "width") and not math.isfinite(value):
                 raise ValueError(f"a Field needs a finite {name} in metres, got {value}")
+        if self.ground is not None:
+            expect(self.ground, Ground, "fieldcalib.fields.Ground(crown=0.3)").on(self.length, self.width)
         names = [stand.name for stand in (*self.stands, *self.more_stands)]
         if len(set(names)) < len(names):
             raise ValueError(f"the stands of a Field need different names, got {names}")
@@ -203,7 +210,7 @@ class Field(Mapping[str, Segment]):
     def __reduce__(self) -> tuple[Callable[..., Field], tuple[Any, ...]]:
         if self.is_built:
             assert self.size_model is not None
-            return built, (self.size_model.build, self.length, self.width, self.size_known)
+            return built, (self.size_model.build, self.length, self.width, self.size_known, self.ground)
         return Field, tuple(getattr(self, one.name) for one in fields(self))
 
     def __hash__(self) -> int:
@@ -261,7 +268,7 @@ class Field(Mapping[str, Segment]):
         if self.size_model is None:
             return False
         try:
-            return self == built(self.size_model.build, self.length, self.width, self.size_known)
+            return self == built(self.size_model.build, self.length, self.width, self.size_known, self.ground)
         except ValueError:  # it cannot build this size
             return False
 
@@ -271,6 +278,22 @@ class Field(Mapping[str, Segment]):
         if self.size_model is None:
             return False
         return self.is_built or dict(self) == dict(self.size_model.build(self.length, self.width))
+
+    @cached_property
+    def terrain(self) -> Terrain:
+        """The ground as a surface, level where it is not known; its method `raised` puts points on it.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> from fieldcalib.fields import Ground
+        >>> field = soccer().with_ground(Ground(crown=0.3))
+        >>> field.terrain.raised(field["Middle line"].sample(34.0))
+        array([[  0. , -34. ,   0. ],
+               [  0. ,   0. ,  -0.3],
+               [  0. ,  34. ,   0. ]])
+        """
+        return (self.ground or LEVEL).on(self.length, self.width)
 
     @cached_property
     def boxes(self) -> tuple[Array, Array]:
@@ -440,6 +463,22 @@ class Field(Mapping[str, Segment]):
             raise ValueError(f"the field has a segment {taken[0]!r} already: give yours another name")
         return replace(self, segments={**self.segments, **names})
 
+    def with_ground(self, ground: Ground | None) -> Field:
+        """The field on a ground that is known; None for one that is not.
+
+        Raises
+        ------
+        ValueError
+            If the ground is steeper than that of any field.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> soccer().with_ground(Ground(crown=0.3)).ground
+        Ground(crown=0.3, fall=0.0)
+        """
+        return replace(self, ground=ground)
+
     def resized(self, length: float, width: float) -> Field:
         """The field in another size.
 
@@ -456,7 +495,8 @@ class Field(Mapping[str, Segment]):
         """
         if self.size_model is None or not self.moves_with_size:
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-        return built(self.size_model.build, number(length, "length"), number(width, "width"), self.size_known)
+        size = number(length, "length"), number(width, "width")
+        return built(self.size_model.build, *size, self.size_known, self.ground)
 
     @cached_property
     def motion(self) -> Array:
@@ -490,9 +530,15 @@ class Field(Mapping[str, Segment]):
 
 
 @lru_cache(maxsize=64)
-def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
+def built(
+    build: Callable[[float, float], Field],
+    length: float,
+    width: float,
+    size_known: bool,
+    ground: Ground | None = None,
+) -> Field:
     """The field of a size, cached: fields are immutable."""
-    return replace(build(length, width), size_known=size_known)
+    return replace(build(length, width), size_known=size_known, ground=ground)
 
 
 def tolerance_of(field: Field | None) -> float:

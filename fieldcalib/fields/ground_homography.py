@@ -1,4 +1,4 @@
-"""Homographies from pixels to metres on the ground, and what the lens of the camera leaves of each."""
+"""Homographies from pixels to metres on the ground, and what lens and ground leave of each."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ SAMPLES = 33  # along each axis of the picture, and of the field
 class FieldHomography:
     """Homographies (3, 3) from pixels (x, y, 1) of a picture to ground points (x, y, 1) in metres.
 
-    With a lens, no homography maps the pixels of the picture exactly: `from_raw` is the one nearest to the camera, in
-    pixels, over the part of the field in view.
+    With a lens, or on ground that is not level, no homography maps the pixels of the picture exactly: `from_raw` is
+    the one nearest to the camera, in pixels, over the part of the field in view.
 
     Examples
     --------
@@ -34,7 +34,8 @@ class FieldHomography:
     """
 
     from_undistorted: Array
-    """Of pixels without the distortion of the lens (as ``cv2.undistort`` makes pictures): exact."""
+    """Of pixels without the distortion of the lens (as ``cv2.undistort`` makes pictures): exact on level ground, else
+    the nearest one too."""
     from_raw: Array
     """Of the pixels of the picture as it is; NaN if less than four points of the field are in view."""
     rms_px: float
@@ -49,7 +50,7 @@ class FieldHomography:
         """Both matrices and what the lens leaves, for notebooks."""
         raw, exact = ([[f"{value:.6g}" for value in row] for row in H] for H in (self.from_raw, self.from_undistorted))
         left = {
-            "left by the lens, rms": f"{self.rms_px:.2f} px, {self.rms_m:.3f} m",
+            "left by lens and ground, rms": f"{self.rms_px:.2f} px, {self.rms_m:.3f} m",
             "largest": f"{self.largest_px:.2f} px, {self.largest_m:.3f} m",
         }
         names = (("from raw pixels", raw), ("from undistorted pixels", exact))
@@ -57,7 +58,7 @@ class FieldHomography:
 
 
 def field_homography(camera: Camera, field: Field) -> FieldHomography:
-    """The homographies of a camera, and what its lens leaves over the part of the field in view.
+    """The homographies of a camera, and what lens and ground leave over the part of the field in view.
 
     Raises
     ------
@@ -65,15 +66,16 @@ def field_homography(camera: Camera, field: Field) -> FieldHomography:
         If one of the two is something else.
     """
     xy, X = _in_view(expect(camera, Camera, CAMERA), expect(field, Field, FIELD))
-    exact = np.asarray(np.linalg.inv(camera.pinhole_homography))
-    exact = exact / exact[2, 2]
-    if camera.is_pinhole:
+    exact = _inverse(camera.pinhole_homography)
+    if field.terrain.is_level and not np.any(camera.dist):
         return FieldHomography(exact, exact, 0.0, 0.0, 0.0, 0.0)
+    if not field.terrain.is_level:
+        straight = _fitted(X, dehomogenize(homogenize(camera.normalized(xy)) @ camera.K.T))
+        exact = exact if straight is None else _inverse(straight)
     fitted = _fitted(X, xy)
     if fitted is None:
         return FieldHomography(exact, np.full((3, 3), np.nan), *4 * [float("nan")])
-    raw = np.asarray(np.linalg.inv(fitted))
-    raw = raw / raw[2, 2]
+    raw = _inverse(fitted)
     pixels = np.linalg.norm(dehomogenize(homogenize(X) @ fitted.T) - xy, axis=-1)
     metres = np.linalg.norm(dehomogenize(homogenize(xy) @ raw.T) - X, axis=-1)
     return FieldHomography(exact, raw, _rms(pixels), float(pixels.max()), _rms(metres), float(metres.max()))
@@ -83,7 +85,7 @@ def _in_view(camera: Camera, field: Field) -> tuple[Array, Array]:
     """Pixels (N, 2) of the picture that show the field, on a grid, and their ground points (N, 2)."""
     axes = (np.linspace(0.0, size - 1.0, SAMPLES) for size in camera.image_size)
     xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-    X = camera.image_to_field(xy)[:, :2]
+    X = camera.image_to_field(xy, terrain=field.terrain)[:, :2]
     shows = np.all(np.abs(X) <= (field.length / 2.0, field.width / 2.0), axis=-1)  # false for NaN
     return xy[shows], X[shows]
 
@@ -96,6 +98,12 @@ def _fitted(X: Array, xy: Array) -> Array | None:
         return None
     found, _ = cv2.findHomography(X, xy, 0)
     return None if found is None else np.asarray(found, dtype=float)
+
+
+def _inverse(H: Array) -> Array:
+    """The inverse of a homography, scaled so that its last entry is 1."""
+    inverse = np.asarray(np.linalg.inv(H))
+    return np.asarray(inverse / inverse[2, 2])
 
 
 def _rms(distances: Array) -> float:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import KINDS, Segment
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
@@ -72,7 +73,9 @@ def whole_record(field: Field) -> dict[str, Any]:
 
 
 def _size_of(field: Field) -> dict[str, Any]:
-    return {"length": float(field.length), "width": float(field.width), "size_known": field.size_known}
+    """Size of a field, and its ground if that is known."""
+    size = {"length": float(field.length), "width": float(field.width), "size_known": field.size_known}
+    return size if field.ground is None else {**size, "ground": asdict(field.ground)}
 
 
 def _builder_of(field: Field) -> dict[str, Any] | None:
@@ -106,9 +109,10 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     """
     if isinstance(record, Mapping) and "builder" in record:
         build = _builder(record["builder"], record)
-        _check_keys(record, ("builder", "length", "width"), ("size_known", *_parameters(build)))
+        _check_keys(record, ("builder", "length", "width"), ("size_known", "ground", *_parameters(build)))
         size = (_named("length", _number, record["length"]), _named("width", _number, record["width"]))
-        return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)))
+        ground = _named("ground", OPTIONAL["ground"], record.get("ground"))
+        return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)), ground)
     _check_keys(record, ("length", "width", "segments"), OPTIONAL)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", partial(_by_label, _segment), record["segments"])
@@ -234,4 +238,5 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "size_known": _boolean,
     "probability": partial(_or_none, _probability),
     "repeats": partial(_or_none, _number),
+    "ground": partial(_or_none, partial(_from_attributes, Ground)),
 }

@@ -10,7 +10,7 @@ import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from reprlib import repr as short
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,17 @@ FULL_TURN = 2.0 * np.pi
 PIXELS_PER_AXIS = 17  # of the grid on which the lens is compared with a pinhole
 CAMERA_TITLES = ("focal length", "pan, tilt, roll", "position")
 NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
+
+
+class RaySurface(Protocol):
+    """A surface that rays meet: see `fieldcalib.fields.ground.Terrain`."""
+
+    @property
+    def is_level(self) -> bool:
+        """Whether it is the plane z = 0."""
+
+    def met_by_rays(self, C: Array, direction: Array, above: float = 0.0) -> Array:
+        """Points (..., 3) that rays from C along directions (..., 3) meet `above` metres over it; NaN for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +373,7 @@ class Camera:
         s = self.lens.undistort(_components(self.focal_length * x), self.lens_coefficients)
         return _vectors_last(s) / self.focal_length
 
-    def image_to_field(self, xy: ArrayLike, *, z: float = 0.0) -> Array:
+    def image_to_field(self, xy: ArrayLike, *, z: float = 0.0, terrain: RaySurface | None = None) -> Array:
         """World points of pixels on the horizontal plane at height `z` (metres, down), distortion removed.
 
         Parameters
@@ -371,6 +382,8 @@ class Camera:
             Pixels.
         z : float
             Height of the plane: 0 is the ground, -2.44 the crossbar.
+        terrain : Terrain, optional
+            The ground of a field that is not level (`Field.terrain`): points are then at height `z` above it.
 
         Returns
         -------
@@ -380,6 +393,10 @@ class Camera:
         """
         with np.errstate(all="ignore"):  # pixels may be infinite, and absurd cameras overflow
             ray = homogenize(self.normalized(xy)) @ self.R
+            if not (terrain is None or hasattr(terrain, "met_by_rays")):
+                raise ValueError(f"expected terrain as that of a field, soccer().terrain, got {short(terrain)}")
+            if terrain is not None and not terrain.is_level:
+                return terrain.met_by_rays(self.C, ray, above=-number(z, "z"))
             scale = (number(z, "z") - self.C[2]) / ray[..., 2]
             X = self.C + scale[..., None] * ray
         X[..., 2] = z

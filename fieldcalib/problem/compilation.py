@@ -1,7 +1,8 @@
 """Dispatch between compiled code, where Numba is installed, and NumPy.
 
 Compiled code solves independent frames of lines, arcs and points under a radial lens or none, on fields whose size is
-known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and other lenses.
+known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and other lenses,
+and an unknown size of a field that is not level.
 If both can solve a frame, their results differ by rounding only.
 """
 
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.geometry.lens import Pinhole, RadialLens
 from fieldcalib.problem.layout import Layout
@@ -44,21 +46,24 @@ def compiled_module() -> ModuleType | None:
     return module
 
 
-def kernels(layout: Layout, observations: Observations) -> ModuleType | None:
-    """The compiled functions; None if they do not support the lens or the kinds of rows."""
+def kernels(layout: Layout, observations: Observations, terrain: Terrain | None = None) -> ModuleType | None:
+    """The compiled functions; None if they do not support the lens, the kinds of rows or the ground."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
+    plain = plain and not (terrain is not None and _is_sized(layout))
     supported = plain and all(rows.compiled for rows in observations.rows if rows)
     return compiled_module() if supported else None
 
 
-def compiled_closest_points(theta: Array, layout: Layout, observations: Observations) -> ClosestPoints | None:
+def compiled_closest_points(
+    theta: Array, layout: Layout, observations: Observations, terrain: Terrain | None
+) -> ClosestPoints | None:
     """`Observations.closest_points` of cameras theta (B, n); None if it is not compiled."""
-    module = kernels(layout, observations)
+    module = kernels(layout, observations, terrain)
     if module is None:
         return None
     shape = observations.label.shape
     found = ClosestPoints(np.zeros(shape), np.zeros((2, *shape)), np.ones(shape), np.ones((2, *shape)))
-    frames = packed_frames(module, layout, observations)
+    frames = packed_frames(module, layout, observations, terrain)
     module.closest_points(frames, unknowns(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
     return found
 
@@ -73,7 +78,9 @@ def unknowns(layout: Layout, theta: Array) -> Array:
     return theta[:, : last.stop].copy()
 
 
-def packed_frames(module: ModuleType, layout: Layout, observations: Observations, noise: float = 1.0) -> Any:
+def packed_frames(
+    module: ModuleType, layout: Layout, observations: Observations, terrain: Terrain | None, noise: float = 1.0
+) -> Any:
     """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
     kinds = [(getattr(module, name), k) for k, rows in enumerate(observations.rows) for name in rows.compiled]
     rows = [observations.rows[k] for _, k in kinds]
@@ -90,6 +97,17 @@ def packed_frames(module: ModuleType, layout: Layout, observations: Observations
         tuple(np.ascontiguousarray(one.geometry) for one in rows),
         motion,
         given,
+        _raised(terrain, len(observations)),
         layout.lens.rho,
         module.Limits(),
     )
+
+
+def _raised(terrain: Terrain | None, count: int) -> Array:
+    """The ground of B frames as `fieldcalib.problem.compiled.Raised`, (B, 4)."""
+    ground = np.zeros((count, 4))
+    if terrain is not None:
+        values = terrain.crown, terrain.fall, 2.0 / terrain.length, 2.0 / terrain.width
+        for column, value in enumerate(values):
+            ground[:, column] = np.ravel(value)
+    return ground

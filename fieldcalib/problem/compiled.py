@@ -13,7 +13,9 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.ground import RIDGE
 from fieldcalib.fields.segments import closest as by_numpy
+from fieldcalib.fields.segments.line import FARTHEST, LARGEST_SHARE
 from fieldcalib.fields.segments.segment import Vector
 from fieldcalib.geometry.lens.model import FOLD, UNDISTORTING_STEPS
 from fieldcalib.problem.compile_cache import cached
@@ -40,6 +42,9 @@ class Limits(NamedTuple):
     curve_steps: int = by_numpy.CURVE_STEPS
     curve_step: float = by_numpy.CURVE_STEP
     largest_curve_step: float = by_numpy.LARGEST_TURN
+    largest_share: float = LARGEST_SHARE
+    farthest: float = FARTHEST
+    ridge: float = RIDGE
     least_bend: float = by_numpy.LEAST_BEND
     least_length: float = by_numpy.LEAST_LENGTH
     least_depth: float = by_numpy.LEAST_DEPTH
@@ -67,6 +72,16 @@ class CameraView(NamedTuple):
     cos_roll: float
     sin_roll: float
     limits: Limits
+
+
+class Raised(NamedTuple):
+    """The ground of a frame, `fieldcalib.fields.ground.Terrain`."""
+
+    crown: float
+    fall: float
+    per_length: float
+    """``2 / L``."""
+    per_width: float
 
 
 class Foot(NamedTuple):
@@ -224,6 +239,15 @@ def on_line(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: 
 
 
 @inlined
+def _first_angle(A: Vector, U: Vector, V: Vector, px: float, py: float, limits: Limits) -> tuple[float, float]:
+    """Cosine and sine of the angle at which the ray of an ideal offset meets a circle's plane."""
+    VAx, VAy, VAz = V[1] * A[2] - V[2] * A[1], V[2] * A[0] - V[0] * A[2], V[0] * A[1] - V[1] * A[0]
+    AUx, AUy, AUz = A[1] * U[2] - A[2] * U[1], A[2] * U[0] - A[0] * U[2], A[0] * U[1] - A[1] * U[0]
+    side = -1.0 if U[0] * VAx + U[1] * VAy + U[2] * VAz < 0.0 else 1.0
+    return _unit(side * (VAx * px + VAy * py + VAz), side * (AUx * px + AUy * py + AUz), limits)
+
+
+@inlined
 def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on a whole circle."""
     limits = view.limits
@@ -232,11 +256,7 @@ def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: i
     vx, vy, vz = _direction(view, geometry[b, i, 2, 0], geometry[b, i, 2, 1], geometry[b, i, 2, 2])
     dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
     px, py = _nearly_ideal(view, dx, dy)
-    # V x A and A x U
-    VAx, VAy, VAz = vy * az - vz * ay, vz * ax - vx * az, vx * ay - vy * ax
-    AUx, AUy, AUz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
-    side = -1.0 if ux * VAx + uy * VAy + uz * VAz < 0.0 else 1.0
-    c, s = _unit(side * (VAx * px + VAy * py + VAz), side * (AUx * px + AUy * py + AUz), limits)
+    c, s = _first_angle((ax, ay, az), (ux, uy, uz), (vx, vy, vz), px, py, limits)
     sx = sy = dsx = dsy = ddsx = ddsy = inverse_depth = dz = ddz = step = Tx = Ty = dTx = dTy = 0.0
     for _ in range(limits.curve_steps):
         rx, ry, rz = c * ux + s * vx, c * uy + s * vy, c * uz + s * vz
@@ -268,12 +288,129 @@ def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: i
 
 
 @inlined
+def _profile(v: float, ridge: float) -> Vector:
+    """A section across the ground, with its derivatives, see `fieldcalib.fields.ground.Profile`."""
+    r, n = math.sqrt(v * v + ridge * ridge), math.sqrt(1.0 + ridge * ridge) - ridge
+    inside = 1.0 if abs(v) < 1.0 else 0.0
+    return inside * (1.0 - (r - ridge) / n), -inside * v / (r * n), -inside * ridge * ridge / (r * r * r * n)
+
+
+@inlined
+def _lift(ground: Raised, ridge: float, x: float, y: float, dx: float, dy: float, ddx: float, ddy: float) -> Vector:
+    """The lift of a curve by the ground, with its first and second derivative, see `Terrain.lift`."""
+    u, du, ddu = ground.per_length * x, ground.per_length * dx, ground.per_length * ddx
+    v, dv, ddv = ground.per_width * y, ground.per_width * dy, ground.per_width * ddy
+    along, d_along, dd_along = _profile(u, ridge)
+    across, d_across, dd_across = _profile(v, ridge)
+    return (
+        -ground.fall * along - ground.crown * across,
+        -ground.fall * d_along * du - ground.crown * d_across * dv,
+        -ground.fall * (dd_along * du * du + d_along * ddu) - ground.crown * (dd_across * dv * dv + d_across * ddv),
+    )
+
+
+@inlined
+def _first_share(view: CameraView, A: Vector, D: Vector, flat: Foot, farthest: float) -> float:
+    """Share of the way from A by D of the closest point on a line that is not raised."""
+    lx, ly = A[1] * D[2] - A[2] * D[1], A[2] * D[0] - A[0] * D[2]
+    nx, ny = _unit(lx, ly, view.limits)
+    along = nx * flat.sy - ny * flat.sx
+    denominator = along * D[2] - nx * D[1] + ny * D[0]
+    share = (nx * A[1] - ny * A[0] - along * A[2]) / (view.limits.least_length if denominator == 0.0 else denominator)
+    return min(max(share, -farthest), farthest)
+
+
+@compiled
+def on_raised(
+    kind: int, view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int
+) -> Foot:
+    """The closest point on a line or a circle that follows the ground, by Newton's method along it.
+
+    A line is ``A + c U`` with c the share of its length and V = 0; a circle is ``A + c U + s V``.
+    """
+    limits, is_line = view.limits, kind == LINES
+    A, (gx, gy) = _point(view, C, geometry, b, i), (geometry[b, i, 0, 0], geometry[b, i, 0, 1])
+    ux, uy = geometry[b, i, 1, 0], geometry[b, i, 1, 1]
+    U = _direction(view, ux, uy, geometry[b, i, 1, 2])
+    dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
+    Z = (view.scaled_R[0][2], view.scaled_R[1][2], view.scaled_R[2][2])
+    vx = vy = s = 0.0
+    if is_line:
+        V = (0.0, 0.0, 0.0)
+        c = _first_share(view, A, U, on_line(view, C, xy, geometry, b, i), limits.farthest)
+    else:
+        vx, vy = geometry[b, i, 2, 0], geometry[b, i, 2, 1]
+        V = _direction(view, vx, vy, geometry[b, i, 2, 2])
+        px, py = _nearly_ideal(view, dx, dy)
+        z, dz, ddz = _lift(ground, limits.ridge, gx, gy, 0.0, 0.0, 0.0, 0.0)
+        c, s = _first_angle((A[0] + z * Z[0], A[1] + z * Z[1], A[2] + z * Z[2]), U, V, px, py, limits)
+    sx = sy = dsx = dsy = ddsx = ddsy = inverse_depth = step = Tx = Ty = dTx = dTy = 0.0
+    T = N = (0.0, 0.0, 0.0)
+    for _ in range(limits.curve_steps):
+        # first and second derivatives by the share, or by the angle: (c, s)' = (-s, c)
+        if is_line:
+            z, dz, ddz = _lift(ground, limits.ridge, gx + c * ux, gy + c * uy, ux, uy, 0.0, 0.0)
+            T, N = U, (0.0, 0.0, 0.0)
+        else:
+            rx, ry = c * ux + s * vx, c * uy + s * vy
+            z, dz, ddz = _lift(ground, limits.ridge, gx + rx, gy + ry, c * vx - s * ux, c * vy - s * uy, -rx, -ry)
+            T = (c * V[0] - s * U[0], c * V[1] - s * U[1], c * V[2] - s * U[2])
+            N = (-c * U[0] - s * V[0], -c * U[1] - s * V[1], -c * U[2] - s * V[2])
+        P = (
+            A[0] + c * U[0] + s * V[0] + z * Z[0],
+            A[1] + c * U[1] + s * V[1] + z * Z[1],
+            A[2] + c * U[2] + s * V[2] + z * Z[2],
+        )
+        T = (T[0] + dz * Z[0], T[1] + dz * Z[1], T[2] + dz * Z[2])
+        N = (N[0] + ddz * Z[0], N[1] + ddz * Z[1], N[2] + ddz * Z[2])
+        inverse_depth = 1.0 / (limits.least_depth if abs(P[2]) < limits.least_depth else P[2])
+        sx, sy = P[0] * inverse_depth, P[1] * inverse_depth
+        dsx, dsy = (T[0] - sx * T[2]) * inverse_depth, (T[1] - sy * T[2]) * inverse_depth
+        ddsx = (N[0] - sx * N[2] - 2.0 * dsx * T[2]) * inverse_depth
+        ddsy = (N[1] - sy * N[2] - 2.0 * dsy * T[2]) * inverse_depth
+        gain, slope = _gain(view, sx, sy)
+        Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
+        dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
+        if not view.is_pinhole:
+            bend_x, bend_y = _bend(view, slope, sx, sy, dsx, dsy)
+            dTx, dTy = dTx + bend_x, dTy + bend_y
+        ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
+        largest = limits.largest_share if is_line else limits.largest_curve_step
+        step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, largest, limits)
+        if abs(step) < limits.curve_step:
+            break
+        if is_line:
+            c = c + step
+        else:
+            c, s = _unit(c - step * s, s + step * c, limits)
+    if not abs(step) < limits.curve_step:
+        step = 0.0
+    nx, ny = _unit(Ty + step * dTy, -Tx - step * dTx, limits)
+    if is_line:
+        nx, ny = -nx, -ny
+    sx, sy = sx + step * (dsx + 0.5 * step * ddsx), sy + step * (dsy + 0.5 * step * ddsy)
+    gain, _ = _gain(view, sx, sy)
+    r = nx * (dx - gain * sx) + ny * (dy - view.aspect * gain * sy)
+    return Foot(r, sx, sy, inverse_depth / (1.0 + step * (T[2] + 0.5 * step * N[2]) * inverse_depth), nx, ny)
+
+
+@inlined
 def at_point(
-    view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]
+    view: CameraView,
+    C: Vector,
+    ground: Raised,
+    xy: Array,
+    geometry: Array,
+    b: int,
+    i: int,
+    normal: tuple[float, float],
 ) -> Foot:
     """The residual of a world point along a direction of the image."""
     nx, ny = normal
-    hx, hy, hz = _point(view, C, geometry, b, i)
+    x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
+    if ground.crown != 0.0 or ground.fall != 0.0:
+        z = z + _lift(ground, view.limits.ridge, x, y, 0.0, 0.0, 0.0, 0.0)[0]
+    hx, hy, hz = _direction(view, x - C[0], y - C[1], z - C[2])
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
     gain, _ = _gain(view, sx, sy)
@@ -282,17 +419,19 @@ def at_point(
 
 
 @inlined
-def foot_of(kind: int, view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def foot_of(kind: int, view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point of a residual of a kind."""
+    if kind in (LINES, ARCS) and (ground.crown != 0.0 or ground.fall != 0.0):
+        return on_raised(kind, view, C, ground, xy, geometry, b, i)
     if kind == LINES:
         return on_line(view, C, xy, geometry, b, i)
     if kind == ARCS:
         return on_arc(view, C, xy, geometry, b, i)
     if kind == ALONG_X:
-        return at_point(view, C, xy, geometry, b, i, (1.0, 0.0))
+        return at_point(view, C, ground, xy, geometry, b, i, (1.0, 0.0))
     if kind == ALONG_Y:
-        return at_point(view, C, xy, geometry, b, i, (0.0, 1.0))
-    return at_point(view, C, xy, geometry, b, i, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
+        return at_point(view, C, ground, xy, geometry, b, i, (0.0, 1.0))
+    return at_point(view, C, ground, xy, geometry, b, i, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
 
 
 @inlined
@@ -359,6 +498,8 @@ class Frames(NamedTuple):
     """Derivatives of the segments by the size of the field, (B, N, 3, S)."""
     given: Array
     """Size (S,) of the field for which they are packed; (0,) where the size is not estimated."""
+    ground: Array
+    """`Raised` of each frame, (B, 4)."""
     rho: float
     limits: Limits
 
@@ -403,6 +544,12 @@ class Criteria(NamedTuple):
     largest_damping: float = LARGEST_DAMPING
 
 
+@inlined
+def ground_of(frames: Frames, b: int) -> Raised:
+    """The ground of a frame."""
+    return Raised(frames.ground[b, 0], frames.ground[b, 1], frames.ground[b, 2], frames.ground[b, 3])
+
+
 @compiled
 def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
     """Write the closest points of all residuals (B, M), kind after kind, into four arrays; padding is not written."""
@@ -410,13 +557,14 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
     for b in range(len(theta)):
         view = view_of(theta[b, :camera], frames.rho, frames.limits)
         change = theta[b, camera:] - frames.given
+        ground = ground_of(frames, b)
         m = 0
         for k in range(len(frames.kinds)):
             kind, label, xy, geometry = frames.kinds[k], frames.label[k], frames.xy[k], frames.geometry[k]
             for i in range(label.shape[1]):
                 if label[b, i] >= 0:
                     C = centre_of(theta[b], frames.motion[k], b, i, change)
-                    foot = foot_of(kind, view, C, xy, geometry, b, i)
+                    foot = foot_of(kind, view, C, ground, xy, geometry, b, i)
                     r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
@@ -438,6 +586,7 @@ def normal_equations(
     cost, camera = 0.0, len(theta) - len(frames.given)
     view = view_of(theta[:camera], frames.rho, frames.limits)
     change = theta[camera:] - frames.given
+    ground = ground_of(frames, b)
     for k in range(len(frames.kinds)):
         kind, weights, xy, geometry = frames.kinds[k], frames.weight[k], frames.xy[k], frames.geometry[k]
         motion = frames.motion[k]
@@ -445,7 +594,7 @@ def normal_equations(
             weight = weights[b, i]
             if weight == 0.0:
                 continue
-            foot = foot_of(kind, view, centre_of(theta, motion, b, i, change), xy, geometry, b, i)
+            foot = foot_of(kind, view, centre_of(theta, motion, b, i, change), ground, xy, geometry, b, i)
             rho, slope = rho_of(terms.loss, foot.r * foot.r)
             cost += 0.5 * weight * rho
             set_derivatives(view, foot, row[:camera])

@@ -33,7 +33,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.crown import share_of_crown
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import EndRows, ObjectSegments
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.stands import SOCCER_SCALE
@@ -43,7 +43,7 @@ from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.compilation import compiled_closest_points
 from fieldcalib.problem.cost_term import CostTerm, Coupling, PriorTerm
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import LOG_F, Layout
+from fieldcalib.problem.layout import FLAT, LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
@@ -54,6 +54,7 @@ from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 # Fields of view from 0.3 to 170 degrees: outside, fits collapse to a point or to a plane and overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
 
+AWAY = 1e9  # m: where points at infinity are taken to be
 WEIGHT = 0.5  # of a pixel along its segment, relative to its weight across: annotators place ends with less care
 
 
@@ -113,6 +114,10 @@ class Problem:
             return np.zeros((len(theta), 0))
         return self.prior.z_scores(theta)[:, self.free]
 
+    def terrain(self, theta: Array) -> Terrain | None:
+        """The ground at parameters (B, n); None where it is level (`Layout.terrain`)."""
+        return self.layout.terrain(theta, self.observations.terrain)
+
     def is_possible(self, theta: Array) -> BoolArray:
         """Whether the focal lengths are in range, (B,): collapsing fits are stopped before they overflow."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
@@ -154,7 +159,7 @@ class Evaluation:
     @cached_property
     def projection(self) -> Projection:
         """The cameras."""
-        return self.known_projection or Projection(self.theta, self.problem.layout)
+        return self.known_projection or Projection(self.theta, self.problem.layout, self.problem.terrain(self.theta))
 
     @cached_property
     def JT(self) -> Array:
@@ -184,12 +189,22 @@ class Evaluation:
     @cached_property
     def motion_of_points(self) -> Array:
         """Derivatives of the closest points by length, width and, if it is a parameter, crown, (B, M, 3, 2 or 3)."""
-        motion, size = self.problem.observations.motion_of_residuals, self.problem.layout.field_size
-        if size is None or size.crown is None:
+        motion, layout = self.problem.observations.motion_of_residuals, self.problem.layout
+        terrain = self.projection.terrain
+        if terrain is None and not np.any(layout.is_crown):
             return motion
+        X = np.nan_to_num(self.world_points, nan=AWAY, posinf=AWAY, neginf=-AWAY)  # the ground is level there
+        x, y = X[..., 0], X[..., 1]
+        if terrain is not None:
+            hx, hy = terrain.slopes(x, y)
+            motion = motion.copy()
+            rises = hx[..., None] * motion[..., 0, :] + hy[..., None] * motion[..., 1, :]
+            motion[..., 2, :] -= rises + np.stack(terrain.by_size(x, y), axis=-1)  # z points down
+        if not np.any(layout.is_crown):
+            return motion
+        length, width = (self.theta[:, k, None] for k in range(layout.size)[layout.field_size_block])
         raised = np.zeros((*motion.shape[:-1], 1))
-        y = np.nan_to_num(self.world_points[..., 1], nan=np.inf)  # at infinity the ground is level
-        raised[..., 2, 0] = -share_of_crown(y, size.given[1])  # z points down
+        raised[..., 2, 0] = -FLAT._replace(length=length, width=width).shares(x, y)[0]
         return np.concatenate([motion, raised], axis=-1)
 
     @cached_property
@@ -345,10 +360,11 @@ def _sum(parts: Sequence[Array]) -> Array:
 
 def evaluate(problem: Problem, theta: Array) -> Evaluation:
     """Search the closest points of B problems at their cameras theta (B, n)."""
-    points = compiled_closest_points(theta, problem.layout, problem.observations)
+    terrain = problem.terrain(theta)
+    points = compiled_closest_points(theta, problem.layout, problem.observations, terrain)
     if points is not None:
         return Evaluation(problem, theta, points)
-    projection = Projection(theta, problem.layout)
+    projection = Projection(theta, problem.layout, terrain)
     observations, size = problem.observations, problem.layout.field_size
     if size is not None and np.any(problem.free[problem.layout.field_size_block]):
         observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
@@ -380,9 +396,11 @@ def pixels_past_ends(evaluation: Evaluation, far: float) -> EndRows:
     """Pixels that the cameras see past an end, by `far` pixels at most."""
     observations, parts = evaluation.problem.observations, []
     spans = np.array([segment.span for segment in observations.segments]).reshape(-1, 2)
+    terrain = evaluation.projection.terrain
+    X = evaluation.world_points if terrain is None else terrain.lowered(evaluation.world_points)
     for rows in observations.rows:
         columns = observations.columns[type(rows)]
-        ends = rows.past_ends(evaluation.world_points[:, columns], spans)
+        ends = rows.past_ends(X[:, columns], spans)
         if ends is None:
             continue
         points = evaluation.points.columns(columns)

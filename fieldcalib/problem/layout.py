@@ -4,9 +4,8 @@
 
 Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
 principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
-object is a field of variable size, its length and width in metres, and the height of its middle above the touchlines
-(`fieldcalib.fields.traits`). Parameters that are not estimated stay in theta at their known values; a crown is never
-estimated.
+object is a field of variable size, its length and width in metres, and its crown, the height of its middle above the
+touchlines (`fieldcalib.fields.ground`). Parameters that are not estimated stay in theta at their known values.
 
 Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection is
 not on the axes about which it turns. With u = log f - reference and the zoom law (m_x, m_y, l, q, o), the camera of a
@@ -25,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import FisheyeLens, Lens, RadialLens
@@ -41,7 +41,10 @@ POSE_AND_ZOOM = slice(0, 7)  # the parameters that camera distributions describe
 COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect")
 FIELD_SIZE = ("length", "width")
 CROWN = ("crown",)
+CROWN_RANGE = (0.0, 0.8)  # metres: natural grass is built with up to 0.5
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
+
+FLAT = Terrain(0.0, 0.0, 1.0, 1.0)
 
 # The longest step in one iteration, for a scene of 1 m: the linearisation does not hold farther away.
 LARGEST_STEP = (0.4, 0.4, 0.4, 0.7, 1.0, 1.0, 1.0)  # of `POSE_AND_ZOOM`
@@ -87,7 +90,9 @@ class SizeBlock(NamedTuple):
     possibilities: tuple[Array, Array] = (np.ones(1), np.zeros((1, 2)))
     """Mixture of normal distributions around the given size, if considered: probabilities (K,), sigmas (K, 2)."""
     crown: Crown | None = None
-    """Distribution of the crown, which is considered; None if all fields are level."""
+    """Distribution of the crown; None if it is no parameter."""
+    height: float = 0.0
+    """Crown of the field that observations are packed for, metres."""
 
     @property
     def possibilities_with_crown(self) -> tuple[Array, Array]:
@@ -244,6 +249,7 @@ class Layout:
         least[self.lens_block] = self.lens.least
         if self.field_size is not None:
             least[self.field_size_block], largest[self.field_size_block] = self.field_size.limits
+            least[self.crown_block], largest[self.crown_block] = CROWN_RANGE
         longest[POSE_AND_ZOOM] = LARGEST_STEP
         longest[CENTER] *= scale
         free = np.flatnonzero(self.free)
@@ -281,6 +287,7 @@ class Layout:
         theta[self.lens_block] = self.lens.from_opencv(camera.dist, fx)
         if self.field_size is not None:
             theta[self.field_size_block] = self.field_size.given
+            theta[self.crown_block] = self.field_size.height
         return theta
 
     def at_zoom(self, theta: Array) -> Array:
@@ -314,6 +321,20 @@ class Layout:
         J[..., CENTER, first + 4] = R[..., 2, :]
         J[..., CENTER, ANGLES] = law[..., 4, None, None] * np.swapaxes(np.cross(axes, (0.0, 0.0, 1.0)) @ R, -1, -2)
         return J
+
+    def terrain(self, theta: Array, given: Terrain | None) -> Terrain | None:
+        """The ground at parameter vectors (B, n), with heights and sizes (B, 1); None where it is level.
+
+        `given` is that of the field for which observations are packed; None for level ground.
+        """
+        given = FLAT if given is None else given
+        crown = theta[:, self.crown_block] if self.crown_block.start < self.size else given.crown
+        if not (np.any(crown) or given.fall):
+            return None
+        if self.field_size is None:
+            return given
+        first = self.field_size_block.start
+        return Terrain(crown, given.fall, theta[:, first, None], theta[:, first + 1, None])
 
     def camera(self, theta: Array) -> Camera:
         """The camera of a parameter vector, the inverse of `theta` up to full turns of the angles."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.cost_term import LENS_TAILS, Coupling
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
@@ -265,13 +266,14 @@ def _compiled_solution(
 ) -> Solution | None:
     """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise."""
     problem, layout = start.problem, start.problem.layout
-    module = kernels(layout, problem.observations)
+    terrain = problem.terrain(start.theta)
+    module = kernels(layout, problem.observations, terrain)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
     theta, bounds = unknowns(layout, start.theta), layout.bounds(problem.scale)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     module.levenberg_marquardt(
-        *compiled_cost(module, problem, theta),
+        *compiled_cost(module, problem, theta, terrain),
         bounds,
         module.Criteria(max_iterations, tolerance, initial_damping),
         theta,
@@ -283,7 +285,9 @@ def _compiled_solution(
     return Solution(evaluate(problem, solved), converged, iterations)
 
 
-def compiled_cost(module: ModuleType, problem: Problem, theta: Array) -> tuple[Any, Any]:
+def compiled_cost(
+    module: ModuleType, problem: Problem, theta: Array, terrain: Terrain | None = None
+) -> tuple[Any, Any]:
     """The cost of a problem as arguments of `fieldcalib.problem.compiled`: `Frames` and `Terms`."""
     layout, prior = problem.layout, problem.prior or GaussianPrior(theta, np.ones_like(theta))
     terms = module.Terms(
@@ -295,7 +299,7 @@ def compiled_cost(module: ModuleType, problem: Problem, theta: Array) -> tuple[A
         np.flatnonzero(layout.free),
         np.log(layout.image_size[0]) + np.array(LOG_F_RANGE),
     )
-    return packed_frames(module, layout, problem.observations, problem.noise), terms
+    return packed_frames(module, layout, problem.observations, terrain, problem.noise), terms
 
 
 def block_arrow_steps(

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
 from fieldcalib.fields.segments.closest import ClosestPoints, View
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
@@ -60,6 +62,8 @@ class Observations:
     """One set for each kind, in the order of `fieldcalib.fields.segments.ROWS`, the ends of segments last."""
     motion: Array | None = None
     """Derivatives of the labels' segments by the size of the field (`Field.motion`), (L, 2, 3, 2)."""
+    terrain: Terrain | None = None
+    """The ground that the segments stand on, of the field as given; None where it is level or unknown."""
 
     @classmethod
     def of(
@@ -74,7 +78,9 @@ class Observations:
         Labels are numbered in the order of `object_segments`, whether frames are packed together or one by one.
         """
         labels, segments = tuple(object_segments), tuple(object_segments.values())
-        return cls(labels, image_size, segments, *packed(table.numbered(labels), segments), motion)
+        terrain = object_segments.terrain if isinstance(object_segments, Field) else None
+        terrain = None if terrain is None or terrain.is_level else terrain
+        return cls(labels, image_size, segments, *packed(table.numbered(labels), segments), motion, terrain)
 
     def __len__(self) -> int:
         return len(self.rank)

@@ -65,6 +65,8 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     if layout.field_size is not None:
         mean[layout.field_size_block] = layout.field_size.given
         sigma[layout.field_size_block] = layout.field_size.sigma
+        if layout.field_size.crown is not None:
+            sigma[layout.crown_block] = layout.field_size.crown.height
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
     if layout.lens.usual_focal_length is not None:
         mean[LOG_F], sigma[LOG_F] = np.add(layout.lens.usual_focal_length, (np.log(width), 0.0))

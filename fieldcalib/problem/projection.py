@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 
@@ -25,8 +26,9 @@ class Projection:
     negative behind the camera.
     """
 
-    def __init__(self, theta: Array, layout: Layout) -> None:
+    def __init__(self, theta: Array, layout: Layout, terrain: Terrain | None = None) -> None:
         self._given = theta
+        self.terrain = terrain
         self.theta, self.layout = layout.at_zoom(theta), layout
         theta = self.theta
         self.R = rotation_from_angles(theta[:, ANGLES])
@@ -46,6 +48,11 @@ class Projection:
     @cached_property
     def _axes(self) -> Array:
         return rotation_axes(self.theta[:, ANGLES], self.R)
+
+    @property
+    def down(self) -> Array:
+        """The world's z axis in scaled camera coordinates, (3, B, 1)."""
+        return np.ascontiguousarray(self._scaled_R[:, :, 2:].swapaxes(0, 1))
 
     @property
     def reach(self) -> float:

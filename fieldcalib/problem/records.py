@@ -11,6 +11,7 @@ import numpy as np
 from fieldcalib._checks import are_finite, positive
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import checked_image_size
@@ -114,6 +115,7 @@ def _observations_to_record(observations: Observations, frame: int) -> dict[str,
             "label": [observations.labels[index] for index in ends.label[seen]],
             **{name: to_json(getattr(ends, name)[seen]) for name in ("xy", "weight", "geometry")},
         },
+        "terrain": None if observations.terrain is None else observations.terrain._asdict(),
     }
 
 
@@ -139,6 +141,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         (),
         *packed(PixelTable.of(labels, [frame], [weights]), stored),
         None if None in moving else sized(moving, np.shape(moving), "'motion'"),
+        _surface(record.get("terrain")),
     )
     if not ends["label"]:
         return found
@@ -146,6 +149,13 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
     xy = sized(ends["xy"], (len(label), 2), "'ends', 'xy'")
     geometry = sized(ends["geometry"], (len(label), EndRows.vectors, 3), "'ends', 'geometry'")
     return found.with_ends(EndRows(xy[None], _weights(ends["weight"], len(label))[None], label[None], geometry[None]))
+
+
+def _surface(record: Mapping[str, Any] | None) -> Terrain | None:
+    """The ground of a record; older files have none."""
+    return (
+        None if record is None else Terrain(**{name: float(sized(one, (), repr(name))) for name, one in record.items()})
+    )
 
 
 def _vectors(values: Any, name: str, length: int = 3) -> Array:
@@ -174,6 +184,7 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
         else {
             **{name: to_json(one) for name, one in zip(SIZES, (*size[:3], *size.possibilities), strict=True)},
             "crown": None if size.crown is None else size.crown._asdict(),
+            "height": to_json(size.height),
         },
     }
 
@@ -189,7 +200,7 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
     zoom_law = None if law is None else ZoomLaw(float(sized(law, (), "'zoom_law'")))
     usual = Layout.of(checked_image_size(record["image_size"]), lens, size, zoom_law)
     roles = np.array([Role(one) for one in record["roles"]])
-    if len(roles) != usual.size or np.any((roles == Role.CONSIDERED)[usual.is_crown] != 1):
+    if len(roles) != usual.size:
         raise ValueError(f"'roles': expected those of {', '.join(usual.names)}, got {record['roles']!s:.100}")
     return replace(usual, roles=roles)
 
@@ -203,4 +214,5 @@ def _size_from_record(record: Mapping[str, Any]) -> SizeBlock:
     crown = record.get("crown")  # older files have none
     if crown is not None:
         crown = Crown(**{name: float(sized(one, (), repr(name))) for name, one in crown.items()})
-    return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown)
+    height = float(sized(record.get("height", 0.0), (), "'height'"))
+    return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown, height)

@@ -77,7 +77,9 @@ def test_a_field_of_rugby_keeps_its_in_goal(tmp_path, in_goal):
             again.resized(100.0, 70.0)["Dead-ball line right"] == rugby_union(in_goal=in_goal)["Dead-ball line right"]
         )
     assert read_field(tmp_path / "field.json") == moved
-    with pytest.raises(ValueError, match="unknown in_gaol: expected builder, length, width, size_known, in_goal"):
+    with pytest.raises(
+        ValueError, match="unknown in_gaol: expected builder, length, width, size_known, ground, in_goal"
+    ):
         field_from_record({**short, "in_gaol": 8.0})
 
 

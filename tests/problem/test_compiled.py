@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from strategies import cameras, examples, generators
 from synthetic import observe, random_frames
 
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
@@ -28,6 +29,7 @@ from fieldcalib.solve.from_segments import calibrate_from_segments
 FIELD = soccer()
 SIZE = (960, 540)
 RHO = float(np.hypot(*SIZE) / 2.0)
+GROUNDS = st.sampled_from([None, Ground(crown=0.4), Ground(crown=0.2, fall=0.3)])
 SPREAD = np.array(
     [0.01, 0.01, 0.01, 0.02, 1.0, 1.0, 1.0, 5.0, 5.0, 0.005, 0.02, 0.002]
 )  # of cameras around the true one
@@ -45,7 +47,7 @@ def by_numpy(monkeypatch):
     return call
 
 
-def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
+def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True, ground=None):
     """A frame, some of its pixels past the ends of their segments, and cameras around the true one."""
     layout = Layout.of(SIZE, lens(RHO))
     true = Layout.of(SIZE).theta(camera)[: layout.size]
@@ -55,7 +57,7 @@ def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
     frame = observe(FIELD, camera, rng, noise=2.0)
     assume(frame)
     problem = Problem(
-        pack(FIELD, 3 * [frame], SIZE),
+        pack(FIELD.with_ground(ground), 3 * [frame], SIZE),
         layout,
         RobustLoss(loss, 6.0),
         prior=GaussianPrior(np.tile(true, (3, 1)), np.tile(5.0 * SPREAD[: layout.size], (3, 1))) if prior else None,
@@ -64,9 +66,14 @@ def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
 
 
 @examples(30)
-@given(camera=cameras(lens=True, image_sizes=(SIZE,)), rng=generators(), lens=st.sampled_from([RadialLens, Pinhole]))
-def test_closest_points_and_their_derivatives(camera, rng, lens):
-    start = problem_of(camera, rng, lens)
+@given(
+    camera=cameras(lens=True, image_sizes=(SIZE,)),
+    rng=generators(),
+    lens=st.sampled_from([RadialLens, Pinhole]),
+    ground=GROUNDS,
+)
+def test_closest_points_and_their_derivatives(camera, rng, lens, ground):
+    start = problem_of(camera, rng, lens, ground=ground)
     compiled = evaluate(start.problem, start.theta)
     with pytest.MonkeyPatch.context() as context:
         context.setattr(compilation, "compiled_module", lambda: None)
@@ -104,13 +111,14 @@ def test_closest_points_through_lenses_far_stronger_than_those_of_broadcasts(a1,
     lens=st.sampled_from([RadialLens, Pinhole]),
     loss=st.sampled_from(LossName.__args__),
     prior=st.booleans(),
+    ground=GROUNDS,
 )
-def test_cost_gradient_and_hessian_term_by_term(camera, rng, lens, loss, prior):
-    start = problem_of(camera, rng, lens, loss, prior)
+def test_cost_gradient_and_hessian_term_by_term(camera, rng, lens, loss, prior, ground):
+    start = problem_of(camera, rng, lens, loss, prior, ground)
     seen = start.problem.observations.label >= 0
     assume(np.all(np.abs(start.r[seen]) < 200.0))  # far from a circle the closest of its points may be another one
     module, theta = compilation.compiled_module(), start.theta.copy()
-    terms = compiled_cost(module, start.problem, theta)
+    terms = compiled_cost(module, start.problem, theta, start.problem.terrain(theta))
     with pytest.MonkeyPatch.context() as context:
         context.setattr(compilation, "compiled_module", lambda: None)
         numpy = evaluate(start.problem, start.theta)

@@ -1,5 +1,6 @@
 """The segment reprojection residual and its Jacobian, for every lens and for the size of the field."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,6 +11,7 @@ from numdiff import central_differences, column_errors
 from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, observe, random_camera, random_distorted
 
+from fieldcalib.fields.ground import Ground, Terrain
 from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -256,6 +258,62 @@ def test_cameras_of_a_field_of_another_size_see_the_segments_where_they_are_then
     expected = at(theta[:, :-2], resized).r
     np.testing.assert_allclose(observations.by_label(r**2), resized.by_label(expected**2), rtol=1e-6)
     assert np.max(np.abs(r - evaluation.r)) > 10.0
+
+
+class OnGround:
+    """A camera that sees segments where they stand on a ground that is not level."""
+
+    def __init__(self, camera, terrain):
+        self.camera, self.terrain = camera, terrain
+
+    def __getattr__(self, name):
+        return getattr(self.camera, name)
+
+    def project(self, X):
+        return self.camera.project(self.terrain.raised(np.asarray(X, dtype=float)))
+
+
+@quick_lenses
+@given(data=st.data())
+def test_jacobian_on_ground_that_is_not_level(lens, data):
+    camera = data.draw(cameras(lens=lens not in ("pinhole", "no radial lens")))
+    crown, fall = data.draw(numbers(0.0, 0.4)), data.draw(st.sampled_from([0.0, 0.3]))
+    block = SIZES._replace(crown=soccer().size_model.crown)
+    layout = Layout.of(camera.image_size, LAYOUTS[lens].lens, block, LAYOUTS[lens].zoom_law)
+    theta = layout.theta(camera)[None]
+    theta[:, layout.crown_block] = crown
+    terrain = Ground(crown, fall).on(105.0, 68.0)
+    frame = beside_the_segments(ALL_KINDS, OnGround(camera, terrain), 15.0)
+    frame = {label: xy for label, xy in frame.items() if not _bends_at_the_side(ALL_KINDS[label])}
+    assume(frame)
+    observations = pack(ALL_KINDS, [frame], camera.image_size, motion=MOTION)
+    seen = at(theta, replace(observations, terrain=Terrain(0.0, fall, 105.0, 68.0)), layout)
+    errors = jacobian_errors(seen)
+    assert np.max(errors) < 1e-4, dict(zip(layout.names, errors[0], strict=True))
+
+
+def _bends_at_the_side(segment):
+    """Whether a clicked pixel near its end may lie past the side of the field, where the ground has an edge."""
+    x, y, _ = np.abs(segment.sample(0.5)).T
+    return np.any(y > 33.0) or np.any(x > 51.5)
+
+
+@given(camera=cameras(lens=True), crown=numbers(0.0, 0.5), fall=numbers(0.0, 0.5))
+def test_pixels_of_segments_on_the_ground_have_no_residual(camera, crown, fall):
+    assume(camera.C[2] < -4.0)  # a camera at the height of the ridge sees circles from their edge
+    field = soccer().with_ground(Ground(crown, fall))
+    frame = observe(field, OnGround(camera, field.terrain))
+    found = at(theta_from_camera(camera)[None], pack(field, [frame], camera.image_size))
+    seen = found.problem.observations.weight > 0.0
+    np.testing.assert_allclose(found.r[seen], 0.0, atol=1e-5)
+    off = found.world_points[seen][:, 2] + field.terrain.height(found.world_points[seen])
+    is_marking = np.array(
+        [
+            abs(field[found.problem.observations.labels[k]].sample()[:, 2]).max() == 0.0
+            for k in found.problem.observations.label[seen]
+        ]
+    )
+    np.testing.assert_allclose(off[is_marking], 0.0, atol=1e-5)
 
 
 @quick_lenses

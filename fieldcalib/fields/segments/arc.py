@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldcalib._checks import number, positive, real_array, whole_number
 from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.ground import Lift, Terrain
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
 from fieldcalib.fields.segments.segment import (
@@ -35,24 +36,38 @@ class ArcRows(Rows):
     def closest_points(self, view: View) -> list[ClosestPoints]:
         """Points on whole circles ``A + cos(phi) U + sin(phi) V``, found by Newton's method on phi.
 
-        The search starts at the angle under which the pixel's ray meets the circle's plane. The angle is kept as (c, s)
+        The search starts at the angle under which the pixel's ray meets the circle's plane, at the height of the
+        ground at its centre. The angle is kept as (c, s)
         = (cos(phi), sin(phi)), which a step rotates without trigonometric functions.
         """
-        A = view.points(self.geometry[:, :, 0])
+        A = middle = view.points(self.geometry[:, :, 0])
+        if view.terrain is not None:
+            middle = view.points(view.terrain.raised(self.geometry[:, :, 0]))
         U, V = view.directions(self.geometry[:, :, 1]), view.directions(self.geometry[:, :, 2])
         d = view.observed_offset(self.xy)
         p = view.nearly_ideal_offset(d)
         # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule, without the depth, which is infinite at the horizon
-        VA, AU = cross(V, A), cross(A, U)
+        VA, AU = cross(V, middle), cross(middle, U)
         side = np.where(dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
         c, s = unit(side * np.array([dot(VA[:2], p) + VA[2], dot(AU[:2], p) + AU[2]]))
 
         search = CurveSearch(view, d, self.label >= 0)
         for _ in search.iterations:
-            radius = c * U + s * V
-            step = search.step(A + radius, c * V - s * U, -radius, largest=LARGEST_TURN)
+            radius, tangent = c * U + s * V, c * V - s * U
+            curve = A + radius, tangent, -radius
+            if view.terrain is None:
+                step = search.step(*curve, largest=LARGEST_TURN)
+            else:
+                step = search.raised_step(self._lift(view.terrain, c, s), *curve, largest=LARGEST_TURN)
             c, s = unit(np.array([c - step * s, s + step * c]))
         return [search.found]
+
+    def _lift(self, terrain: Terrain, c: Array, s: Array) -> Lift:
+        """The lift of the ground at angles whose cosine is c and whose sine is s, (B, N)."""
+        (x, y), (ux, uy), (vx, vy) = (np.moveaxis(self.geometry[:, :, k, :2], -1, 0) for k in (0, 1, 2))
+        radius = c * ux + s * vx, c * uy + s * vy
+        place = x + radius[0], y + radius[1]
+        return terrain.lift(place, (c * vx - s * ux, c * vy - s * uy), (-radius[0], -radius[1]))
 
     def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the whole circles lie past an end of the arc."""

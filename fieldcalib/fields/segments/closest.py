@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.ground import Lift, Terrain
 from fieldcalib.geometry.lens.model import dot
 
 LEAST_LENGTH = 1e-300  # added to the length of a vector: no division by zero
@@ -29,10 +30,16 @@ class View(Protocol):
     """B cameras, with the methods that closest points need: see `fieldcalib.problem.projection.Projection`."""
 
     is_pinhole: bool
+    terrain: Terrain | None
+    """The ground that segments stand on, of B fields; None where it is level."""
 
     @property
     def reach(self) -> float:
         """Length of ideal offsets up to which the lens is certainly one-to-one, pixels."""
+
+    @property
+    def down(self) -> Array:
+        """The world's z axis in scaled camera coordinates, (3, B, 1)."""
 
     def directions(self, d: Array, /) -> Array:
         """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
@@ -126,6 +133,11 @@ class CurveSearch:
         self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], curvature[2], step
         return step
 
+    def raised_step(self, lift: Lift, point: Array, tangent: Array, curvature: Array, largest: float) -> Array:
+        """`step` along a curve that the ground lifts."""
+        down = self.view.down
+        return self.step(point + lift.z * down, tangent + lift.dz * down, curvature + lift.ddz * down, largest)
+
     @property
     def found(self) -> ClosestPoints:
         """The closest points, extrapolated to second order from where the last step began."""
@@ -148,13 +160,18 @@ def newton_step(offset: Array, T: Array, dT: Array, largest: float) -> Array:
 
 def at_points(view: View, xy: Array, X: Array) -> list[ClosestPoints]:
     """The x and the y residuals of pixels (B, N, 2) against the world points X (B, N, 3)."""
-    h = view.points(X)
+    h = view.points(on_ground(view, X))
     inverse_depth = 1.0 / away_from_zero(h[2])
     s = h[:2] * inverse_depth
     dx, dy = view.observed_offset(xy) - view.real_offset(s)
     zero, one = np.zeros_like(dx), np.ones_like(dx)
     x, y = np.array([one, zero]), np.array([zero, one])
     return [ClosestPoints(dx, s, inverse_depth, x), ClosestPoints(dy, s, inverse_depth, y)]
+
+
+def on_ground(view: View, X: Array) -> Array:
+    """Points (B, N, 3) of a level field where they stand on the ground."""
+    return X if view.terrain is None else view.terrain.raised(X)
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -8,11 +8,13 @@ import numpy as np
 
 from fieldcalib._checks import whole_number
 from fieldcalib._types import Array
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments.closest import (
     LEAST_LENGTH,
     LINE_STEP,
     LINE_STEPS,
     ClosestPoints,
+    CurveSearch,
     View,
     cross,
     left_normal,
@@ -21,6 +23,9 @@ from fieldcalib.fields.segments.closest import (
 from fieldcalib.fields.segments.rows import Ends, Rows
 from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored_point, steps, vector
 from fieldcalib.geometry.lens.model import dot
+
+FARTHEST = 1e3  # lengths of a segment: where points at infinity are taken to be
+LARGEST_SHARE = 1.0  # of a line's length: the longest step along it
 
 
 class LineRows(Rows):
@@ -52,8 +57,22 @@ class LineRows(Rows):
             real, T = view.push(s, tangent)
             normal = left_normal(T)
             r = dot(normal, d - real)
-        inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
-        return [ClosestPoints(r, s, inverse_depth, normal)]
+        denominator = along * D[2] - n[0] * D[1] + n[1] * D[0]
+        if view.terrain is not None:
+            share = (n[0] * A[1] - n[1] * A[0] - along * A[2]) / np.where(denominator, denominator, LEAST_LENGTH)
+            return [self._on_ground(view, view.terrain, A, D, d, share)]
+        return [ClosestPoints(r, s, denominator * scale, normal)]
+
+    def _on_ground(self, view: View, terrain: Terrain, A: Array, D: Array, d: Array, share: Array) -> ClosestPoints:
+        """Points on lines that follow the ground, from those on level ground: shares (B, N) of the way from A by D."""
+        (x, y), (dx, dy) = (np.moveaxis(self.geometry[:, :, k, :2], -1, 0) for k in (0, 1))
+        t = np.clip(share, -FARTHEST, FARTHEST)
+        search, zero = CurveSearch(view, d, self.label >= 0), np.zeros_like(D)
+        for _ in search.iterations:
+            lift = terrain.lift((x + t * dx, y + t * dy), (dx, dy), (0.0, 0.0))
+            t = t + search.raised_step(lift, A + t * D, D, zero, LARGEST_SHARE)
+        found = search.found
+        return found._replace(r=-found.r, normal=-found.normal)  # on the side that the normal of ``A x D`` has
 
     def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the lines lie past an end."""

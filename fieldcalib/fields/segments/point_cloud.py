@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldcalib._checks import real_array, truth, whole_number
 from fieldcalib._types import Array, IntArray
-from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero
+from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero, on_ground
 from fieldcalib.fields.segments.rows import Rows
 from fieldcalib.fields.segments.segment import Segment, Vector, mirrored_point
 
@@ -28,7 +28,7 @@ class CloudRows(Rows):
     def nearest_sample(self, view: View) -> tuple[Array, IntArray]:
         """The point (B, N, 3) of each row's cloud whose image is nearest to the pixel, and its index (B, N)."""
         B, N, S, _ = self.geometry.shape
-        h = view.points(self.geometry.reshape(B, N * S, 3))
+        h = view.points(on_ground(view, self.geometry.reshape(B, N * S, 3)))
         image = view.real_offset(h[:2] / away_from_zero(h[2])).reshape(2, B, N, S)
         distance = np.sum(np.square(image - view.observed_offset(self.xy)[..., None]), axis=0)
         distance[h[2].reshape(B, N, S) < 0.0] += BEHIND_PENALTY  # chosen only if no sample is in front
@@ -50,7 +50,9 @@ class CurveRows(CloudRows):
         last = self.geometry.shape[2] - np.argmax(own[..., ::-1], axis=-1)
         middle = np.clip(nearest, 1, np.maximum(last - 1, 1))
         before, at, after = (
-            view.points(np.take_along_axis(self.geometry, (middle + i)[..., None, None], axis=2)[:, :, 0])
+            view.points(
+                on_ground(view, np.take_along_axis(self.geometry, (middle + i)[..., None, None], axis=2)[:, :, 0])
+            )
             for i in (-1, 0, 1)
         )
         slope, curvature = (after - before) / 2.0, after - 2.0 * at + before
