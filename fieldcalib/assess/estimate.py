@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import is_number
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.ground import ground_derivatives, pixels_of_points
+from fieldcalib.assess.ground import ground_derivatives, pixels_of_points, projection_on
 from fieldcalib.assess.observability import Direction
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -48,6 +48,7 @@ CENTRE_MARK: RelativeTo = "centre mark"
 
 SPACING = 1.0  # m, of the places along the markings
 FAINT = 1e-3  # m of marking: less does not determine a translation
+OFF_GROUND = 1e-3  # m: points farther from the ground are on none
 APART = 0.5  # m: larger errors of the centre mark relative to the markings in view are mentioned
 SIDES = (("length", ("left end", "right end")), ("width", ("far side", "near side")))  # as the main camera sees them
 
@@ -79,7 +80,7 @@ def _places(field: Field) -> _Places:
         share = parts.share[:, None, None]
         moved = (1.0 - share) * motion[0, :2] + share * motion[1, :2]
         along = parts.along[:, :2]
-        X.append(parts.X)
+        X.append(field.terrain.raised(parts.X))
         across = np.eye(2) - along[:, :, None] * along[:, None, :]  # for a post both directions
         normal.append(parts.length / len(moved) * across)
         moving.append(normal[-1] @ moved)
@@ -280,7 +281,8 @@ class Estimate(ABC):
 
     def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors of the ground points seen at pixels (..., 2), see `at_field`."""
-        return self._at(self.camera.image_to_field(xy), relative_to)
+        terrain = None if self.field is None else self.field.terrain
+        return self._at(self.camera.image_to_field(xy, terrain=terrain), relative_to)
 
     def at_field(self, X: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors of ground points (..., 3), z = 0, that the camera locates from their true pixels.
@@ -294,15 +296,18 @@ class Estimate(ABC):
             If a point is not on the ground, or `relative_to` has another value.
         """
         X = np.asarray(X, dtype=float)
-        if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
+        if X.shape[-1:] != (3,):
             raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
-        seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
+        on_ground = self._raised(X)
+        if np.any(np.minimum(np.abs(X[..., 2]), np.abs(X[..., 2] - on_ground[..., 2])) > OFF_GROUND):
+            raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}")
+        X, seen = on_ground, np.isfinite(self.camera.project(on_ground)).all(axis=-1, keepdims=True)
         return self._at(np.where(seen, X, np.nan), relative_to)
 
     @cached_property
     def motion_of_markings(self) -> Array:
         """Derivatives (2, n) by theta of the common motion of the markings in view (`fieldcalib.assess.estimate`)."""
-        return np.asarray(by_parameters(Projection(self.theta[None], self.layout), self.field)[0])
+        return np.asarray(by_parameters(projection_on(self.field, self.theta[None], self.layout), self.field)[0])
 
     @property
     def remedy(self) -> str:
@@ -314,6 +319,11 @@ class Estimate(ABC):
             self.motion_of_markings[:, block], self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
         )
 
+    def _raised(self, X: Array) -> Array:
+        """Points (..., 3) on the ground above or below places (x, y)."""
+        level = X * (1.0, 1.0, 0.0)
+        return level if self.field is None else self.field.terrain.raised(level)
+
     def _at(self, X: Array, relative_to: RelativeTo) -> GroundError:
         """Errors at ground points (..., 3); NaN there gives NaN."""
         dX_dtheta, known = self.ground_jacobian(X)
@@ -324,7 +334,8 @@ class Estimate(ABC):
     def ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
         """Derivatives (..., 2, n) of ground points (..., 3) relative to the centre mark, and which exist, (...,)."""
         known = np.asarray(np.isfinite(X).all(axis=-1))
-        projection, every = Projection(self.theta[None], self.layout), np.ones(len(self.theta), dtype=bool)
+        projection = projection_on(self.field, self.theta[None], self.layout)
+        every = np.ones(len(self.theta), dtype=bool)
         J = ground_derivatives(projection, X.reshape(1, -1, 3), known.reshape(1, -1), every)
         return J.reshape(*known.shape, 2, len(self.theta)), known
 

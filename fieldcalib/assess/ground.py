@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.fields.crown import share_of_crown
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT, Layout
 from fieldcalib.problem.projection import Projection
 
@@ -46,6 +47,11 @@ class Considered:
         return if_level(self.covariance, self.layout.is_crown[self.layout.considered])
 
 
+def projection_on(field: Field | None, theta: Array, layout: Layout) -> Projection:
+    """The projection of B cameras (B, n) that see a field on its ground; level ground without a field."""
+    return Projection(theta, layout, layout.terrain(theta, None if field is None else field.terrain))
+
+
 def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArray]:
     """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N)."""
     dx, dy = projection.observed_offset(xy)
@@ -53,6 +59,9 @@ def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArra
     s = isotropic if projection.is_pinhole else projection.layout.lens.undistort(isotropic, projection.lens)
     with np.errstate(divide="ignore", invalid="ignore"):
         ray = np.stack([s[0] / projection.f, s[1] / projection.f, np.ones_like(s[0])], axis=-1) @ projection.R
+        if projection.terrain is not None:
+            X = projection.terrain.met_by_rays(projection.C, ray)
+            return X, np.asarray(np.isfinite(X).all(axis=-1))
         depth = -projection.C[..., 2] / ray[..., 2]
         X = projection.C + depth[..., None] * ray
     X[..., 2] = 0.0
@@ -77,8 +86,8 @@ def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray
 def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some: BoolArray) -> Array:
     """Derivatives (B, N, 2, P) of ground points (B, N, 3) by some parameters (n,) while their pixels are kept.
 
-    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. For points that are not `known`, (B, N), the
-    derivatives are finite and arbitrary.
+    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``, with X on the ground: where that slopes, z
+    follows x and y. For points that are not `known`, (B, N), the derivatives are finite and arbitrary.
     """
     ahead = projection.C + projection.R[:, None, 2]  # stands in for points that do not exist
     h = projection.points(np.where(known[..., None], X, ahead))
@@ -88,20 +97,25 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
     across, down = (
         projection.derivatives(s, inverse_depth, n, needed) for n in (np.array([one, zero]), np.array([zero, one]))
     )
-    x, y = np.searchsorted(np.flatnonzero(needed), [CENTER.start, CENTER.start + 1])
+    columns, at = np.flatnonzero(needed), np.where(known[..., None], X, 0.0)
+    x, y, z = np.searchsorted(columns, range(CENTER.start, CENTER.stop))
+    if np.any(projection.layout.is_crown & needed):
+        column = np.searchsorted(columns, projection.layout.crown_block.start)
+        share = _size_of(projection).shares(at[..., 0], at[..., 1])[0]
+        across[:, column], down[:, column] = share * across[:, z], share * down[:, z]  # the ground rises: z falls
     # moving a point is equivalent to moving the centre the other way: dpi/dX = -(a b; c d)
-    a, b = np.where(known, across[:, x], 1.0), np.where(known, across[:, y], 0.0)
-    c, d = np.where(known, down[:, x], 0.0), np.where(known, down[:, y], 1.0)
+    hx, hy = (zero, zero) if projection.terrain is None else projection.terrain.slopes(at[..., 0], at[..., 1])
+    a, b = (
+        np.where(known, across[:, x] - hx * across[:, z], 1.0),
+        np.where(known, across[:, y] - hy * across[:, z], 0.0),
+    )
+    c, d = np.where(known, down[:, x] - hx * down[:, z], 0.0), np.where(known, down[:, y] - hy * down[:, z], 1.0)
     across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))
     moved = d[:, None] * across - b[:, None] * down, a[:, None] * down - c[:, None] * across
-    derivatives = np.moveaxis(np.array(moved), (0, 2), (2, 3))
-    size = projection.layout.field_size
-    if size is not None and np.any(some[projection.layout.crown_block]):
-        derivatives[..., -1] = _by_crown(projection, np.where(known[..., None], X, 0.0), size.given[1])
-    return derivatives
+    return np.moveaxis(np.array(moved), (0, 2), (2, 3))
 
 
-def _by_crown(projection: Projection, X: Array, width: float) -> Array:
-    """Derivatives (B, N, 2) of ground points (B, N, 3) by the crown of the field, whose height shifts them."""
-    towards = (projection.C[..., :2] - X[..., :2]) / np.abs(projection.C[..., 2:])
-    return np.asarray(share_of_crown(X[..., 1], width)[..., None] * towards)
+def _size_of(projection: Projection) -> Terrain:
+    """Level ground of the size that the parameters of the cameras say, (B, 1)."""
+    first = projection.layout.field_size_block.start
+    return Terrain(0.0, 0.0, projection.theta[:, first, None], projection.theta[:, first + 1, None])

@@ -22,7 +22,7 @@ class GroundPoints:
     """Points on the field with their errors."""
 
     X: Array
-    """(..., 3) metres, z = 0; NaN for pixels that do not show the ground."""
+    """(..., 3) metres, z = 0 where the ground is level; NaN for pixels that do not show the ground."""
     covariance: Array
     """Covariance of x and y, (..., 2, 2), square metres; NaN where there is no point or the errors of the camera are
     unknown, infinite where nothing determines x and y."""
@@ -85,10 +85,9 @@ def locate_on_ground(
             calibration, Camera
         )
         raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
-    camera = calibration.required_camera
     if not (is_number(pixel_sd) and 0.0 <= pixel_sd <= MOST_NOISE):
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 to {MOST_NOISE:g}, got {pixel_sd}")
-    X = camera.image_to_field(xy)
+    X = calibration.image_to_field(xy)
     if calibration.knows_errors:
         # at ground points, not at pixels: pixels of a squashed or cropped picture are not pixels of its frame
         on_ground = np.concatenate([X[..., :2], np.zeros_like(X[..., :1])], axis=-1)  # 0 also where X is NaN
@@ -96,13 +95,14 @@ def locate_on_ground(
     else:
         covariance = np.full((*X.shape[:-1], 2, 2), np.nan)
     if pixel_sd > 0.0:
-        J = _by_pixel(camera, np.asarray(xy, dtype=float))
+        J = _by_pixel(calibration, np.asarray(xy, dtype=float))
         covariance = covariance + pixel_sd**2 * J @ np.swapaxes(J, -2, -1)
     return GroundPoints(X, covariance)
 
 
-def _by_pixel(camera: Camera, xy: Array) -> Array:
+def _by_pixel(calibration: Calibration, xy: Array) -> Array:
     """Derivatives (..., 2, 2) of ground points by their pixels (..., 2)."""
     steps = STEP * np.eye(2)
-    columns = [(camera.image_to_field(xy + step) - camera.image_to_field(xy - step)) / (2.0 * STEP) for step in steps]
+    ends = [(calibration.image_to_field(xy + step), calibration.image_to_field(xy - step)) for step in steps]
+    columns = [(after - before) / (2.0 * STEP) for after, before in ends]
     return np.stack(columns, axis=-1)[..., :2, :]

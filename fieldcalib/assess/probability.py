@@ -25,7 +25,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import Estimate, relative_to_markings
 from fieldcalib.assess.findings import Finding, What
-from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points, projection_on
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
@@ -62,7 +62,7 @@ NAMES = {  # of parameters that may be unusual: as what they are told
     **dict.fromkeys(("cx", "cy"), "principal point"),
     **dict.fromkeys(("a1", "b2"), "lens"),
 }
-EVIDENT = ("a1", "b2", "x", "y", "z", "pan", "tilt", "roll")  # may be far out in their prior, if labels determine them
+EVIDENT = ("a1", "b2")  # what may be far out in its prior, if the labels determine it
 
 GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field
@@ -80,7 +80,7 @@ size of the field, and the probabilities (K,) of these."""
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     """Find what is unusual about an estimate; nothing for an ordinary camera.
 
-    A lens or a place far out in its prior is no surprise where the labels determine it, and lie on their markings.
+    A lens far out in its prior is no surprise where the labels determine it, and lie on their markings.
 
     Examples
     --------
@@ -195,7 +195,7 @@ def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
     In most views errors are largest at the border, which may lie between the rows of the grid.
     """
     layout = Layout.of(camera.image_size, camera.lens)
-    X, seen = _grounds_in_view(Projection(layout.theta(camera)[None], layout), field, finer)
+    X, seen = _grounds_in_view(projection_on(field, layout.theta(camera)[None], layout), field, finer)
     return X[seen]
 
 
@@ -211,11 +211,14 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     ones = np.ones_like(along)
     sides = [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
     on_border = np.concatenate([half * np.concatenate(sides), np.zeros((4 * len(along), 1))], axis=1)
-    xy, has_pixel = pixels_of_points(projection, on_border[None])
+    on_border = np.broadcast_to(on_border, (B, *on_border.shape))
+    if projection.terrain is not None:
+        on_border = projection.terrain.raised(on_border)
+    xy, has_pixel = pixels_of_points(projection, on_border)
     in_image = np.all((xy >= 0.0) & (xy <= size - 1.0), axis=-1)
     on_field = np.all(np.abs(on_grid[..., :2]) <= half, axis=-1)
     seen = np.concatenate([sees_ground & on_field, has_pixel & in_image], axis=1)
-    return np.concatenate([on_grid, np.broadcast_to(on_border, (B, *on_border.shape))], axis=1), seen
+    return np.concatenate([on_grid, on_border], axis=1), seen
 
 
 def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[OddsTerms, OddsTerms]]:
@@ -248,7 +251,7 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
     (c, c) of the considered parameters.
     """
     layout = uncertainties[0].layout
-    projection = Projection(np.array([one.theta for one in uncertainties]), layout)
+    projection = projection_on(field, np.array([one.theta for one in uncertainties]), layout)
     X, seen = _grounds_in_view(projection, field)
     J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
     J = relative_to_markings(J, projection, field)

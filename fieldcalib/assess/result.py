@@ -177,7 +177,8 @@ class Calibration:
 
     def image_to_field(self, xy: ArrayLike) -> Array:
         """Ground points (..., 3) seen at pixels (..., 2), as `Camera.image_to_field`."""
-        return self.required_camera.image_to_field(xy)
+        terrain = None if self.field is None else self.field.terrain
+        return self.required_camera.image_to_field(xy, terrain=terrain)
 
     @property
     def solved(self) -> Solved | None:

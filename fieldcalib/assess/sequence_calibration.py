@@ -312,12 +312,13 @@ class SequenceCalibration(FrameSequence):
     def crown(self) -> float:
         """Root mean square height of the middle of the field above its touchlines, metres, given all frames.
 
-        See `fieldcalib.solve.sequence.joint_solution`; 0 for kinds of fields that are always level. Cameras are those
-        of a level field.
+        See `fieldcalib.solve.sequence.joint_solution`. Where the frames determine it, the height itself is the ground
+        of `field` and one of the shared parameters; otherwise cameras are those of a level field.
         """
+        height = 0.0 if self.field is None or self.field.ground is None else self.field.ground.crown
         if self.layout is None or not np.any(self.layout.is_crown):
-            return 0.0
-        return float(np.sqrt(self.considered[-1, -1]))  # it is the last parameter
+            return height
+        return float(np.hypot(height, np.sqrt(self.considered[-1, -1])))  # it is the last parameter
 
     @property
     def covariance_if_level(self) -> Array:

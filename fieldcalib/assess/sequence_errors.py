@@ -27,14 +27,13 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.estimate import relative_to_markings
-from fieldcalib.assess.ground import Considered, ground_derivatives, ground_of_pixels
+from fieldcalib.assess.ground import Considered, ground_derivatives, ground_of_pixels, projection_on
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import Role
 from fieldcalib.problem.levenberg_marquardt import coupled, eliminated
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.problem.projection import Projection
 
 RUNS = 8  # of frames, whose errors are assumed to be independent
 UNDETERMINED = 1e-12  # of the curvatures of the parameters: a direction of less is not determined
@@ -237,14 +236,14 @@ def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field
     """Root mean square error (B,), metres, of the field points that each camera sees, relative to the markings in view.
 
     It is the median over the pixels of a grid that show the field, or the ground if no field is given, and NaN if none
-    does. The ground is assumed to be level.
+    does. A crown that is not estimated is taken to be none.
     """
     layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
     width, height = layout.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
     xy = np.broadcast_to(np.stack([x, y], axis=-1).reshape(-1, 2), (len(theta), GRID[0] * GRID[1], 2))
-    projection = Projection(theta, layout)
+    projection = projection_on(field, theta, layout)
     X, seen = ground_of_pixels(projection, xy)
     seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
     some = layout.free | layout.considered

@@ -1,4 +1,4 @@
-"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior.
+"""Options for the field and the prior: --field, --field-length, --field-width, --crown, --field-size, --prior.
 
 The segmentation network of a command: --model, --provider, --threads.
 """
@@ -11,12 +11,15 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from fieldcalib._interrupts import interrupts_end_the_process
 from fieldcalib._progress import say
-from fieldcalib.console.arguments import NO_PRIOR, count, positive
+from fieldcalib.console.arguments import NO_PRIOR, count, number, positive
 from fieldcalib.console.options import did_you_mean, given, option
 from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Ground
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import Network, SegmentationNetwork
@@ -47,11 +50,23 @@ def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL, *, auto: 
 
 
 def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:
-    """--field, --field-length and --field-width."""
+    """--field, --field-length, --field-width and --crown."""
     add_named_field(parser, auto=auto)
     sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
     for name, help in sizes.items():
         parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
+    parser.add_argument(
+        "--crown",
+        type=_height,
+        metavar="M",
+        help="height of the middle of the field above its touchlines in metres, if it is known: 0 for level ground "
+        "(by default frames of one tripod tell it, where they can)",
+    )
+
+
+def _height(text: str) -> float:
+    """A height in metres, for argparse."""
+    return number(text, lambda value: 0.0 <= value < np.inf, "a height in metres, 0 or more")
 
 
 def add_named_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:
@@ -95,6 +110,9 @@ def field_of(options: argparse.Namespace) -> Field:
                 f"and --field-width"
             )
         field = field.resized(field.length if length is None else length, field.width if width is None else width)
+    crown = getattr(options, "crown", None)
+    if crown is not None:
+        field = field.with_ground(Ground(crown))
     known = getattr(options, "field_size", None) == KNOWN
     return replace(field, size_known=True) if known else field
 

@@ -53,6 +53,7 @@ WORDS = {  # names in tripods.json by those in `fieldcalib.problem.layout`; othe
     "a1 bend": "lens_a1_per_squared_log_focal_length",
     "length": "field_length_m",
     "width": "field_width_m",
+    "crown": "field_crown_m",
 }
 
 

@@ -6,6 +6,8 @@ frames: Levenberg-Marquardt minimises the cost of all frames, each with a camera
 size; the cameras are eliminated from its steps (`fieldcalib.problem.levenberg_marquardt`). Then the frames are
 calibrated again, as segments that seemed mislabelled may fit a pitch of another size, until the size converges.
 
+Where the frames together determine that the ground is crowned, its height is estimated with the size.
+
 The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two more parameters. In the errors of each camera
 the size is a considered parameter with that covariance V: with P the covariance of the camera on a pitch of known size
 and K the derivatives of its estimate by the size, that of the camera is P + K V K^T, the marginal one of both.
@@ -22,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +36,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -42,6 +46,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.sequence.joint_solution import CrownEstimate, crown_of
 from fieldcalib.solve.sequence.joint_start import joint_evaluation
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
@@ -172,7 +177,7 @@ class FieldSize:
     """The estimated size of a pitch, and its uncertainty. Pairs are (length, width)."""
 
     field: Field
-    """The pitch, of the estimated size."""
+    """The pitch, of the estimated size and on the estimated ground."""
     covariance: Array
     """Covariance of length and width given labels and prior, (2, 2) square metres."""
     from_labels: Array
@@ -180,6 +185,8 @@ class FieldSize:
     information)``, with the information of the labels in units of the prior's."""
     calibrations: tuple[Calibration, ...]
     """Calibrations of the frames on that pitch, whose errors have those of its size."""
+    crown: CrownEstimate | None = None
+    """The crown of the pitch, if the frames determine one; the ground of `field` has it."""
 
     @property
     def length(self) -> float:
@@ -220,7 +227,10 @@ class FieldSize:
     def __str__(self) -> str:
         """Sizes and where they come from, in words."""
         sizes, deviations = (self.length, self.width), self.std_deviations
-        return "; ".join(map(_in_words, ("length", "width"), sizes, deviations, self.from_labels))
+        words = [*map(_in_words, ("length", "width"), sizes, deviations, self.from_labels)]
+        if self.crown is not None:
+            words.append(f"crown: {self.crown.height:.2f} ± {self.crown.sigma:.2f} m")
+        return "; ".join(words)
 
 
 def _in_words(name: str, metres: float, deviation: float, share: float) -> str:
@@ -306,22 +316,22 @@ def estimate_field_size(
         )
         if not seen:
             break
-        size = _most_likely(seen, size_prior)
-        if np.max(np.abs(size - (pitch.length, pitch.width))) < STILL:
+        found = _most_likely(seen, size_prior, field).field
+        if _change(pitch, found) < STILL:
             break
-        pitch = field.resized(*size.tolist())
+        pitch = found
         calibrations = calibrated(pitch)
     accepted = _with_status(calibrations, Status.ACCEPTED)
     if not accepted and pitch is not given:
         pitch, calibrations = given, calibrated(given)
-    covariance, from_labels = _uncertainty(accepted, size_prior)
+    covariance, from_labels, crown = _uncertainty(accepted, size_prior)
     if prior is not None and not field.size_known:  # without a prior nothing is known of a size that labels leave open
         calibrations = [_of_size(one, covariance) for one in calibrated(pitch, size_known=False)]
-    return FieldSize(pitch, covariance, from_labels, tuple(calibrations))
+    return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
 
 
 def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
-    """The field of the size estimated from all calibrations; the given one if none of them is accepted.
+    """The field, its size and ground estimated from all calibrations; the given one if none of them is accepted.
 
     Parameters
     ----------
@@ -331,14 +341,14 @@ def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
         Calibrations of images of one size, on a field whose size they take as known.
     """
     size_prior, accepted = _checked_prior(field), _with_status(calibrations, Status.ACCEPTED)
-    return field.resized(*_most_likely(accepted, size_prior).tolist()) if accepted else field
+    return _most_likely(accepted, size_prior, field).field if accepted else field
 
 
 def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
     """The size of `shared_field`, with its uncertainty."""
     accepted = _with_status(calibrations, Status.ACCEPTED)
-    uncertainty = _uncertainty(accepted, _checked_prior(field))
-    return FieldSize(shared_field(field, calibrations), *uncertainty, tuple(calibrations))
+    covariance, from_labels, crown = _uncertainty(accepted, _checked_prior(field))
+    return FieldSize(shared_field(field, calibrations), covariance, from_labels, tuple(calibrations), crown)
 
 
 def _checked_prior(field: Field) -> SizeBlock:
@@ -354,7 +364,7 @@ def _checked_prior(field: Field) -> SizeBlock:
             f"is to be estimated, got {field.length:g} x {field.width:g}; give a likely size in metres, the touchline "
             f"first"
         )
-    return SizeBlock(size, sizes.sigma, sizes.limits)
+    return SizeBlock(size, sizes.sigma, sizes.limits, crown=sizes.crown if field.ground is None else None)
 
 
 def _of_size(calibration: Calibration, covariance: Array) -> Calibration:
@@ -378,44 +388,105 @@ def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list
     return [one for one in calibrations if one.status in statuses and one.solved is not None]
 
 
-def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Evaluation:
+def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock, crown: Role) -> Evaluation:
     """Calibrations on one pitch as one problem whose frames share its size, evaluated at their cameras.
 
     The priors of the cameras' positions count once for all frames, as does that of the size. The position's prior
     contains a little information on the length; frames of one pitch may have one camera, and then it must not count
     again in every frame.
+
+    Parameters
+    ----------
+    crown : Role
+        Whether the crown is shared too, or considered.
     """
     parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
     assert pitch is not None
-    size, cameras = np.array([pitch.length, pitch.width]), problem.layout.size
-    layout = Layout.of(problem.layout.image_size, problem.layout.lens, size_prior._replace(given=size))
-    layout = replace(layout, roles=np.append(problem.layout.roles, [Role.SHARED, Role.SHARED]))
+    cameras = problem.layout.size
+    block = size_prior._replace(given=np.array([pitch.length, pitch.width]), height=_height(pitch))
+    layout = Layout.of(problem.layout.image_size, problem.layout.lens, block)
+    known = [Role.SHARED, Role.SHARED, *([crown] if block.crown is not None else [])]
+    layout = replace(layout, roles=np.append(problem.layout.roles, known))
     mean, sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
     for t, part in enumerate(parts):
         if part.problem.prior is not None:
             mean[t, :cameras], sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
-    mean[:, cameras:], sigma[:, cameras:] = size_prior.given, size_prior.sigma
+    mean[:, layout.field_size_block], sigma[:, layout.field_size_block] = size_prior.given, size_prior.sigma
+    if block.crown is not None:
+        sigma[:, layout.crown_block] = block.crown.height
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
-    theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
+    own = np.concatenate([part.theta for part in parts])
+    size = [*block.given, *([block.height] if block.crown is not None else [])]
+    theta = np.concatenate([own, np.tile(size, (count, 1))], axis=1)
     like = replace(problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=None)
     pixels = PixelTable.joined(pitch, [one.solved.pixels for one in calibrations if one.solved is not None])
     return joint_evaluation(like, pitch, pixels, theta, once)
 
 
-def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Array:
-    """Length and width (2,) of least cost."""
+def _height(pitch: Field) -> float:
+    """Height of the crown of a pitch, metres; 0 where its ground is not known."""
+    return 0.0 if pitch.ground is None else pitch.ground.crown
+
+
+def _change(before: Field, after: Field) -> float:
+    """Largest change of length, width and crown, metres."""
+    sizes = abs(after.length - before.length), abs(after.width - before.width)
+    return max(*sizes, abs(_height(after) - _height(before)))
+
+
+class _MostLikely(NamedTuple):
+    """The most likely pitch of some calibrations."""
+
+    field: Field
+    crown: CrownEstimate | None
+    """Its crown, to first order where the ground is taken to be level; None where all fields are level."""
+
+
+def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: Field) -> _MostLikely:
+    """The pitch of least cost: on level ground, or on crowned ground where the calibrations determine that."""
+    found = _solved(calibrations, size_prior, field, _role(calibrations))
+    if _role(calibrations) == Role.SHARED or found.crown is None or not found.crown.is_determined:
+        return found
+    raised = _solved(calibrations, size_prior, field, Role.SHARED)
+    return raised if raised.crown is not None and raised.crown.is_determined else found
+
+
+def _role(calibrations: Sequence[Calibration]) -> Role:
+    """Role of the crown: estimated with the size if the pitch of the calibrations has one."""
+    pitch = calibrations[0].field
+    return Role.SHARED if pitch is not None and _height(pitch) else Role.CONSIDERED
+
+
+def _solved(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: Field, crown: Role) -> _MostLikely:
+    """Solve size, and crown if it is shared, together with the cameras."""
     _, iterations, tolerance = DEFAULT_CRITERIA
-    start = _joint(calibrations, size_prior)
-    return levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).theta[0, -2:]
+    start = _joint(calibrations, size_prior, crown)
+    found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
+    layout, theta = found.problem.layout, found.theta[0]
+    pitch = field.resized(*theta[layout.field_size_block].tolist())
+    height = float(np.sum(theta[layout.crown_block]))
+    pitch = pitch.with_ground(Ground(height)) if crown == Role.SHARED and height else pitch
+    return _MostLikely(pitch, crown_of(_system(calibrations, found), layout, theta))
 
 
-def _uncertainty(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> tuple[Array, Array]:
-    """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
-    if not calibrations:
-        return np.diag(size_prior.sigma**2), np.zeros(2)
+def _system(calibrations: Sequence[Calibration], joint: Evaluation) -> ReducedSystem:
+    """Normal equations of length, width and, if fields may be crowned, crown."""
     found = [one.solved.uncertainty for one in calibrations if one.solved is not None]
     kappa, sigma = np.array([(one.curvature, one.robust_sigma) for one in found]).T
-    system = ReducedSystem.of(_joint(calibrations, size_prior), sigma, kappa)
-    share = np.maximum(1.0 - np.diagonal(system.inverse) / size_prior.sigma**2, 0.0)  # below 0 by rounding
-    return system.white_covariance, share
+    return ReducedSystem.of(joint, sigma, kappa)
+
+
+def _uncertainty(
+    calibrations: Sequence[Calibration], size_prior: SizeBlock
+) -> tuple[Array, Array, CrownEstimate | None]:
+    """Covariance (2, 2) and shares from the labels (2,) of the most likely size, and its crown if there is one."""
+    if not calibrations:
+        return np.diag(size_prior.sigma**2), np.zeros(2), None
+    role = _role(calibrations)
+    joint = _joint(calibrations, size_prior, role)
+    layout, system = joint.problem.layout, _system(calibrations, joint)
+    crown = crown_of(system, layout, joint.theta[0]) if role == Role.SHARED else None
+    system = system.take(np.arange(2 if crown is None else 3))
+    share = np.maximum(1.0 - np.diagonal(system.inverse)[:2] / size_prior.sigma**2, 0.0)  # below 0 by rounding
+    return system.white_covariance[:2, :2], share, crown

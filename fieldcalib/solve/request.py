@@ -229,7 +229,8 @@ class Task:
         if field is None or model is None or self.prior is None or field.size_known:
             return None
         given = np.array([field.length, field.width])
-        return SizeBlock(given, model.sigma, model.limits, model.possibilities, model.crown)
+        crown = model.crown if field.ground is None else None
+        return SizeBlock(given, model.sigma, model.limits, model.possibilities, crown)
 
 
 def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
@@ -280,7 +281,7 @@ def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlag
     known[layout.lens_block] = known[LOG_ASPECT] = 0.0
     if layout.field_size is not None:
         known[layout.field_size_block] = layout.field_size.given
-        known[layout.crown_block] = 0.0
+        known[layout.crown_block] = layout.field_size.height
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
     if given.camera_matrix is not None:

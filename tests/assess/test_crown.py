@@ -8,20 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import cameras, numbers
 
-from data_tools.crown import crowned, on_crown
+from data_tools.crown import crowned
+from data_tools.probability import largest_true_error
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
+from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
+from fieldcalib.fields import Ground
 from fieldcalib.fields.records import field_from_record, whole_record
-from fieldcalib.fields.segments import PointCloud
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.records import layout_from_record, layout_to_record
+from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (960, 540)
@@ -39,12 +42,11 @@ def layout_of(camera):
 
 @given(high_cameras)
 def test_pixels_of_a_crowned_field_lie_off_a_level_one_as_the_derivative_says(camera):
-    raised = crowned(FIELD, LOW)
-    frame = {}
-    for label, segment in raised.items():
-        xy = camera.project(segment.sample(3.0))
+    terrain, frame = FIELD.with_ground(Ground(LOW)).terrain, {}
+    for label, segment in FIELD.items():
+        xy = camera.project(terrain.raised(segment.sample(3.0)))
         inside = np.all((xy > 0.0) & (xy < np.array(camera.image_size) - 1.0), axis=-1)  # NaN: behind the camera
-        if np.any(inside) and isinstance(segment, PointCloud):  # posts and points are not raised there
+        if np.any(inside) and label not in FIELD.half_labels:
             frame[label] = xy[inside]
     layout = layout_of(camera)
     observations = pack(FIELD, [frame], camera.image_size, motion=FIELD.motion)
@@ -58,7 +60,7 @@ def test_pixels_of_a_crowned_field_lie_off_a_level_one_as_the_derivative_says(ca
 @given(high_cameras, st.floats(-50.0, 50.0), st.floats(-33.0, 33.0))
 def test_a_camera_of_a_level_field_takes_points_of_a_crowned_one_for_others(camera, x, y):
     X = np.array([x, y, 0.0])
-    xy = camera.project(on_crown(X, FIELD, LOW))
+    xy = camera.project(FIELD.with_ground(Ground(LOW)).terrain.raised(X))
     layout = layout_of(camera)
     projection = Projection(layout.theta(camera)[None], layout)
     taken_for, known = ground_of_pixels(projection, np.reshape(xy, (1, 1, 2)))
@@ -69,7 +71,7 @@ def test_a_camera_of_a_level_field_takes_points_of_a_crowned_one_for_others(came
     np.testing.assert_allclose(LOW * by_crown, off, atol=1e-3 * np.linalg.norm(off) + 1e-9)
 
 
-def test_a_crown_is_considered_and_never_estimated():
+def test_the_crown_of_a_single_frame_is_considered():
     layout = layout_of(Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE))
     assert layout.names[-3:] == ("length", "width", "crown")
     assert np.array(layout.names)[layout.considered].tolist() == ["crown"]
@@ -104,38 +106,97 @@ def test_what_is_known_of_a_level_field_is_the_conditional_covariance(count, dat
     np.testing.assert_array_equal(if_level(covariance, np.zeros(count + 1, dtype=bool)), covariance)
 
 
-def clip(crown, pan_range=(-0.6, 0.6)):
+def clip(crown, pan_range=(-0.6, 0.6), roof=False):
     """Frames of a clip over a pitch that is crowned, calibrated together, and their cameras."""
     rng = np.random.default_rng(3)
     path = camera_path(rng, 300, pan_range=pan_range, image_size=SIZE)[::25]
-    pixels = [one.pixels for one in labelled(path, crowned(FIELD, crown) if crown else FIELD, rng)]
-    return calibrate_sequence(FIELD, pixels, SIZE, trust_labels=True)
+    pitch = crowned(FIELD, crown, roof=roof) if crown else FIELD
+    pixels = [one.pixels for one in labelled(path, pitch, rng)]
+    return calibrate_sequence(FIELD, pixels, SIZE, trust_labels=True), path
 
 
-def crown_of(found):
-    return np.sqrt(found.considered[-1, -1])
+@pytest.mark.parametrize("crown", [0.2, pytest.param(0.4, marks=pytest.mark.slow)])
+def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
+    found, path = clip(crown)
+    height, sigma = found.shared["crown"]
+    assert height == found.field.ground.crown
+    assert abs(height - crown) < 4.0 * sigma < 0.12  # a parabola is another profile
+    assert found.crown == pytest.approx(np.hypot(height, sigma), rel=0.2)
+    for one, camera in zip(found, path, strict=True):
+        assert one.verdict is Verdict.GOOD
+        assert largest_true_error(one.camera, camera, one.field, FIELD, crown=crown) < 0.5
+    back = type(found).from_dict(json.loads(json.dumps(found.to_dict())))
+    assert back.field.ground == found.field.ground
+    assert back == found
 
 
-@pytest.mark.parametrize("crown", [0.35, pytest.param(0.2, marks=pytest.mark.slow)])
-def test_frames_of_a_clip_tell_how_high_their_pitch_is(crown):
-    assert crown_of(clip(crown)) == pytest.approx(crown, rel=0.3)
+def test_a_pitch_built_like_a_roof_is_explained_to_decimetres():
+    found, path = clip(0.3, roof=True)
+    assert abs(found.field.ground.crown - 0.3) < 0.06
+    errors = [
+        largest_true_error(c.camera, t, c.field, FIELD, crown=0.3, roof=True) for c, t in zip(found, path, strict=True)
+    ]
+    assert np.median(errors) < 0.5
 
 
-def test_a_clip_of_a_level_pitch_is_known_as_well_as_if_that_were_known():
-    found = clip(0.0)
-    assert crown_of(found) < 0.04
+def test_a_clip_of_a_level_pitch_comes_back_level():
+    found, _ = clip(0.0)
+    assert found.field.ground is None
+    assert "crown" not in found.shared
+    assert found.crown < 0.04
     one = found[0]
     assert one.probability(0.5) > one.probability(0.5, level=True) - 0.01
 
 
-def test_a_crown_is_in_the_probability_and_not_in_the_verdict():
-    found = clip(0.35)
-    assert np.mean([one.probability(level=True) - one.probability() for one in found]) > 0.2
-    for one in found:
-        assert one.probability() < one.probability(level=True)
-        assert one.verdict is Verdict.GOOD
-        middle = one.camera.image_to_field((480.0, 270.0))
-        assert one.uncertainty.at_field(middle).rms > one.uncertainty.if_level.at_field(middle).rms
+def test_the_crown_of_a_pitch_of_known_size_is_estimated():
+    rng = np.random.default_rng(3)
+    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::25]
+    pixels = [one.pixels for one in labelled(path, crowned(FIELD, 0.3), rng)]
+    found = calibrate_sequence(soccer(size_known=True), pixels, SIZE, trust_labels=True)
+    assert abs(found.field.ground.crown - 0.3) < 0.05
+    assert (found.field.length, found.field.width) == (105.0, 68.0)
+    assert not {"length", "width"} & found.shared.keys()
+    errors = [largest_true_error(c.camera, t, c.field, FIELD, crown=0.3) for c, t in zip(found, path, strict=True)]
+    assert np.max(errors) < 0.6
+
+
+def test_a_known_crown_is_not_estimated():
+    rng = np.random.default_rng(3)
+    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::25]
+    pixels = [one.pixels for one in labelled(path, crowned(FIELD, 0.3), rng)]
+    found = calibrate_sequence(FIELD.with_ground(Ground(0.3)), pixels, SIZE, trust_labels=True)
+    assert "crown" not in found.shared
+    assert found.field.ground == Ground(0.3)
+    errors = [largest_true_error(c.camera, t, c.field, FIELD, crown=0.3) for c, t in zip(found, path, strict=True)]
+    assert np.max(errors) < 0.6
+
+
+def test_stills_of_one_crowned_pitch_share_its_ground():
+    rng = np.random.default_rng(5)
+    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::6]
+    frames = [one.pixels for one in labelled(path, crowned(FIELD, 0.4), rng)]
+    found = estimate_field_size(FIELD, frames, SIZE)
+    assert found.crown is not None
+    assert abs(found.field.ground.crown - 0.4) < 0.08  # a parabola is another profile
+    assert "crown: 0." in str(found)
+    level = estimate_field_size(FIELD, [one.pixels for one in labelled(path, FIELD, rng)], SIZE)
+    assert level.crown is None
+    assert level.field.ground is None
+
+
+def test_places_on_a_crowned_field_and_their_errors():
+    field = soccer(size_known=True).with_ground(Ground(0.4))
+    camera = Camera.from_angles(0.2, 1.33, 0.0, 1300.0, (3.0, 62.0, -17.0), SIZE)
+    labels = ("Side line top", "Middle line", "Circle central", "Big rect. right main", "Big rect. right top")
+    truth = {label: camera.project(field.terrain.raised(field[label].sample(4.0))) for label in labels}
+    pixels = {label: xy[np.all((xy > 0) & (xy < np.array(SIZE) - 1), axis=1)] for label, xy in truth.items()}
+    found = calibrate_from_segments(field, {k: xy for k, xy in pixels.items() if len(xy)}, SIZE)
+    X = np.array([[10.0, 0.0, 0.0], [20.0, -12.0, 0.0]])
+    places = locate_on_ground(found, found.project(field.terrain.raised(X)))
+    np.testing.assert_allclose(places.X, field.terrain.raised(X), atol=1e-3)
+    np.testing.assert_allclose(found.uncertainty.at_field(X).covariance, places.covariance, rtol=1e-3)
+    with pytest.raises(ValueError, match="z = 0"):
+        found.uncertainty.at_field([[0.0, 0.0, -2.0]])
 
 
 def test_a_picture_of_a_crowned_pitch_is_less_probably_right_in_metres():

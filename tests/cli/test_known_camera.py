@@ -249,19 +249,6 @@ def test_run_with_a_known_camera(know, folder, tmp_path):
     assert str(WIDE.focal_length) in record["intrinsics"]
 
 
-def test_run_with_a_fisheye_lens(know, tmp_path):
-    truth = Camera.from_angles(-0.1, 1.2, 0.0, 470.0, (2.0, 52.0, -16.0), SIZE, k=(0.03, 0.0, 0.0, 0.0), fisheye=True)
-    cv2.imwrite(str(tmp_path / "a.png"), picture(truth))
-    know([truth])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "found", "--lens", "fisheye") == 0
-    (line,) = lines_of(tmp_path / "found")
-    assert (line["status"], line["lens"], len(line["dist"])) == ("accepted", "fisheye", 4)
-    found = tmp_path / "found" / "camera_a.json"
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "known", "--intrinsics", found) == 0
-    (again,) = lines_of(tmp_path / "known")
-    assert (again["lens"], again["dist"], again["K"]) == ("fisheye", line["dist"], line["K"])
-
-
 def test_a_run_is_resumed_with_the_same_known_camera_only(know, folder, tmp_path, capsys):
     out, path = tmp_path / "out", opencv_file(tmp_path / "cam.yml", WIDE)
     know([WIDE, WIDE.scaled((1280, 720))])

@@ -14,7 +14,7 @@ from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import Layout, SizeBlock, theta_from_camera
+from fieldcalib.problem.layout import Layout, Role, SizeBlock, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.field_size import SILENT, _joint, _uncertainty, estimate_field_size
@@ -87,7 +87,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     calibration = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
     known, sizes = calibration.uncertainty, soccer().size_model
     size_prior = SizeBlock(MEAN, sizes.sigma, sizes.limits)
-    together = _joint([calibration], size_prior)
+    together = _joint([calibration], size_prior, Role.CONSIDERED)
     assert not together.problem.observations.ends
     free = calibration.solved.evaluation.problem.free
     P = np.count_nonzero(free)
@@ -99,7 +99,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     A = known.curvature * together.information[0] + prior
     V = known.robust_sigma**2 * noise.covariance(together.JT)[0] + prior
     sandwich = np.linalg.solve(A, np.linalg.solve(A, V).T)
-    covariance, share = _uncertainty([calibration], size_prior)
+    covariance, share, _ = _uncertainty([calibration], size_prior)
     np.testing.assert_allclose(covariance, sandwich[P:, P:], rtol=1e-6)
     np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
     A, V = A[:P, :P], V[:P, :P]

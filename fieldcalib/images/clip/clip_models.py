@@ -42,7 +42,7 @@ LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 
 WRONG = 20.0  # px of 960 x 540: labels and matches that are farther off under both of two models do not count
 LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 LEAST_RUN = 2  # successive keyframes that make a part
-NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
+NOT_LEVEL = 0.15  # m: least height of a possible crown that is reported
 
 
 @dataclass(frozen=True)
@@ -127,8 +127,8 @@ PARTS = CameraModel(
     divides=True,
     tried="if a tripod is wrong",
     note="no one place of the camera explains the frames before and after {first}: each part has one of its own, which "
-    "predicts lines and matches that were left out better ({gain}). Several cameras may take turns, or the ground may "
-    "not be flat",
+    "predicts lines and matches that were left out better ({gain}). Several cameras may take "
+    "turns",
 )
 """A tripod for each part of the piece; the note names the first frames of all parts but the first part."""
 MOVING = CameraModel(
@@ -387,13 +387,19 @@ def misfit_note(frames: IntArray) -> str:
 
 def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
     """Notes for the user on a clip whose field is not level."""
-    crown = max((tripod.crown for tripod in tripods), default=0.0)
-    if crown < NOT_LEVEL:
+    members = list(tripods)
+    estimated = [tripod.shared["crown"] for tripod in members if "crown" in tripod.shared]
+    if estimated:
+        height, sigma = max(estimated)
+        return [
+            f"the ground is higher in the middle of the field than at its touchlines, by {height:.2f} m "
+            f"(standard deviation {sigma:.2f} m): markings and places are on that ground"
+        ]
+    if max((tripod.crown for tripod in members), default=0.0) < NOT_LEVEL:
         return []
     return [
-        f"the ground seems to be higher in the middle of the field than at its touchlines, by about {crown:.1f} m: "
-        "cameras of a level field lie on its markings all the same, but places between them are known less well "
-        "(probability_right_1m)"
+        "the ground may be higher in the middle of the field than at its touchlines, which these frames do not tell: "
+        "places between markings are known less well (probability_right_1m); --crown gives its height if you know it"
     ]
 
 

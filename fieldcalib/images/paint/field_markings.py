@@ -67,6 +67,8 @@ class Markings:
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
         counts = [len(X) for X in points]
         member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])
+        if isinstance(object_segments, Field):
+            X = object_segments.terrain.raised(X)
         along, inwards = _along(member, X), np.zeros_like(X)
         for index, (label, segment) in enumerate(markings.items()):
             if paint[label].outwards:

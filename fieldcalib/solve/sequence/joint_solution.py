@@ -1,12 +1,13 @@
 """Joint solution of frames of one camera, with the covariance of the parameters that they share.
 
-The covariance includes the crown of the field, which is the height of its middle above the touchlines. Frames are
-solved on a level field. To first order their labels give an estimate h of the crown, with a variance v from the noise
-of the pixels and the freedom of all shared parameters. A priori a share of the fields is level; on the other fields the
-crown is normal around 0 with variance p (`fieldcalib.fields.traits.Crown`). So h has variance v on a level field and
-``p + v`` on the others, which gives the posterior probabilities of both. Given that the field is not level, the second
-moment of its crown is ``(p / (p + v))^2 h^2 + p v / (p + v)``. The cameras stay those of a level field; the posterior
-second moment over both cases enters their covariance.
+The ground of a field may be crowned: its middle is higher than its touchlines. Frames are first solved on a level
+field. To first order their labels give an estimate h of the crown, with a variance v from the noise of the pixels and
+the freedom of all shared parameters. Where v is small and h far from 0, the crown is estimated with the other shared
+parameters. Otherwise the cameras stay those of a level field, and the second moment of the crown enters their
+covariance: a priori a share of the fields is level; on the other fields the crown is normal around 0 with variance p
+(`fieldcalib.fields.traits.Crown`). So h has variance v on a level field and ``p + v`` on the others, which gives the
+posterior probabilities of both. Given that the field is not level, the second moment of its crown is
+``(p / (p + v))^2 h^2 + p v / (p + v)``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,14 +25,31 @@ from fieldcalib.assess.label_errors import Misfit, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import possible_values
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.traits import Crown
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Layout, Role
+from fieldcalib.problem.layout import CROWN, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.sequence.joint_start import Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import PixelNoise, SequenceProblem, SharedParameters
 
 LARGEST_SIZE_SIGMA = 0.4  # m: largest sigma of a size to be estimated; clips of a penalty area and the middle reach 0.2
+
+
+LARGEST_CROWN_SIGMA = 0.15  # m: largest sigma of a crown to be estimated: less than the spread of crowns, 0.2
+RAISED = 3.0  # sigmas: least height of a crown that is estimated
+
+
+class CrownEstimate(NamedTuple):
+    """The crown that frames tell to first order, and its standard deviation, metres."""
+
+    height: float
+    sigma: float
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether frames tell that the ground is not level, and by how much."""
+        return self.sigma < LARGEST_CROWN_SIGMA and self.height > RAISED * self.sigma
 
 
 def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
@@ -64,6 +83,10 @@ class JointSolution:
     """Variances of length and width if these are not estimated."""
     left_out: Mapping[int, float] = field(default_factory=dict)
     """Misfit, pixels, of the frames whose labels contradict the others."""
+    crown: CrownEstimate | None = None
+    """The crown that the frames tell; None where it is no parameter."""
+    excess_if_level: Array | None = None
+    """Excess of each frame's labels on level ground, pixels (B,), from which the crown was estimated."""
     alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Other centres that explain the labels equally well, (A, 3)."""
 
@@ -118,7 +141,10 @@ class JointSolution:
         if size is not None and pitch is not None:
             length, width = theta[layout.field_size_block].tolist()
             object_segments = replace(pitch.resized(length, width), size_known=True)
-            layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
+            height = float(np.sum(theta[layout.crown_block]))
+            if height:
+                object_segments = object_segments.with_ground(Ground(height))
+            layout = replace(layout, field_size=size._replace(given=np.array([length, width]), height=height))
         options = replace(
             problem.options,
             layout=layout,
@@ -137,15 +163,52 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
         evaluation, max_iterations=options.max_iterations, tolerance=options.tolerance
     ).evaluation
     sigma, kappa = pooled_noise(solved)
-    considered = _considered(problem, ReducedSystem.of(solved, sigma, kappa), solved.problem.layout, fixed_sizes)
-    return JointSolution(index, solved, considered, PixelNoise(float(sigma[0]), float(kappa[0])), fixed_sizes)
+    system, layout = ReducedSystem.of(solved, sigma, kappa), solved.problem.layout
+    noise = PixelNoise(float(sigma[0]), float(kappa[0]))
+    return JointSolution(
+        index,
+        solved,
+        _considered(problem, system, layout, fixed_sizes),
+        noise,
+        fixed_sizes,
+        crown=crown_of(system, layout, solved.theta[0]),
+    )
 
 
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
-    """Solve frames together; length and width are estimated only if the frames determine them."""
-    found = solved_together(problem, start, problem.fixed_sizes)
+    """Solve frames together; length, width and crown are estimated only if the frames determine them."""
+    found = solved_on_its_ground(problem, start, problem.fixed_sizes)
     uncertain = _uncertain_sizes(found)
-    return solved_together(problem, start, {**problem.fixed_sizes, **uncertain}) if uncertain else found
+    return solved_on_its_ground(problem, start, {**problem.fixed_sizes, **uncertain}) if uncertain else found
+
+
+def solved_on_its_ground(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
+    """Solve frames with the crown of their field, if they determine it; otherwise on level ground."""
+    estimated = {name: variance for name, variance in fixed_sizes.items() if name not in CROWN}
+    if not start.is_level:
+        found = solved_together(problem, start, estimated)
+        if found.crown is not None and found.crown.is_determined:
+            return found
+    level = solved_together(problem, start.levelled, {**fixed_sizes, **dict.fromkeys(CROWN, np.inf)})
+    if level.crown is None or not level.crown.is_determined:
+        return level
+    cameras = dict(zip(level.index.tolist(), level.evaluation.theta, strict=True))
+    found = solved_together(problem, Start(level.layout, cameras, start.labels), estimated)
+    is_better = found.crown is not None and found.crown.is_determined
+    return replace(found, excess_if_level=level.misfit.excess) if is_better else level
+
+
+def crown_of(system: ReducedSystem, layout: Layout, theta: Array) -> CrownEstimate | None:
+    """The crown that frames tell: estimated, or to first order from level ground; None where it is no parameter.
+
+    `system` has the shared and the considered parameters, the crown last.
+    """
+    if not np.any(layout.is_crown):
+        return None
+    roles = layout.roles[layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED).considered]
+    some = system.take(np.append(np.flatnonzero(roles[:-1] == Role.SHARED), len(roles) - 1)).determined
+    height = theta[-1] if roles[-1] == Role.SHARED else -some.inverse[-1] @ some.gradient
+    return CrownEstimate(float(height), float(np.sqrt(some.covariance[-1, -1])))
 
 
 def _considered(
@@ -156,8 +219,8 @@ def _considered(
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
     alone = system.take(s).determined
-    kept = _kept_covariance(problem, layout, fixed_sizes)
-    if np.any(layout.is_crown):
+    kept = _kept_covariance(problem.options.layout.field_size or layout.field_size, layout, fixed_sizes)
+    if np.any(layout.is_crown & layout.considered):
         assert layout.field_size is not None
         assert layout.field_size.crown is not None
         kept[-1, -1] = moment_of_crown(system.take(np.append(s, len(roles) - 1)), layout.field_size.crown)
@@ -170,13 +233,13 @@ def _considered(
     return Considered(both, covariance)
 
 
-def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
+def _kept_covariance(size: SizeBlock | None, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
     """Covariance (c, c) of length, width and crown if not estimated: the prior one, or the frames' if smaller."""
     index = np.flatnonzero(layout.considered)
     if not len(index):
         return np.zeros((0, 0))
-    assert problem.options.layout.field_size is not None
-    probability, sigma = problem.options.layout.field_size.possibilities_with_crown
+    assert size is not None
+    probability, sigma = size.possibilities_with_crown
     known = probability @ np.square(sigma[:, index - layout.field_size_block.start])
     return np.diag(np.minimum(known, [fixed_sizes.get(layout.names[k], np.inf) for k in index]))
 
@@ -190,7 +253,9 @@ def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     if layout.field_size is None:
         return {}
     sigma = np.full(layout.size, np.inf)
-    sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(joint.covariance_if_level))
+    is_raised = np.any(layout.is_crown & (layout.roles == Role.SHARED))
+    covariance = joint.covariance if is_raised else joint.covariance_if_level
+    sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance))
     block = range(layout.size)[layout.field_size_block]
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)

@@ -81,6 +81,16 @@ class Start(NamedTuple):
         return self._replace(theta=theta)
 
     @property
+    def is_level(self) -> bool:
+        """Whether the cameras are those of a level field."""
+        return not any(np.any(one[self.layout.crown_block]) for one in self.theta.values())
+
+    @property
+    def levelled(self) -> Start:
+        """The cameras as a start on a level field."""
+        return self._replace(theta={t: np.where(self.layout.is_crown, 0.0, one) for t, one in self.theta.items()})
+
+    @property
     def frames(self) -> IntArray:
         """Numbers of the frames, ascending."""
         return np.array(sorted(self.theta), dtype=np.intp)
@@ -92,10 +102,15 @@ class Start(NamedTuple):
         return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
 
     def in_layout(self, layout: Layout, count: int) -> Array:
-        """Convert to cameras (count, n) in a joint layout, 0 for missing ones; shared parameters are medians."""
+        """Convert to cameras (count, n) in a joint layout, 0 for missing ones; shared parameters are medians.
+
+        A size that is known here, and a crown of which nothing is known yet, are as given.
+        """
         index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
         theirs = np.array([self.theta[t] for t in index.tolist()])
         theta = np.zeros((count, layout.size))
+        if layout.field_size is not None:
+            theta[:, layout.field_size_block], theta[:, layout.crown_block] = layout.field_size.given, 0.0
         for column, name in enumerate(layout.names):
             if name in old:
                 theta[index, column] = theirs[:, old[name]]
@@ -183,7 +198,7 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
     reference : float
         Reference log f of the zoom law.
     fixed_sizes : collection of str
-        Which of length and width are kept at an uncertain value.
+        Which of length, width and crown are kept at an uncertain value.
     """
     base = problem.options.layout
     law = ZoomLaw(reference) if "zoom law" in problem.shared and base.free[LOG_F] else None
@@ -195,8 +210,12 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
         block = layout.blocks[name]
         roles[block] = np.where(roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
     index = {name: k for k, name in enumerate(layout.names)}
+    roles[layout.crown_block] = Role.SHARED
+    if base.field_size is None:
+        roles[layout.field_size_block] = Role.FIXED
     for name in fixed_sizes:
-        roles[index[name]] = Role.CONSIDERED
+        if name in index:
+            roles[index[name]] = Role.CONSIDERED
     if law is not None:
         unshared = [part for part, of in CHANGED.items() if of not in index or roles[index[of]] != Role.SHARED]
         is_known = problem.moves or not np.any(base.free[CENTER])  # a known centre is the centre of projection
@@ -206,10 +225,11 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
 
 
 def _free_size(problem: SequenceProblem) -> SizeBlock | None:
-    """Length and width as parameters, with the prior for fields of estimated size; None if they are no parameters."""
+    """Length, width and crown as parameters, with the prior for fields of estimated size; None if they are known."""
     field = problem.options.field
-    if problem.options.layout.field_size is None or field is None:
+    if field is None or field.size_model is None or not field.moves_with_size or not problem.options.use_prior:
         return None
-    model = field.size_model
-    assert model is not None
-    return SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, crown=model.crown)
+    model, crown = field.size_model, field.size_model.crown if field.ground is None else None
+    if problem.options.layout.field_size is None and crown is None:
+        return None
+    return SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, crown=crown)

@@ -33,7 +33,7 @@ from fieldcalib.fields.field import tolerance_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, evaluate
-from fieldcalib.problem.layout import CENTER, FIELD_SIZE
+from fieldcalib.problem.layout import CENTER, CROWN, FIELD_SIZE
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
@@ -163,10 +163,17 @@ class SequenceProblem:
         return self.moves or len(self.ties) > 0
 
     @property
+    def estimates_size(self) -> bool:
+        """Whether length and width of the field are estimated."""
+        return SIZE in self.shared or self.options.layout.field_size is None
+
+    @property
     def fixed_sizes(self) -> dict[str, float]:
-        """Variances of length and width if these are not estimated: infinite, as only their prior is known."""
-        is_estimated = SIZE in self.shared or self.options.layout.field_size is None
-        return {} if is_estimated else dict.fromkeys(FIELD_SIZE, np.inf)
+        """Variances of length, width and crown that are not estimated: infinite, as only their prior is known.
+
+        A crown is estimated only once frames turn out to determine it.
+        """
+        return dict.fromkeys(CROWN if self.estimates_size else (*FIELD_SIZE, *CROWN), np.inf)
 
     @cached_property
     def solved_together(self) -> IntArray:

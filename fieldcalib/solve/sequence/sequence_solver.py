@@ -39,7 +39,12 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import CHUNK
 from fieldcalib.solve.sequence.background_matches import contradicted, with_tied
-from fieldcalib.solve.sequence.joint_solution import JointSolution, solved_together, solved_with_known_sizes
+from fieldcalib.solve.sequence.joint_solution import (
+    JointSolution,
+    solved_on_its_ground,
+    solved_together,
+    solved_with_known_sizes,
+)
 from fieldcalib.solve.sequence.joint_start import JointStart, Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import (
     PixelNoise,
@@ -86,7 +91,7 @@ def best_of_other_starts(
     before = Start(joint.layout, _cameras(JointStart(joint.index, joint.evaluation)), voters.labels)
     found = [_solved(problem, before, ())]
     for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
-        sizes = (GIVEN_SIZE,) if problem.fixed_sizes else OTHER_SIZES
+        sizes = (GIVEN_SIZE,) if not problem.estimates_size else OTHER_SIZES
         found += [_solved(problem, voters.moved(centre, size), WIDTHS) for size in sizes]
     for run in np.array_split(voters.frames, RUNS):
         found.append(_solved(problem, _without(problem, voters, run), ()))
@@ -200,7 +205,9 @@ def solve_sequence(problem: SequenceProblem, before: SequenceCalibration | None 
     if start is None:
         return SolvedSequence(calibrate_one_by_one(problem), None)
     joint = solved_with_known_sizes(problem, start)
-    if problem.finds_centre and is_of_wrong_model(joint.misfit.excess, problem.options.layout.image_size):
+    # a crown may hide that frames are at a wrong place, as mislabelled segments of some of them would have it
+    excess = joint.misfit.excess if joint.excess_if_level is None else joint.excess_if_level
+    if problem.finds_centre and is_of_wrong_model(excess, problem.options.layout.image_size):
         joint = best_of_other_starts(problem, joint, alone)
     return _finished(problem, _with_more_labels(problem, joint))
 
@@ -279,7 +286,7 @@ def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSo
         start = _start_of(problem, alone, joint.left_out)
         if start is None:
             break
-        found = solved_together(problem, start, joint.fixed_sizes)
+        found = solved_on_its_ground(problem, start, joint.fixed_sizes)
         is_last = found.labelled == joint.labelled
         joint = replace(found, left_out=joint.left_out, alternatives=joint.alternatives)
         if is_last:
