@@ -36,7 +36,7 @@ from fieldcalib import (
 from fieldcalib.assess import Advice, Tool
 from fieldcalib.draw import overhead_camera
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields import DISTRIBUTIONS, field_homography
+from fieldcalib.fields import DISTRIBUTIONS, Ground, field_homography
 from fieldcalib.geometry import ALIGNMENTS
 from fieldcalib.images.background.matches import Matches
 from fieldcalib.io import key_points
@@ -141,6 +141,10 @@ def right_arguments():
         "label": "Middle line",
         "length": 105.0,
         "width": 68.0,
+        "ground": Ground(0.3),
+        "crown": 0.3,
+        "fall": 0.1,
+        "terrain": FIELD.terrain,
         "source": [PIXELS],
         "calibrate image_size": SIZE,
         "calibrate_video source": [IMAGE, IMAGE],

@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import Segment, outwards
 from fieldcalib.fields.segments.segment import Ring
 from fieldcalib.fields.sports.soccer import GOAL_AREA_DEPTH
@@ -60,8 +61,16 @@ class Ground:
     along_column: Float32
 
     @classmethod
-    def of_rays(cls, camera: Camera, ray: Float32) -> Ground:
-        """The ground points at which the rays of a camera's pixels end; NaN for those above the horizon."""
+    def of_rays(cls, camera: Camera, ray: Float32, terrain: Terrain | None = None) -> Ground:
+        """The ground points at which the rays of a camera's pixels end; NaN for those above the horizon.
+
+        `terrain` is the ground of a field (`Field.terrain`), by default level.
+        """
+        if terrain is not None and not terrain.is_level:
+            X = terrain.met_by_rays(camera.C, np.moveaxis(ray, 0, -1).astype(float))
+            met = np.asarray(np.moveaxis(X[..., :2], -1, 0), np.float32)
+            down, across = (np.asarray(one, np.float32) for one in np.gradient(met, axis=(1, 2)))
+            return cls(met, across, down)
         C = camera.C.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = -C[2] / ray[2]

@@ -118,10 +118,12 @@ def draw_field(
     ]
     labels = sorted(object_segments, key=rows.__contains__, reverse=True)  # lines over rows
     segments = [object_segments[label] for label in labels]
-    for label, segment, curves in zip(labels, segments, image_curves_of(camera, segments), strict=True):
+    terrain = object_segments.terrain if isinstance(object_segments, Field) else None
+    for label, segment, curves in zip(labels, segments, image_curves_of(camera, segments, terrain), strict=True):
         shade = colours.get(label, dark if label in rows else colour)
         if not (segment.is_curve or segment.is_point):
-            for xy in camera.project(segment.sample()):
+            X = segment.sample()
+            for xy in camera.project(X if terrain is None else terrain.raised(X)):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
             parts = (

@@ -18,6 +18,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
@@ -72,7 +73,7 @@ def render_field(
     if rng is not None:
         expect(rng, np.random.Generator, "numpy.random.default_rng(0)")
     ray = rays(camera)
-    ground = Ground.of_rays(camera, ray)
+    ground = Ground.of_rays(camera, ray, field.terrain)
     picture = surface(ground, field)
     add_paint(picture, ground, field, 0.92, line_width)
     _add_stands(picture, camera, ray, field, rng)
@@ -139,12 +140,12 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
     highest = min(s.sample()[:, 2].min() for s in raised.values())
     crossbars = [s for label, s in raised.items() if _is_crossbar(label, s, highest)]
     strands = [strand for bar in crossbars for strand in _net(bar)]
-    nets = [curve for curves in image_curves_of(camera, strands) for curve in curves]
+    nets = [curve for curves in image_curves_of(camera, strands, field.terrain) for curve in curves]
     if nets:
         mix(picture, WHITE, 0.8 * _coverage(camera.image_size, nets, filled=False))
     bars: dict[str, list[Array]] = {}
     for label, segment in raised.items():
-        X = segment.sample(spacing=0.25)
+        X = field.terrain.raised(segment.sample(spacing=0.25))
         X = X[camera.depth(X) > NEAR_PLANE]
         if len(X) < 2:
             continue
@@ -203,12 +204,15 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
 # Curves in the image
 
 
-def image_curves(camera: Camera, segment: Segment) -> list[Array]:
-    """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
-    return image_curves_of(camera, [segment])[0]
+def image_curves(camera: Camera, segment: Segment, terrain: Terrain | None = None) -> list[Array]:
+    """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve.
+
+    `terrain` is the ground that it stands on (`Field.terrain`), by default level.
+    """
+    return image_curves_of(camera, [segment], terrain)[0]
 
 
-def image_curves_of(camera: Camera, segments: Iterable[Segment]) -> list[list[Array]]:
+def image_curves_of(camera: Camera, segments: Iterable[Segment], terrain: Terrain | None = None) -> list[list[Array]]:
     """`image_curves` of each of some segments, which are projected together.
 
     Examples
@@ -220,6 +224,7 @@ def image_curves_of(camera: Camera, segments: Iterable[Segment]) -> list[list[Ar
     (1, 0)
     """
     X, begin = _sampled(tuple(segments))
+    X = X if terrain is None else terrain.raised(X)
     xy = camera.project(X)
     # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)

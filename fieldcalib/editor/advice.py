@@ -42,7 +42,7 @@ def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[st
     if camera is None:
         return list(field.markings)
     click = np.asarray(xy, dtype=float)
-    curves = dict(zip(field.markings, image_curves_of(camera, field.markings.values()), strict=True))
+    curves = dict(zip(field.markings, image_curves_of(camera, field.markings.values(), field.terrain), strict=True))
     near = {label: nearest_on(of_label, click) for label, of_label in curves.items()}
     return sorted(near, key=lambda label: np.inf if (of_label := near[label]) is None else of_label.distance)
 

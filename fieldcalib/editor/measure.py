@@ -59,7 +59,7 @@ def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
     >>> bool(np.linalg.norm(place.X - (30.0, -10.0)) < 0.5), bool(place.rms < 2.0)
     (True, True)
     """
-    X = calibration.required_camera.image_to_field(xy)[:2]
+    X = calibration.image_to_field(xy)[:2]
     if not np.all(np.isfinite(X)):
         return GroundPoint(None, None, None)
     if not calibration.knows_errors:
@@ -82,7 +82,7 @@ def distance(calibration: Calibration, first: ArrayLike, second: ArrayLike) -> D
     NoCameraError
         If there is no camera.
     """
-    X = calibration.required_camera.image_to_field(np.array([first, second], dtype=float))
+    X = calibration.image_to_field(np.array([first, second], dtype=float))
     way = X[1, :2] - X[0, :2]
     length = float(np.hypot(*way))
     if not np.isfinite(length):
@@ -111,12 +111,12 @@ def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> Across
     NoCameraError
         If there is no camera.
     """
-    camera = calibration.required_camera
-    x = float(camera.image_to_field(xy)[0])
+    x = float(calibration.image_to_field(xy)[0])
     if not np.isfinite(x):
         return None
-    half = (calibration.field or field).width / 2.0
-    return AcrossLine(x, image_curves(camera, Line((x, -half, 0.0), (x, half, 0.0))))
+    field = calibration.field or field
+    across = Line((x, -field.width / 2.0, 0.0), (x, field.width / 2.0, 0.0))
+    return AcrossLine(x, image_curves(calibration.required_camera, across, field.terrain))
 
 
 def draw_line_across(image: Image, calibration: Calibration, field: Field, xy: ArrayLike) -> Image:

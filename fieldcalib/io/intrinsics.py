@@ -52,7 +52,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
         if CAMERA_FILE_KEY not in record:
             return _of_opencv(content)
         camera = camera_from_record(record)
-        return Intrinsics(camera.K, camera.dist[0], None, camera.fisheye)
+        return Intrinsics(camera.K, camera.dist[0], None)
 
 
 def _of_opencv(content: bytes) -> Intrinsics:

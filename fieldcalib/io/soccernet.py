@@ -39,7 +39,6 @@ DISTRIBUTIONS_OF_TYPE: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 
-FISHEYE = "fisheye_distortion"  # key of the coefficients of cv2.fisheye, which SoccerNet's evaluation does not know
 LENS = (("radial_distortion", 6), ("tangential_distortion", 2), ("thin_prism_distortion", 4))  # keys and lengths
 # Positions of these twelve coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
 OPENCV_ORDER = [0, 1, 6, 7, 2, 3, 4, 5, 8, 9, 10, 11]
@@ -131,7 +130,7 @@ def camera_to_record(camera: Camera) -> dict[str, Any]:
     """
     pan, tilt, roll = np.degrees(angles_from_rotation(camera.R)).tolist()
     coefficients = np.empty(len(OPENCV_ORDER))
-    coefficients[OPENCV_ORDER] = 0.0 if camera.fisheye else camera.opencv_coefficients
+    coefficients[OPENCV_ORDER] = camera.opencv_coefficients
     ends = np.cumsum([count for _, count in LENS])
     return {
         "pan_degrees": pan,
@@ -142,7 +141,6 @@ def camera_to_record(camera: Camera) -> dict[str, Any]:
         "y_focal_length": float(camera.K[1, 1]),
         "principal_point": camera.K[:2, 2].tolist(),
         **{key: coefficients[end - count : end].tolist() for (key, count), end in zip(LENS, ends, strict=True)},
-        **({FISHEYE: camera.dist[0].tolist()} if camera.fisheye else {}),
     }
 
 
@@ -186,8 +184,6 @@ def camera_from_record(
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         with np.errstate(invalid="ignore"):  # infinite angles
             R = rotation_from_angles(angles)
-        if FISHEYE in record:
-            return Camera(K, R, record["position_meters"], size, record[FISHEYE], checked, fisheye=True)
         return Camera(K, R, record["position_meters"], size, np.take(coefficients, OPENCV_ORDER), checked)
     except KeyError as error:
         raise BrokenFileError(f"a camera needs the key {error}") from None

@@ -178,7 +178,9 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
     return [
         {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
-        for label, curves in zip(field.markings, image_curves_of(camera, field.markings.values()), strict=True)
+        for label, curves in zip(
+            field.markings, image_curves_of(camera, field.markings.values(), field.terrain), strict=True
+        )
         for curve in curves
         if _is_in_view(curve, camera.image_size)
     ]

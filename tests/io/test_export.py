@@ -35,7 +35,6 @@ from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
-from fieldcalib.io.soccernet import format_camera, parse_camera
 from fieldcalib.io.tvcalib import parse_per_sample_output
 
 CAMERA = Camera.from_angles(0.2, 1.3, 0.01, 1500.0, (2.0, 60.0, -15.0), (960, 540), k=(0.1, -0.02))
@@ -76,15 +75,10 @@ def test_a_fisheye_lens_is_that_of_colmap_and_nerfstudio():
         nerfstudio_files({"7": FISHEYE, "8": CAMERA})
 
 
-@pytest.mark.parametrize("write", [soccernet_files, tvcalib_files, gamestate_files, table_files])
+@pytest.mark.parametrize("write", [soccernet_files, gamestate_files, table_files])
 def test_formats_without_a_fisheye_lens_say_so(write):
     with pytest.raises(ValueError, match="the lens is a fisheye, which has no coefficients k1, k2, p1"):
         write({"2116000001": FISHEYE})
-
-
-def test_camera_files_of_this_package_have_a_fisheye_lens():
-    assert parse_camera(format_camera(FISHEYE)).dist.tolist() == FISHEYE.dist.tolist()
-    assert parse_camera(format_camera(FISHEYE)).fisheye
 
 
 @given(camera=cameras())

@@ -49,7 +49,7 @@ def rerun_files(frames: FrameCameras, fields: Mapping[str, Field | None]) -> dic
     recording = rr.RecordingStream("fieldcalib")
     stream = recording.binary_stream()
     recording.log("field", rr.ViewCoordinates.RIGHT_HAND_Z_DOWN, static=True)
-    lines = [segment.polyline(SPACING) for segment in field.markings.values() if segment.is_curve]
+    lines = [field.terrain.raised(segment.polyline(SPACING)) for segment in field.markings.values() if segment.is_curve]
     recording.log(FIELD, rr.LineStrips3D(lines, colors=PAINT), static=True)
     are_numbers = all(id.isdecimal() for id in frames)
     for number, (id, camera) in enumerate(frames.items()):
@@ -90,7 +90,7 @@ def bent_lines(camera: Camera, field: Field) -> Iterator[tuple[str, Array]]:
     for label, segment in field.markings.items():
         if not segment.is_curve or label in field.half_labels:
             continue
-        X = segment.polyline(SPACING)
+        X = field.terrain.raised(segment.polyline(SPACING))
         xy = camera.project(X)
         shown = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy - half) <= 1.1 * half, axis=-1)  # false for NaN
         for run in np.split(np.arange(len(X)), np.flatnonzero(np.diff(shown)) + 1):

@@ -24,7 +24,7 @@ def soccernet_files(frames: FrameCameras) -> dict[str, bytes]:
     ValueError
         If no frame has a camera.
     """
-    return {CAMERAS.file_name(id): format_camera(camera).encode() for id, camera in _with_known_lens(frames).items()}
+    return {CAMERAS.file_name(id): format_camera(camera).encode() for id, camera in with_cameras(frames).items()}
 
 
 def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
@@ -43,7 +43,7 @@ def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] |
     ValueError
         If no frame has a camera.
     """
-    _with_known_lens(frames)
+    with_cameras(frames)
     lines = about or {}
     records = [
         TVCalibRecord(id)
@@ -52,14 +52,6 @@ def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] |
         for id, camera in frames.items()
     ]
     return {"per_sample_output.json": format_per_sample_output(records).encode()}
-
-
-def _with_known_lens(frames: FrameCameras) -> dict[str, Camera]:
-    """The frames that have a camera; a ValueError if there is none, or one with a lens that these tools do not know."""
-    found = with_cameras(frames)
-    for camera in found.values():
-        _ = camera.opencv_coefficients
-    return found
 
 
 def _loss(line: Mapping[str, Any]) -> float | None:
@@ -96,7 +88,7 @@ def gamestate_files(frames: FrameCameras, sequence: str = "") -> dict[str, bytes
     """
     if sequence and not sequence.isdecimal():
         raise ValueError(f"expected the digit of the split and the number of the video, as 3116, got {sequence!r}")
-    for id, camera in _with_known_lens(frames).items():
+    for id, camera in with_cameras(frames).items():
         width, height = camera.image_size
         if width * GAMESTATE_SIZE[1] != height * GAMESTATE_SIZE[0]:
             raise ValueError(
