@@ -70,7 +70,13 @@ COVERAGES = (100, 98, 95, 90, 80)
 
 
 def largest_true_error(
-    camera: Camera, truth: Camera, field: Field, pitch: Field | None = None, *, crown: float = 0.0
+    camera: Camera,
+    truth: Camera,
+    field: Field,
+    pitch: Field | None = None,
+    *,
+    crown: float = 0.0,
+    roof: bool = False,
 ) -> float:
     """Largest error on the ground of a camera over the field in view, metres.
 
@@ -81,7 +87,8 @@ def largest_true_error(
     X = ground_in_view(truth, pitch, FINER)
     if not len(X):
         return float("nan")
-    off = (camera.image_to_field(truth.project(on_crown(X, pitch, crown))) - X)[:, :2]
+    seen = truth.project(on_crown(X, pitch, crown, roof=roof))
+    off = (camera.image_to_field(seen, terrain=field.terrain) - X)[:, :2]
     wrong_by = np.array([field.length - pitch.length, field.width - pitch.width])
     if np.any(wrong_by):
         layout = Layout.of(truth.image_size, truth.lens)
