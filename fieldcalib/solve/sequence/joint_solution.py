@@ -37,6 +37,7 @@ LARGEST_SIZE_SIGMA = 0.4  # m: largest sigma of a size to be estimated; clips of
 
 
 LARGEST_CROWN_SIGMA = 0.15  # m: largest sigma of a crown to be estimated: less than the spread of crowns, 0.2
+PROFILE = 0.06  # standard deviation of a crown by its profile, as a share: drawn roofs and parabolas are off by so much
 RAISED = 3.0  # sigmas: least height of a crown that is estimated
 
 
@@ -165,14 +166,12 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
     sigma, kappa = pooled_noise(solved)
     system, layout = ReducedSystem.of(solved, sigma, kappa), solved.problem.layout
     noise = PixelNoise(float(sigma[0]), float(kappa[0]))
-    return JointSolution(
-        index,
-        solved,
-        _considered(problem, system, layout, fixed_sizes),
-        noise,
-        fixed_sizes,
-        crown=crown_of(system, layout, solved.theta[0]),
-    )
+    considered, crown = _considered(problem, system, layout, fixed_sizes), crown_of(system, layout, solved.theta[0])
+    if crown is not None and np.any(layout.is_crown & layout.free):
+        # it is the last parameter; a size that is not estimated makes it less certain
+        considered.covariance[-1, -1] += (PROFILE * crown.height) ** 2
+        crown = crown._replace(sigma=float(np.sqrt(considered.covariance[-1, -1])))
+    return JointSolution(index, solved, considered, noise, fixed_sizes, crown=crown)
 
 
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
