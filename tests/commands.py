@@ -8,8 +8,8 @@ from fieldcalib.cli.main import main
 from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)
-BROKEN_KEYS = ["id", "status", "message"]
-HEAD_KEYS = [*BROKEN_KEYS, "verdict", "reason", "findings", "remedy", "advice", "version", "field", "image_size"]
+BROKEN_KEYS = ["id", "status", "message", "verdict", "reason"]
+HEAD_KEYS = [*BROKEN_KEYS, "findings", "remedy", "advice", "version", "field", "image_size"]
 CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"]
 PROBABILITY_KEYS = ["probability_right_0.5m", "probability_right_1m"]
 FITTED_KEYS = ["segment_errors_px", "suspect_labels", "alternatives", "found", "pixel_counts", "solved"]

@@ -41,7 +41,7 @@ from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, encode_image
 from fieldcalib.io.output_folder import check_targets, output_folder
-from fieldcalib.io.results import LINES, SOLVER, TABLE
+from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
 from fieldcalib.results.pictures import Pictures
@@ -544,7 +544,7 @@ def _write_frames(results: Results, writer: ResultsWriter, *, overlays: bool) ->
 
 def _broken(results: Results, id: str) -> Outcome:
     """Make the outcome of a frame that could not be read, without a complaint, as that was reported before."""
-    return Outcome({"id": id, "status": "broken file", "message": results.broken[id]})
+    return Outcome(broken_line(id, results.broken[id]))
 
 
 def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlays: bool) -> None:

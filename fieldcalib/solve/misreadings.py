@@ -33,7 +33,7 @@ EXPLAINED = 3.0  # times the usual noise: points that people click fit their cam
 CORNER = 1.5  # px from a corner of the picture
 EDGE = 0.006  # of the width: nearer to an edge, a click is where a line leaves the picture
 FAR_OUT = 2.5  # times the median error: of normal errors, one point in a hundred
-SIDE_LINES = ("Side line top", "Side line bottom")
+SINGLES = "Singles s"  # how the labels of side lines of a court for singles begin, instead of with S
 ENDS = ("Base line left", "Base line right", "Back line left", "Back line right")
 COURTS = (  # with two widths, metres
     (tennis.LENGTH, tennis.DOUBLES_WIDTH, tennis.SINGLES_WIDTH),
@@ -208,15 +208,14 @@ def other_court(field: Field, labels: Iterable[str]) -> Mapping[str, str]:
     >>> from fieldcalib.fields import tennis
     >>> sides = ("Base line left", "Base line right", "Side line top", "Side line bottom")
     >>> other_court(tennis(), sides)
-    {'Side line top': 'Singles side line top', 'Side line bottom': 'Singles side line bottom'}
+    {'Side line bottom': 'Singles side line bottom', 'Side line top': 'Singles side line top'}
     >>> other_court(tennis(), (*sides, "Service line left"))
     {}
     """
-    singles = {line: f"Singles {line[0].lower()}{line[1:]}" for line in SIDE_LINES}
+    singles = {label.replace(SINGLES, "S", 1): label for label in field if label.startswith(f"{SINGLES}ide")}
     doubles = {other: line for line, other in singles.items()}
     sides = set(labels) - set(ENDS)
-    found = next((names for names in (singles, doubles) if set(names) == sides), {})
-    return found if set(found.values()) <= set(field) else {}
+    return next((names for names in (singles, doubles) if names and set(names) == sides), {})
 
 
 def with_other_court(

@@ -42,6 +42,6 @@ def test_the_command(tmp_path, capsys):
         (tmp_path / f"{index}.json").write_text(format_annotation(frame, SIZE))
     assert main([str(tmp_path), "--size", "960x540"]) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [row["lens"] for row in rows] == ["none", "k1", "k1k2", "opencv", "auto"]
+    assert [row["lens"] for row in rows] == ["none", "k1", "k1k2", "opencv", "fisheye", "auto"]
     assert {row["segments"] for row in rows} == {sum(len(frame) for frame in frames)}
     assert rows[1]["90_percent_px"] < rows[0]["90_percent_px"]

@@ -277,6 +277,7 @@ class OnGround:
 @given(data=st.data())
 def test_jacobian_on_ground_that_is_not_level(lens, data):
     camera = data.draw(cameras(lens=lens not in ("pinhole", "no radial lens")))
+    camera = through_fisheye(camera) if lens == "fisheye lens" else camera
     crown, fall = data.draw(numbers(0.0, 0.4)), data.draw(st.sampled_from([0.0, 0.3]))
     block = SIZES._replace(crown=soccer().size_model.crown)
     layout = Layout.of(camera.image_size, LAYOUTS[lens].lens, block, LAYOUTS[lens].zoom_law)
