@@ -166,10 +166,9 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
     sigma, kappa = pooled_noise(solved)
     system, layout = ReducedSystem.of(solved, sigma, kappa), solved.problem.layout
     noise = PixelNoise(float(sigma[0]), float(kappa[0]))
-    considered, crown = _considered(problem, system, layout, fixed_sizes), crown_of(system, layout, solved.theta[0])
+    considered, crown = _considered(problem, system, solved, fixed_sizes), crown_of(system, layout, solved.theta[0])
     if crown is not None and np.any(layout.is_crown & layout.free):
-        # it is the last parameter; a size that is not estimated makes it less certain
-        considered.covariance[-1, -1] += (PROFILE * crown.height) ** 2
+        # a size that is not estimated makes it less certain; it is the last parameter
         crown = crown._replace(sigma=float(np.sqrt(considered.covariance[-1, -1])))
     return JointSolution(index, solved, considered, noise, fixed_sizes, crown=crown)
 
@@ -211,9 +210,10 @@ def crown_of(system: ReducedSystem, layout: Layout, theta: Array) -> CrownEstima
 
 
 def _considered(
-    problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
+    problem: SequenceProblem, system: ReducedSystem, solved: Evaluation, fixed_sizes: Mapping[str, float]
 ) -> Considered:
     """Joint covariance of the shared parameters and of a size (and crown) that is not estimated but affects them."""
+    layout = solved.problem.layout
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
@@ -229,6 +229,8 @@ def _considered(
     covariance[np.ix_(s, c)] = by_kept @ kept
     covariance[np.ix_(c, s)] = covariance[np.ix_(s, c)].T
     covariance[np.ix_(c, c)] = kept
+    if np.any(layout.is_crown & layout.free):
+        covariance[-1, -1] += (PROFILE * solved.theta[0, -1]) ** 2
     return Considered(both, covariance)
 
 
