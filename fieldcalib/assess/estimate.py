@@ -36,7 +36,7 @@ from fieldcalib._checks import is_number
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.ground import ground_derivatives, pixels_of_points, projection_on
 from fieldcalib.assess.observability import Direction
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes, rotation_vector_jacobian
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
@@ -281,8 +281,7 @@ class Estimate(ABC):
 
     def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors of the ground points seen at pixels (..., 2), see `at_field`."""
-        terrain = None if self.field is None else self.field.terrain
-        return self._at(self.camera.image_to_field(xy, terrain=terrain), relative_to)
+        return self._at(self.camera.image_to_field(xy, terrain=terrain_of(self.field)), relative_to)
 
     def at_field(self, X: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors of ground points (..., 3), z = 0, that the camera locates from their true pixels.
@@ -321,8 +320,8 @@ class Estimate(ABC):
 
     def _raised(self, X: Array) -> Array:
         """Points (..., 3) on the ground above or below places (x, y)."""
-        level = X * (1.0, 1.0, 0.0)
-        return level if self.field is None else self.field.terrain.raised(level)
+        level, terrain = X * (1.0, 1.0, 0.0), terrain_of(self.field)
+        return level if terrain is None else terrain.raised(level)
 
     def _at(self, X: Array, relative_to: RelativeTo) -> GroundError:
         """Errors at ground points (..., 3); NaN there gives NaN."""

@@ -11,8 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.ground import Terrain
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT, Layout
 from fieldcalib.problem.projection import Projection
 
@@ -49,7 +48,7 @@ class Considered:
 
 def projection_on(field: Field | None, theta: Array, layout: Layout) -> Projection:
     """The projection of B cameras (B, n) that see a field on its ground; level ground without a field."""
-    return Projection(theta, layout, layout.terrain(theta, None if field is None else field.terrain))
+    return Projection(theta, layout, layout.terrain(theta, terrain_of(field)))
 
 
 def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArray]:
@@ -101,7 +100,7 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
     x, y, z = np.searchsorted(columns, range(CENTER.start, CENTER.stop))
     if np.any(projection.layout.is_crown & needed):
         column = np.searchsorted(columns, projection.layout.crown_block.start)
-        share = _size_of(projection).shares(at[..., 0], at[..., 1])[0]
+        share = projection.layout.level(projection.theta).shares(at[..., 0], at[..., 1])[0]
         across[:, column], down[:, column] = share * across[:, z], share * down[:, z]  # the ground rises: z falls
     # moving a point is equivalent to moving the centre the other way: dpi/dX = -(a b; c d)
     hx, hy = (zero, zero) if projection.terrain is None else projection.terrain.slopes(at[..., 0], at[..., 1])
@@ -113,9 +112,3 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
     across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))
     moved = d[:, None] * across - b[:, None] * down, a[:, None] * down - c[:, None] * across
     return np.moveaxis(np.array(moved), (0, 2), (2, 3))
-
-
-def _size_of(projection: Projection) -> Terrain:
-    """Level ground of the size that the parameters of the cameras say, (B, 1)."""
-    first = projection.layout.field_size_block.start
-    return Terrain(0.0, 0.0, projection.theta[:, first, None], projection.theta[:, first + 1, None])

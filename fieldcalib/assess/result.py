@@ -53,7 +53,7 @@ from fieldcalib.assess.paint_in_view import (
     paint_share,
 )
 from fieldcalib.assess.probability import probability_given_paint
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.geometry.lens import FisheyeLens
@@ -177,8 +177,7 @@ class Calibration:
 
     def image_to_field(self, xy: ArrayLike) -> Array:
         """Ground points (..., 3) seen at pixels (..., 2), as `Camera.image_to_field`."""
-        terrain = None if self.field is None else self.field.terrain
-        return self.required_camera.image_to_field(xy, terrain=terrain)
+        return self.required_camera.image_to_field(xy, terrain=terrain_of(self.field))
 
     @property
     def solved(self) -> Solved | None:

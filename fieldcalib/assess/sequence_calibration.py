@@ -315,7 +315,7 @@ class SequenceCalibration(FrameSequence):
         See `fieldcalib.solve.sequence.joint_solution`. Where the frames determine it, the height itself is the ground
         of `field` and one of the shared parameters; otherwise cameras are those of a level field.
         """
-        height = 0.0 if self.field is None or self.field.ground is None else self.field.ground.crown
+        height = 0.0 if self.field is None else self.field.terrain.crown
         if self.layout is None or not np.any(self.layout.is_crown):
             return height
         return float(np.hypot(height, np.sqrt(self.considered[-1, -1])))  # it is the last parameter

@@ -18,7 +18,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, inset_map
 from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
@@ -118,7 +118,7 @@ def draw_field(
     ]
     labels = sorted(object_segments, key=rows.__contains__, reverse=True)  # lines over rows
     segments = [object_segments[label] for label in labels]
-    terrain = object_segments.terrain if isinstance(object_segments, Field) else None
+    terrain = terrain_of(object_segments)
     for label, segment, curves in zip(labels, segments, image_curves_of(camera, segments, terrain), strict=True):
         shade = colours.get(label, dark if label in rows else colour)
         if not (segment.is_curve or segment.is_point):

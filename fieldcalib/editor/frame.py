@@ -37,7 +37,7 @@ from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, near
 from fieldcalib.editor.edit import Edit, History, Known, Marks
 from fieldcalib.editor.fitting import fitted
 from fieldcalib.fields.catalogue import field as field_by_name
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
@@ -349,7 +349,8 @@ class FrameEditor:
     def _direction(self, segment: Segment, label: str, xy: Array) -> Array | None:
         """Direction of a marking in the image near a pixel, from the camera or, if straight, from its other marks."""
         if self.calibration:
-            near = nearest_on(image_curves(self.calibration.required_camera, segment), xy)
+            terrain = terrain_of(self.calibration.field)
+            near = nearest_on(image_curves(self.calibration.required_camera, segment, terrain), xy)
             if near is not None and near.distance < NEAR * pixel_unit(size_of(self.image)):
                 return near.direction
         others = self.marks.pixels.get(label)

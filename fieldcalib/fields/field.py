@@ -544,3 +544,9 @@ def built(
 def tolerance_of(field: Field | None) -> float:
     """The tolerance of a field, metres (`Field.tolerance`); of an object that is no field, that of a soccer pitch."""
     return SOCCER_SCALE / TOLERANCE if field is None else field.tolerance
+
+
+def terrain_of(object_segments: Mapping[str, Segment] | None) -> Terrain | None:
+    """The ground that an object stands on; None where it is level, as under an object that is no field."""
+    terrain = object_segments.terrain if isinstance(object_segments, Field) else None
+    return None if terrain is None or terrain.is_level else terrain

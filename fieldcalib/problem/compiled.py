@@ -247,44 +247,82 @@ def _first_angle(A: Vector, U: Vector, V: Vector, px: float, py: float, limits: 
     return _unit(side * (VAx * px + VAy * py + VAz), side * (AUx * px + AUy * py + AUz), limits)
 
 
+class CurveStep(NamedTuple):
+    """Newton's step along a curve to the point closest to a pixel, and the curve where the step begins."""
+
+    step: float
+    sx: float
+    sy: float
+    dsx: float
+    dsy: float
+    ddsx: float
+    ddsy: float
+    inverse_depth: float
+    Tx: float
+    Ty: float
+    dTx: float
+    dTy: float
+    dz: float
+    ddz: float
+
+
+START = CurveStep(*(14 * (0.0,)))
+
+
+@inlined
+def _step_along(view: CameraView, dx: float, dy: float, P: Vector, T: Vector, N: Vector, largest: float) -> CurveStep:
+    """The step from a curve's point P, from its first two derivatives T and N, see `CurveSearch.step`."""
+    inverse_depth = 1.0 / (view.limits.least_depth if abs(P[2]) < view.limits.least_depth else P[2])
+    sx, sy = P[0] * inverse_depth, P[1] * inverse_depth
+    dsx, dsy = (T[0] - sx * T[2]) * inverse_depth, (T[1] - sy * T[2]) * inverse_depth
+    ddsx = (N[0] - sx * N[2] - 2.0 * dsx * T[2]) * inverse_depth
+    ddsy = (N[1] - sy * N[2] - 2.0 * dsy * T[2]) * inverse_depth
+    gain, slope = _gain(view, sx, sy)
+    Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
+    dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
+    if not view.is_pinhole:
+        bend_x, bend_y = _bend(view, slope, sx, sy, dsx, dsy)
+        dTx, dTy = dTx + bend_x, dTy + bend_y
+    ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
+    step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, largest, view.limits)
+    return CurveStep(step, sx, sy, dsx, dsy, ddsx, ddsy, inverse_depth, Tx, Ty, dTx, dTy, T[2], N[2])
+
+
+@inlined
+def _foot_after(view: CameraView, dx: float, dy: float, last: CurveStep) -> Foot:
+    """The closest point after the last step, see `CurveSearch.found`."""
+    step = last.step
+    if not abs(step) < view.limits.curve_step:  # a point that has not converged stays on the curve
+        step = 0.0
+    nx, ny = _unit(last.Ty + step * last.dTy, -last.Tx - step * last.dTx, view.limits)
+    sx = last.sx + step * (last.dsx + 0.5 * step * last.ddsx)
+    sy = last.sy + step * (last.dsy + 0.5 * step * last.ddsy)
+    gain, _ = _gain(view, sx, sy)
+    r = nx * (dx - gain * sx) + ny * (dy - view.aspect * gain * sy)
+    inverse_depth = last.inverse_depth / (1.0 + step * (last.dz + 0.5 * step * last.ddz) * last.inverse_depth)
+    return Foot(r, sx, sy, inverse_depth, nx, ny)
+
+
 @inlined
 def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point on a whole circle."""
     limits = view.limits
-    ax, ay, az = _point(view, C, geometry, b, i)
-    ux, uy, uz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
-    vx, vy, vz = _direction(view, geometry[b, i, 2, 0], geometry[b, i, 2, 1], geometry[b, i, 2, 2])
+    A = _point(view, C, geometry, b, i)
+    U = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
+    V = _direction(view, geometry[b, i, 2, 0], geometry[b, i, 2, 1], geometry[b, i, 2, 2])
     dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
     px, py = _nearly_ideal(view, dx, dy)
-    c, s = _first_angle((ax, ay, az), (ux, uy, uz), (vx, vy, vz), px, py, limits)
-    sx = sy = dsx = dsy = ddsx = ddsy = inverse_depth = dz = ddz = step = Tx = Ty = dTx = dTy = 0.0
+    c, s = _first_angle(A, U, V, px, py, limits)
+    last = START
     for _ in range(limits.curve_steps):
-        rx, ry, rz = c * ux + s * vx, c * uy + s * vy, c * uz + s * vz
-        z, dz, ddz = az + rz, c * vz - s * uz, -rz
-        inverse_depth = 1.0 / (limits.least_depth if abs(z) < limits.least_depth else z)
-        sx, sy = (ax + rx) * inverse_depth, (ay + ry) * inverse_depth
-        dsx, dsy = (c * vx - s * ux - sx * dz) * inverse_depth, (c * vy - s * uy - sy * dz) * inverse_depth
-        ddsx = (-rx - sx * ddz - 2.0 * dsx * dz) * inverse_depth
-        ddsy = (-ry - sy * ddz - 2.0 * dsy * dz) * inverse_depth
-        gain, slope = _gain(view, sx, sy)
-        Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
-        dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
-        if not view.is_pinhole:
-            bend_x, bend_y = _bend(view, slope, sx, sy, dsx, dsy)
-            dTx, dTy = dTx + bend_x, dTy + bend_y
-        ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
-        step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, limits.largest_curve_step, limits)
-        if abs(step) < limits.curve_step:
+        rx, ry, rz = c * U[0] + s * V[0], c * U[1] + s * V[1], c * U[2] + s * V[2]
+        T = (c * V[0] - s * U[0], c * V[1] - s * U[1], c * V[2] - s * U[2])
+        P = (A[0] + rx, A[1] + ry, A[2] + rz)
+        last = _step_along(view, dx, dy, P, T, (-rx, -ry, -rz), limits.largest_curve_step)
+        if abs(last.step) < limits.curve_step:
             break
-        c, s = _unit(c - step * s, s + step * c, limits)
-    if not abs(step) < limits.curve_step:  # a point that has not converged stays on the curve
-        step = 0.0
-    Tx, Ty = Tx + step * dTx, Ty + step * dTy
-    nx, ny = _unit(Ty, -Tx, view.limits)
-    sx, sy = sx + step * (dsx + 0.5 * step * ddsx), sy + step * (dsy + 0.5 * step * ddsy)
-    gain, _ = _gain(view, sx, sy)
-    r = nx * (dx - gain * sx) + ny * (dy - view.aspect * gain * sy)
-    return Foot(r, sx, sy, inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth), nx, ny)
+        c, s = _unit(c - last.step * s, s + last.step * c, limits)
+    return _foot_after(view, dx, dy, last)
 
 
 @inlined
@@ -344,8 +382,8 @@ def on_raised(
         px, py = _nearly_ideal(view, dx, dy)
         z, dz, ddz = _lift(ground, limits.ridge, gx, gy, 0.0, 0.0, 0.0, 0.0)
         c, s = _first_angle((A[0] + z * Z[0], A[1] + z * Z[1], A[2] + z * Z[2]), U, V, px, py, limits)
-    sx = sy = dsx = dsy = ddsx = ddsy = inverse_depth = step = Tx = Ty = dTx = dTy = 0.0
     T = N = (0.0, 0.0, 0.0)
+    last = START
     for _ in range(limits.curve_steps):
         # first and second derivatives by the share, or by the angle: (c, s)' = (-s, c)
         if is_line:
@@ -363,35 +401,15 @@ def on_raised(
         )
         T = (T[0] + dz * Z[0], T[1] + dz * Z[1], T[2] + dz * Z[2])
         N = (N[0] + ddz * Z[0], N[1] + ddz * Z[1], N[2] + ddz * Z[2])
-        inverse_depth = 1.0 / (limits.least_depth if abs(P[2]) < limits.least_depth else P[2])
-        sx, sy = P[0] * inverse_depth, P[1] * inverse_depth
-        dsx, dsy = (T[0] - sx * T[2]) * inverse_depth, (T[1] - sy * T[2]) * inverse_depth
-        ddsx = (N[0] - sx * N[2] - 2.0 * dsx * T[2]) * inverse_depth
-        ddsy = (N[1] - sy * N[2] - 2.0 * dsy * T[2]) * inverse_depth
-        gain, slope = _gain(view, sx, sy)
-        Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
-        dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
-        if not view.is_pinhole:
-            bend_x, bend_y = _bend(view, slope, sx, sy, dsx, dsy)
-            dTx, dTy = dTx + bend_x, dTy + bend_y
-        ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
-        largest = limits.largest_share if is_line else limits.largest_curve_step
-        step = _newton_step(ox, oy, Tx, Ty, dTx, dTy, largest, limits)
-        if abs(step) < limits.curve_step:
+        last = _step_along(view, dx, dy, P, T, N, limits.largest_share if is_line else limits.largest_curve_step)
+        if abs(last.step) < limits.curve_step:
             break
         if is_line:
-            c = c + step
+            c = c + last.step
         else:
-            c, s = _unit(c - step * s, s + step * c, limits)
-    if not abs(step) < limits.curve_step:
-        step = 0.0
-    nx, ny = _unit(Ty + step * dTy, -Tx - step * dTx, limits)
-    if is_line:
-        nx, ny = -nx, -ny
-    sx, sy = sx + step * (dsx + 0.5 * step * ddsx), sy + step * (dsy + 0.5 * step * ddsy)
-    gain, _ = _gain(view, sx, sy)
-    r = nx * (dx - gain * sx) + ny * (dy - view.aspect * gain * sy)
-    return Foot(r, sx, sy, inverse_depth / (1.0 + step * (T[2] + 0.5 * step * N[2]) * inverse_depth), nx, ny)
+            c, s = _unit(c - last.step * s, s + last.step * c, limits)
+    foot = _foot_after(view, dx, dy, last)
+    return Foot(-foot.r, foot.sx, foot.sy, foot.inverse_depth, -foot.nx, -foot.ny) if is_line else foot
 
 
 @inlined

@@ -43,7 +43,7 @@ from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.compilation import compiled_closest_points
 from fieldcalib.problem.cost_term import CostTerm, Coupling, PriorTerm
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import FLAT, LOG_F, Layout
+from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
@@ -202,9 +202,8 @@ class Evaluation:
             motion[..., 2, :] -= rises + np.stack(terrain.by_size(x, y), axis=-1)  # z points down
         if not np.any(layout.is_crown):
             return motion
-        length, width = (self.theta[:, k, None] for k in range(layout.size)[layout.field_size_block])
         raised = np.zeros((*motion.shape[:-1], 1))
-        raised[..., 2, 0] = -FLAT._replace(length=length, width=width).shares(x, y)[0]
+        raised[..., 2, 0] = -layout.level(self.theta).shares(x, y)[0]
         return np.concatenate([motion, raised], axis=-1)
 
     @cached_property

@@ -44,8 +44,6 @@ CROWN = ("crown",)
 CROWN_RANGE = (0.0, 0.8)  # metres: natural grass is built with up to 0.5
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 
-FLAT = Terrain(0.0, 0.0, 1.0, 1.0)
-
 # The longest step in one iteration, for a scene of 1 m: the linearisation does not hold farther away.
 LARGEST_STEP = (0.4, 0.4, 0.4, 0.7, 1.0, 1.0, 1.0)  # of `POSE_AND_ZOOM`
 
@@ -327,14 +325,16 @@ class Layout:
 
         `given` is that of the field for which observations are packed; None for level ground.
         """
-        given = FLAT if given is None else given
-        crown = theta[:, self.crown_block] if self.crown_block.start < self.size else given.crown
-        if not (np.any(crown) or given.fall):
+        crown = theta[:, self.crown_block] if np.any(self.is_crown) else 0.0 if given is None else given.crown
+        fall = 0.0 if given is None else given.fall
+        if not (np.any(crown) or fall):
             return None
-        if self.field_size is None:
-            return given
-        first = self.field_size_block.start
-        return Terrain(crown, given.fall, theta[:, first, None], theta[:, first + 1, None])
+        return given if self.field_size is None else self.level(theta)._replace(crown=crown, fall=fall)
+
+    def level(self, theta: Array) -> Terrain:
+        """Level ground of the length and the width in parameter vectors (B, n), which have them; (B, 1)."""
+        length, width = (theta[:, k, None] for k in range(self.size)[self.field_size_block])
+        return Terrain(0.0, 0.0, length, width)
 
     def camera(self, theta: Array) -> Camera:
         """The camera of a parameter vector, the inverse of `theta` up to full turns of the angles."""

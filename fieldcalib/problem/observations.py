@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import terrain_of
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
 from fieldcalib.fields.segments.closest import ClosestPoints, View
@@ -78,9 +78,8 @@ class Observations:
         Labels are numbered in the order of `object_segments`, whether frames are packed together or one by one.
         """
         labels, segments = tuple(object_segments), tuple(object_segments.values())
-        terrain = object_segments.terrain if isinstance(object_segments, Field) else None
-        terrain = None if terrain is None or terrain.is_level else terrain
-        return cls(labels, image_size, segments, *packed(table.numbered(labels), segments), motion, terrain)
+        rank, rows = packed(table.numbered(labels), segments)
+        return cls(labels, image_size, segments, rank, rows, motion, terrain_of(object_segments))
 
     def __len__(self) -> int:
         return len(self.rank)

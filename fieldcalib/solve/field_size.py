@@ -404,7 +404,7 @@ def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock, crown: Ro
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
     assert pitch is not None
     cameras = problem.layout.size
-    block = size_prior._replace(given=np.array([pitch.length, pitch.width]), height=_height(pitch))
+    block = size_prior._replace(given=np.array([pitch.length, pitch.width]), height=pitch.terrain.crown)
     layout = Layout.of(problem.layout.image_size, problem.layout.lens, block)
     known = [Role.SHARED, Role.SHARED, *([crown] if block.crown is not None else [])]
     layout = replace(layout, roles=np.append(problem.layout.roles, known))
@@ -424,15 +424,10 @@ def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock, crown: Ro
     return joint_evaluation(like, pitch, pixels, theta, once)
 
 
-def _height(pitch: Field) -> float:
-    """Height of the crown of a pitch, metres; 0 where its ground is not known."""
-    return 0.0 if pitch.ground is None else pitch.ground.crown
-
-
 def _change(before: Field, after: Field) -> float:
     """Largest change of length, width and crown, metres."""
     sizes = abs(after.length - before.length), abs(after.width - before.width)
-    return max(*sizes, abs(_height(after) - _height(before)))
+    return float(max(*sizes, abs(after.terrain.crown - before.terrain.crown)))
 
 
 class _MostLikely(NamedTuple):
@@ -455,7 +450,7 @@ def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock, fie
 def _role(calibrations: Sequence[Calibration]) -> Role:
     """Role of the crown: estimated with the size if the pitch of the calibrations has one."""
     pitch = calibrations[0].field
-    return Role.SHARED if pitch is not None and _height(pitch) else Role.CONSIDERED
+    return Role.SHARED if pitch is not None and pitch.terrain.crown else Role.CONSIDERED
 
 
 def _solved(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: Field, crown: Role) -> _MostLikely:

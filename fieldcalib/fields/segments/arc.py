@@ -37,8 +37,8 @@ class ArcRows(Rows):
         """Points on whole circles ``A + cos(phi) U + sin(phi) V``, found by Newton's method on phi.
 
         The search starts at the angle under which the pixel's ray meets the circle's plane, at the height of the
-        ground at its centre. The angle is kept as (c, s)
-        = (cos(phi), sin(phi)), which a step rotates without trigonometric functions.
+        ground at its centre. The angle is kept as (c, s) = (cos(phi), sin(phi)), which a step rotates without
+        trigonometric functions.
         """
         A = middle = view.points(self.geometry[:, :, 0])
         if view.terrain is not None:
