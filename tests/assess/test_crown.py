@@ -106,13 +106,24 @@ def test_what_is_known_of_a_level_field_is_the_conditional_covariance(count, dat
     np.testing.assert_array_equal(if_level(covariance, np.zeros(count + 1, dtype=bool)), covariance)
 
 
-def clip(crown, pan_range=(-0.6, 0.6), roof=False):
-    """Frames of a clip over a pitch that is crowned, calibrated together, and their cameras."""
-    rng = np.random.default_rng(3)
-    path = camera_path(rng, 300, pan_range=pan_range, image_size=SIZE)[::25]
+def labelled_path(crown, every=25, seed=3, roof=False):
+    """Labels of frames of a panning camera over a pitch that is crowned, and the cameras."""
+    rng = np.random.default_rng(seed)
+    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::every]
     pitch = crowned(FIELD, crown, roof=roof) if crown else FIELD
-    pixels = [one.pixels for one in labelled(path, pitch, rng)]
-    return calibrate_sequence(FIELD, pixels, SIZE, trust_labels=True), path
+    return [one.pixels for one in labelled(path, pitch, rng)], path
+
+
+def clip(crown, field=FIELD, roof=False):
+    """Frames of a clip over a pitch that is crowned, calibrated together, and their cameras."""
+    pixels, path = labelled_path(crown, roof=roof)
+    return calibrate_sequence(field, pixels, SIZE, trust_labels=True), path
+
+
+def errors_of(found, path, crown, roof=False):
+    """Largest errors of the cameras on that pitch, metres."""
+    pairs = zip(found, path, strict=True)
+    return [largest_true_error(one.camera, true, one.field, FIELD, crown=crown, roof=roof) for one, true in pairs]
 
 
 @pytest.mark.parametrize("crown", [0.2, pytest.param(0.4, marks=pytest.mark.slow)])
@@ -122,9 +133,8 @@ def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
     assert height == found.field.ground.crown
     assert abs(height - crown) < 4.0 * sigma < 0.12  # a parabola is another profile
     assert found.crown == pytest.approx(np.hypot(height, sigma), rel=0.2)
-    for one, camera in zip(found, path, strict=True):
-        assert one.verdict is Verdict.GOOD
-        assert largest_true_error(one.camera, camera, one.field, FIELD, crown=crown) < 0.5
+    assert {one.verdict for one in found} == {Verdict.GOOD}
+    assert np.max(errors_of(found, path, crown)) < 0.5
     back = type(found).from_dict(json.loads(json.dumps(found.to_dict())))
     assert back.field.ground == found.field.ground
     assert back == found
@@ -133,10 +143,7 @@ def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
 def test_a_pitch_built_like_a_roof_is_explained_to_decimetres():
     found, path = clip(0.3, roof=True)
     assert abs(found.field.ground.crown - 0.3) < 0.06
-    errors = [
-        largest_true_error(c.camera, t, c.field, FIELD, crown=0.3, roof=True) for c, t in zip(found, path, strict=True)
-    ]
-    assert np.median(errors) < 0.5
+    assert np.median(errors_of(found, path, 0.3, roof=True)) < 0.5
 
 
 def test_a_clip_of_a_level_pitch_comes_back_level():
@@ -149,37 +156,26 @@ def test_a_clip_of_a_level_pitch_comes_back_level():
 
 
 def test_the_crown_of_a_pitch_of_known_size_is_estimated():
-    rng = np.random.default_rng(3)
-    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::25]
-    pixels = [one.pixels for one in labelled(path, crowned(FIELD, 0.3), rng)]
-    found = calibrate_sequence(soccer(size_known=True), pixels, SIZE, trust_labels=True)
+    found, path = clip(0.3, soccer(size_known=True))
     assert abs(found.field.ground.crown - 0.3) < 0.05
     assert (found.field.length, found.field.width) == (105.0, 68.0)
     assert not {"length", "width"} & found.shared.keys()
-    errors = [largest_true_error(c.camera, t, c.field, FIELD, crown=0.3) for c, t in zip(found, path, strict=True)]
-    assert np.max(errors) < 0.6
+    assert np.max(errors_of(found, path, 0.3)) < 0.6
 
 
 def test_a_known_crown_is_not_estimated():
-    rng = np.random.default_rng(3)
-    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::25]
-    pixels = [one.pixels for one in labelled(path, crowned(FIELD, 0.3), rng)]
-    found = calibrate_sequence(FIELD.with_ground(Ground(0.3)), pixels, SIZE, trust_labels=True)
+    found, path = clip(0.3, FIELD.with_ground(Ground(0.3)))
     assert "crown" not in found.shared
     assert found.field.ground == Ground(0.3)
-    errors = [largest_true_error(c.camera, t, c.field, FIELD, crown=0.3) for c, t in zip(found, path, strict=True)]
-    assert np.max(errors) < 0.6
+    assert np.max(errors_of(found, path, 0.3)) < 0.6
 
 
 def test_stills_of_one_crowned_pitch_share_its_ground():
-    rng = np.random.default_rng(5)
-    path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::6]
-    frames = [one.pixels for one in labelled(path, crowned(FIELD, 0.4), rng)]
-    found = estimate_field_size(FIELD, frames, SIZE)
+    found = estimate_field_size(FIELD, labelled_path(0.4, every=6, seed=5)[0], SIZE)
     assert found.crown is not None
     assert abs(found.field.ground.crown - 0.4) < 0.08  # a parabola is another profile
     assert "crown: 0." in str(found)
-    level = estimate_field_size(FIELD, [one.pixels for one in labelled(path, FIELD, rng)], SIZE)
+    level = estimate_field_size(FIELD, labelled_path(0.0, every=6, seed=5)[0], SIZE)
     assert level.crown is None
     assert level.field.ground is None
 
