@@ -163,6 +163,13 @@ def test_the_crown_of_a_pitch_of_known_size_is_estimated():
     assert np.max(errors_of(found, path, 0.3)) < 0.6
 
 
+def test_a_camera_that_moves_does_not_estimate_the_crown():
+    found = calibrate_sequence(FIELD, labelled_path(0.3)[0], SIZE, shared=("lens", "field size"), trust_labels=True)
+    assert found.together
+    assert "crown" not in found.shared
+    assert found.field.ground is None
+
+
 def test_a_known_crown_is_not_estimated():
     found, path = clip(0.3, FIELD.with_ground(Ground(0.3)))
     assert "crown" not in found.shared

@@ -181,14 +181,17 @@ def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolu
 
 
 def solved_on_its_ground(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
-    """Solve frames with the crown of their field, if they determine it; otherwise on level ground."""
+    """Solve frames of a tripod with the crown of their field, if they determine it; otherwise on level ground.
+
+    A camera that moves explains a crown by its path.
+    """
     estimated = {name: variance for name, variance in fixed_sizes.items() if name not in CROWN}
-    if not start.is_level:
+    if not (start.is_level or problem.moves):
         found = solved_together(problem, start, estimated)
         if found.crown is not None and found.crown.is_determined:
             return found
     level = solved_together(problem, start.levelled, {**fixed_sizes, **dict.fromkeys(CROWN, np.inf)})
-    if level.crown is None or not level.crown.is_determined:
+    if problem.moves or level.crown is None or not level.crown.is_determined:
         return level
     cameras = dict(zip(level.index.tolist(), level.evaluation.theta, strict=True))
     found = solved_together(problem, Start(level.layout, cameras, start.labels), estimated)
