@@ -27,6 +27,7 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import FisheyeLens
 from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
@@ -34,7 +35,8 @@ from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
 
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-MODELS = {**LENS_FLAGS, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENS_FLAGS.items()}}
+LENSES = {name: flags for name, flags in LENS_FLAGS.items() if name != FisheyeLens.name}  # none of them is a fisheye
+MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENSES.items()}}
 GRID = 12  # ground points along the image's width and height at which regions are tested
 
 

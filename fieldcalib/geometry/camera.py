@@ -182,7 +182,7 @@ class Camera:
         rvec, tvec = (_three(name, vector) for name, vector in (("rvec", rvec), ("tvec", tvec)))
         R = rotation_from_vector(rvec)
         C = -R.T @ tvec
-        dist = fisheye_vector(dist_coeffs) if fisheye else opencv_vector(dist_coeffs)
+        dist = fisheye_vector(dist_coeffs) if truth(fisheye, "fisheye") else opencv_vector(dist_coeffs)
         return cls(camera_matrix, R, C, image_size, dist, fisheye=fisheye)
 
     def to_opencv(self) -> tuple[Array, Array, Array, Array]:
