@@ -441,7 +441,7 @@ class _MostLikely(NamedTuple):
 def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: Field) -> _MostLikely:
     """The pitch of least cost: on level ground, or on crowned ground where the calibrations determine that."""
     found = _solved(calibrations, size_prior, field, _role(calibrations))
-    if _role(calibrations) == Role.SHARED or found.crown is None or not found.crown.is_determined:
+    if _role(calibrations) == Role.SHARED or found.crown is None or not found.crown.is_raised:
         return found
     raised = _solved(calibrations, size_prior, field, Role.SHARED)
     return raised if raised.crown is not None and raised.crown.is_determined else found

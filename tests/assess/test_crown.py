@@ -187,6 +187,20 @@ def test_stills_of_one_crowned_pitch_share_its_ground():
     assert level.field.ground is None
 
 
+def test_stills_of_one_end_tell_ground_that_level_cameras_fit_badly():
+    terrain, rng, frames = FIELD.with_ground(Ground(0.7)).terrain, np.random.default_rng(1), []
+    for pan in np.linspace(0.5, 0.8, 6):
+        camera = Camera.from_angles(pan, 1.37, 0.0, 2.0 * SIZE[0], (-5.0, 56.0, -16.0), SIZE)
+        seen = {label: camera.project(terrain.raised(segment.sample(2.0))) for label, segment in FIELD.items()}
+        inside = {label: xy[np.all((xy > 0.0) & (xy < np.array(SIZE) - 1.0), axis=1)] for label, xy in seen.items()}
+        noisy = {label: xy + rng.normal(0.0, 0.5, xy.shape) for label, xy in inside.items() if len(xy) > 1}
+        frames.append(noisy)
+    found = estimate_field_size(FIELD, frames, SIZE)
+    assert found.crown is not None
+    assert abs(found.crown.height - 0.7) < 0.1
+    assert found.crown.sigma < 0.1
+
+
 def test_places_on_a_crowned_field_and_their_errors():
     field = soccer(size_known=True).with_ground(Ground(0.4))
     camera = Camera.from_angles(0.2, 1.33, 0.0, 1300.0, (3.0, 62.0, -17.0), SIZE)

@@ -48,9 +48,14 @@ class CrownEstimate(NamedTuple):
     sigma: float
 
     @property
+    def is_raised(self) -> bool:
+        """Whether frames tell that the ground is not level."""
+        return self.height > RAISED * self.sigma
+
+    @property
     def is_determined(self) -> bool:
         """Whether frames tell that the ground is not level, and by how much."""
-        return self.sigma < LARGEST_CROWN_SIGMA and self.height > RAISED * self.sigma
+        return self.is_raised and self.sigma < LARGEST_CROWN_SIGMA
 
 
 def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
