@@ -133,7 +133,7 @@ def _on_pitch(projection: Projection, calibration: Calibration | None, box: Box 
     left, _, right, bottom = np.array(box) * np.tile(projection.scale(camera.image_size), 2)
     # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.foot_points`
     ends: Array = np.array([[left, bottom], [right, bottom]]) - 0.5
-    X = camera.image_to_field(np.array(list(PLACES.values())) @ ends)
+    X = calibration.image_to_field(np.array(list(PLACES.values())) @ ends)
     if not np.isfinite(X).all():
         return None
     values: dict[str, Any] = {}

@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     width, height = overhead.image_size
     most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
     shown: list[str] = []
-    picture, seen = mosaic(Views(options.input, cameras, most, options.most_bytes, shown), overhead)
+    picture, seen = mosaic(Views(options.input, cameras, most, options.most_bytes, shown), overhead, field)
     lines = draw_field(picture, overhead, field, colour=LINE_COLOUR, thickness=1)
     picture = np.where(seen[..., None], picture, lines)
     points, colours, trails = players.of(shown[-1])

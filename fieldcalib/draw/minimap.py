@@ -16,6 +16,7 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.io.image import Image, checked_image
 
@@ -93,7 +94,7 @@ def draw_minimap(
         result = to_uint8(empty)
     else:
         result = dark.copy()
-        part, seen, rim = _in_view(camera, overhead, X)
+        part, seen, rim = _in_view(camera, field.terrain, overhead, X)
         result[part] = to_uint8(_lit(empty[:, *part], seen, rim))
         _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
     points = np.empty((0, 2)) if points is None else points
@@ -193,18 +194,20 @@ def _lit(part: Float32, seen: Float32, rim: Float32) -> Float32:
     return picture
 
 
-def _in_view(camera: Camera, overhead: Camera, X: Array) -> tuple[tuple[slice, slice], Float32, Float32]:
+def _in_view(
+    camera: Camera, terrain: Terrain, overhead: Camera, X: Array
+) -> tuple[tuple[slice, slice], Float32, Float32]:
     """Rows and columns of a map that hold all that a camera sees, and how far each pixel there is seen, or its border.
 
-    `X` (height, width, 3) are the ground points of the map's pixels. The view of most cameras is a polygon on the
-    ground; that of others, which see the horizon, or whose lens folds back, is found by projecting the ground.
+    `X` (height, width, 3) are the points of the map's pixels on level ground. The view of most cameras is a polygon on
+    the ground; that of others, which see the horizon, or whose lens folds back, is found by projecting the ground.
     """
     import cv2
 
     height, width = X.shape[:2]
-    border = overhead.project(_border_on_ground(camera))
+    border = overhead.project(_border_on_ground(camera, terrain))
     if not np.all(np.abs(border) < FARTHEST):  # NaN above the horizon, and where the lens folds back
-        inside = _inside(camera, X)
+        inside = _inside(camera, terrain.raised(X))
         seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
         rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
         return (slice(0, height), slice(0, width)), seen, rim
@@ -221,11 +224,11 @@ def _in_view(camera: Camera, overhead: Camera, X: Array) -> tuple[tuple[slice, s
     return part, seen, rim
 
 
-def _border_on_ground(camera: Camera) -> Array:
+def _border_on_ground(camera: Camera, terrain: Terrain) -> Array:
     """Ground points (N, 3) that a camera sees at the border of its image, in order; NaN above the horizon."""
     share, zero, one = np.linspace(0.0, 1.0, BORDER), np.zeros(BORDER), np.ones(BORDER)
     x, y = np.concatenate([share, one, share[::-1], zero]), np.concatenate([zero, share, one, share[::-1]])
-    return camera.image_to_field(np.stack([x, y], axis=-1) * camera.image_size - 0.5)
+    return camera.image_to_field(np.stack([x, y], axis=-1) * camera.image_size - 0.5, terrain=terrain)
 
 
 def _inside(camera: Camera, X: Array) -> Array:

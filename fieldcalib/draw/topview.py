@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._checks import CAMERA, FIELD, expect, is_number, named, several
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.draw.scene import Colour
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.image_files import LONGEST_SIDE
@@ -72,7 +72,7 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
     return Camera.from_angles(0.0, 0.0, 0.0, ABOVE / metres_per_pixel, (0.0, 0.0, -ABOVE), size, middle)
 
 
-def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, BoolArray]:
+def top_view(image: Image, camera: Camera, overhead: Camera, field: Field | None = None) -> tuple[Image, BoolArray]:
     """Warp the ground of an image to the view of a camera above the field; distortion is removed.
 
     Only the ground is in its place: players, goals and all else above it are smeared away from the camera.
@@ -85,6 +85,8 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
         The camera of that image.
     overhead : Camera
         The view from above, e.g. of `overhead_camera`.
+    field : Field, optional
+        The field in view, whose ground may not be level.
 
     Returns
     -------
@@ -112,7 +114,8 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
     for one in (camera, overhead):
         expect(one, Camera, CAMERA)
     picture = checked_image(image, camera.image_size)
-    xy = camera.project(_ground_of(overhead))
+    X, terrain = _ground_of(overhead), terrain_of(field)
+    xy = camera.project(X if terrain is None else terrain.raised(X))
     width, height = camera.image_size
     inside = np.all((xy >= EDGE - 0.5) & (xy <= (width - EDGE - 0.5, height - EDGE - 0.5)), axis=-1)
     seen = inside & (_metres_per_pixel(xy, overhead) < COARSEST)
@@ -121,7 +124,9 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
     return np.where(seen[..., None], warped, np.array(UNSEEN, np.uint8)), seen
 
 
-def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Image, BoolArray]:
+def mosaic(
+    views: Iterable[tuple[Image, Camera]], overhead: Camera, field: Field | None = None
+) -> tuple[Image, BoolArray]:
     """Combine many images of a field into one top view: the median colour at each place.
 
     Moving objects disappear where more than half of the views show the ground. All views are held in memory, four
@@ -133,6 +138,8 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
         Images of one field, with their cameras; a generator will do.
     overhead : Camera
         The view from above, e.g. of `overhead_camera`.
+    field : Field, optional
+        The field, whose ground may not be level.
 
     Returns
     -------
@@ -161,7 +168,7 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
         if not (isinstance(view, tuple | list) and len(view) == 2):
             raise ValueError(f"expected pairs (picture, camera), got {named(view)}")
         image, camera = view
-        picture, seen = top_view(image, camera, overhead)
+        picture, seen = top_view(image, camera, overhead, field)
         pictures.append(picture)
         masks.append(seen)
     if not pictures:

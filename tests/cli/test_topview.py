@@ -11,6 +11,7 @@ import pytest
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_minimap, mosaic, overhead_camera, render_field, top_view
+from fieldcalib.fields import Ground
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.videos import VideoWriter
@@ -21,10 +22,10 @@ BROADCAST = Camera.from_angles(0.1, np.radians(78), 0.01, 700.0, (0.0, 62.0, -18
 RANGE = 160.0  # m, of the colours of `coded`
 
 
-def coded(camera):
+def coded(camera, terrain=None):
     """An image whose blue and green say where on the ground a pixel is."""
     width, height = camera.image_size
-    X = camera.image_to_field(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1))
+    X = camera.image_to_field(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1), terrain=terrain)
     image = np.zeros((height, width, 3), np.uint8)
     image[..., :2] = np.clip(np.nan_to_num(X[..., :2] / RANGE + 0.5) * 255.0, 0, 255).round()
     return image
@@ -45,6 +46,19 @@ def test_places_are_where_the_camera_says_with_its_lens(camera):
     assert np.abs(off.mean(axis=0)).max() < 0.02  # a pixel of the picture is 0.25 m
     assert np.abs(off).max() < RANGE / 255.0
     assert np.all(picture[~seen] == picture[~seen][0])
+
+
+def test_views_from_above_follow_the_ground():
+    crowned, overhead = FIELD.with_ground(Ground(1.5, fall=0.5)), overhead_camera(FIELD, 0.25)
+    picture, seen = top_view(coded(BROADCAST, crowned.terrain), BROADCAST, overhead, crowned)
+    off = ((picture[..., :2] / 255.0 - 0.5) * RANGE - ground(overhead))[seen]
+    assert np.abs(off).max() < RANGE / 255.0
+    flat, _ = top_view(coded(BROADCAST, crowned.terrain), BROADCAST, overhead)
+    assert np.abs(flat.astype(int) - picture)[seen].max() > 3.0 / RANGE * 255.0  # 1.5 m of height, seen from 18 m
+    both, _ = mosaic([(coded(BROADCAST, crowned.terrain), BROADCAST)], overhead, crowned)
+    assert np.array_equal(both, picture)
+    down = Camera.from_angles(0.0, 0.0, 0.0, 100.0, (0.0, 0.0, -20.0), (100, 50))  # sees less of nearer ground
+    assert draw_minimap(down, crowned).mean() < draw_minimap(down, FIELD).mean()
 
 
 def test_what_is_seen_ends_with_the_image_and_before_the_horizon():
