@@ -193,7 +193,7 @@ def evaluate_segments(
     planar : bool
         Whether to leave out segments above the ground (goals), as the paper does for homographies.
     field : Field, optional
-        The field that is projected; SoccerNet's by default, a soccer field of 105 x 68 m.
+        The field that is projected, on its ground; SoccerNet's by default, a level soccer field of 105 x 68 m.
     executor : concurrent.futures.Executor, optional
         Runs the work on parts of the frames; the result does not depend on it.
 
@@ -246,7 +246,7 @@ def evaluate_segments(
     is_turned, is_nearer_turned = np.zeros((F, T), dtype=bool), np.zeros(F, dtype=bool)
     segments, points = np.zeros((2, F, T, L, 3), dtype=np.intp)
     errors: list[tuple[Mapping[str, Array], Mapping[str, Array]]] = [({}, {})] * F
-    samples = sample_segments(classes.segments)
+    samples = sample_segments(classes.segments, field.terrain)
     frames = list(given)
     chunks = [frames[begin : begin + CHUNK] for begin in range(0, len(frames), CHUNK)]
     of_chunk = partial(_compared, samples=samples, size=size, classes=classes, thresholds=limits.tolist())

@@ -109,7 +109,7 @@ def camera_difference(camera: Camera | None, truth: Camera, field: Field) -> Cam
         return CameraDifference(*[np.nan] * 6)
     half = np.array([field.length, field.width]) / 2.0
     x, y = np.meshgrid(np.linspace(-half[0], half[0], 106), np.linspace(-half[1], half[1], 69))  # 1 m apart
-    X = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    X = field.terrain.raised(np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3))
     xy = truth.project(X)
     visible = np.all((xy >= 0.0) & (xy <= np.array(truth.image_size) - 1.0), axis=-1)
     distance = np.linalg.norm(camera.project(X[visible]) - xy[visible], axis=-1)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import Segment
 from fieldcalib.metrics.views import Prediction, project_as_soccernet
 
@@ -28,10 +29,11 @@ class Samples(NamedTuple):
     """Index of each point's segment, (M,), ascending."""
 
 
-def sample_segments(segments: Mapping[str, Segment]) -> Samples:
+def sample_segments(segments: Mapping[str, Segment], terrain: Terrain | None = None) -> Samples:
     """Points of segments as SoccerNet's evaluation samples them.
 
-    Lines every 0.9 m from their start, with a longer last piece; arcs every 0.2 m, without closing whole circles.
+    Lines every 0.9 m from their start, with a longer last piece; arcs every 0.2 m, without closing whole circles. They
+    are moved up with ground that is not level.
 
     Examples
     --------
@@ -40,7 +42,8 @@ def sample_segments(segments: Mapping[str, Segment]) -> Samples:
     array([-2.44, -1.54,  0.  ])
     """
     X = [segment.evaluated(LINE_SPACING, CIRCLE_SPACING) for segment in segments.values()]
-    return Samples(np.concatenate(X), np.repeat(np.arange(len(X)), [len(points) for points in X]))
+    points, label = np.concatenate(X), np.repeat(np.arange(len(X)), [len(part) for part in X])
+    return Samples(points if terrain is None else terrain.raised(points), label)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from strategies import cameras, examples, labelled_frames, numbers, vectors
 from synthetic import displaced, observe, random_frames, whole_circle_markings
 
 from fieldcalib import calibrate_batch, soccer
+from fieldcalib.fields import Ground
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.soccernet import (
@@ -482,11 +483,20 @@ def everything_in_view(camera, field=FIELD):
     """Pixels of all that SoccerNet would sample in the image."""
     frame = {}
     for label, segment in whole_circle_markings(field).items():
-        xy = camera.project(sample_segments({label: segment}).X)
+        xy = camera.project(sample_segments({label: segment}, field.terrain).X)
         xy = xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)]
         if len(xy):
             frame[label] = xy
     return frame
+
+
+def test_cameras_of_a_crowned_field_are_scored_on_its_ground_where_that_is_asked():
+    camera = Camera.from_angles(0.0, 1.35, 0.0, 900.0, (0.0, 66.0, -16.0), SIZE)
+    crowned = FIELD.with_ground(Ground(0.5))
+    frame = everything_in_view(camera, crowned)
+    on_ground = evaluate_segments([camera], [frame], SIZE, thresholds=(1.0,), field=crowned)
+    assert on_ground.accuracy.tolist() == [1.0]
+    assert evaluate_segments([camera], [frame], SIZE, thresholds=(1.0,)).accuracy[0] < 0.8
 
 
 @given(camera=cameras(lens=False))
