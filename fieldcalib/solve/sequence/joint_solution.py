@@ -34,7 +34,7 @@ from fieldcalib.solve.sequence.joint_start import Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import PixelNoise, SequenceProblem, SharedParameters
 
 LARGEST_SIZE_SIGMA = 0.4  # m: largest sigma of a size to be estimated; clips of a penalty area and the middle reach 0.2
-
+OTHER_SIZE = 4.0  # sigmas from the given size at which it is estimated in any case: the given one would be wrong
 
 LARGEST_CROWN_SIGMA = 0.15  # m: largest sigma of a crown to be estimated: less than the spread of crowns, 0.2
 PROFILE = 0.06  # standard deviation of a crown by its profile, as a share: drawn roofs and parabolas are off by so much
@@ -256,7 +256,8 @@ def _kept_covariance(size: SizeBlock | None, layout: Layout, fixed_sizes: Mappin
 def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     """Find which of length and width the frames hardly determine; estimated, they would absorb errors of lens and zoom.
 
-    The values are their mean square differences from the given size, according to the frames.
+    A size that the frames contradict is not among them. The values are mean square differences from the given size,
+    according to the frames.
     """
     layout, theta = joint.layout, joint.evaluation.theta[0]
     if layout.field_size is None:
@@ -269,5 +270,5 @@ def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)
         for k, given in zip(block, layout.field_size.given, strict=True)
-        if layout.free[k] and sigma[k] > LARGEST_SIZE_SIGMA
+        if layout.free[k] and sigma[k] > max(LARGEST_SIZE_SIGMA, abs(theta[k] - given) / OTHER_SIZE)
     }

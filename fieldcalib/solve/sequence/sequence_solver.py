@@ -279,7 +279,10 @@ def _start_of(
 
 
 def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSolution:
-    """Solve again with the labels of further frames that are accepted now that the shared parameters are known."""
+    """Solve again with the labels of further frames that are accepted now that the shared parameters are known.
+
+    More frames may determine a size that the first ones did not.
+    """
     for _ in range(ROUNDS - 1):
         shared, some = joint.shared_parameters(problem), problem.solved_together
         alone = problem.calibrate_alone(some, shared.options, joint.tied_cameras)
@@ -288,6 +291,8 @@ def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSo
             break
         found = solved_on_its_ground(problem, start, joint.fixed_sizes)
         is_last = found.labelled == joint.labelled
+        if found.labelled > joint.labelled and len(joint.fixed_sizes) > len(problem.fixed_sizes):
+            found = solved_with_known_sizes(problem, start)
         joint = replace(found, left_out=joint.left_out, alternatives=joint.alternatives)
         if is_last:
             break

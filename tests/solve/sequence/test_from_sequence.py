@@ -13,7 +13,13 @@ from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
+from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, solved_with_known_sizes
+from fieldcalib.solve.sequence.joint_start import Start
+from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
+from fieldcalib.solve.sequence.sequence_solver import _with_more_labels
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.synthetic.paths import camera_path
 
@@ -205,6 +211,32 @@ def test_a_size_that_the_frames_do_not_tell_is_kept_and_uncertain():
     mark = (0.0, -34.0, 0.0)
     assert "width" not in nominal.names
     assert nominal[0].uncertainty.at_field(mark).rms > known[0].uncertainty.at_field(mark).rms
+
+
+def shorter_pitch(pans, noise, length=98.0):
+    """Labels of a shorter pitch in some frames of one tripod."""
+    cameras = [Camera.from_angles(pan, 1.3, 0.0, 4000.0, (0.0, 60.0, -14.0), SIZE) for pan in pans]
+    return pixels(labelled(cameras, soccer(length), np.random.default_rng(0), noise))
+
+
+def test_a_size_that_the_frames_contradict_is_not_kept_however_uncertain_the_other_one_is():
+    few = [{label: xy[::4] for label, xy in one.items()} for one in shorter_pitch((0.25, 0.35), 4.0)]
+    found = calibrate_sequence(FIELD, few, SIZE)
+    length, sigma = found.shared["length"]
+    assert LARGEST_SIZE_SIGMA < sigma < 1.0
+    assert abs(length - 98.0) < 3.0 * sigma
+
+
+def test_further_frames_determine_a_size_that_the_first_ones_do_not():
+    frames = shorter_pitch((-0.06, -0.02, 0.02, 0.06, 0.3, 0.32, 0.34, 0.36, 0.38), 0.5)
+    table = PixelTable.of(tuple(FIELD), frames)
+    problem = SequenceProblem.of(Task(FIELD).options(SIZE), table, SHARED)
+    middle = problem.calibrate_alone(np.arange(4), problem.options)
+    first = solved_with_known_sizes(problem, Start.of(middle))
+    assert "length" in first.fixed_sizes
+    found = _with_more_labels(problem, first)
+    assert found.labelled > first.labelled
+    assert found.shared_parameters(problem).object_segments.length == pytest.approx(98.0, abs=0.5)
 
 
 def test_a_court_is_to_be_known_to_a_share_of_its_size():
