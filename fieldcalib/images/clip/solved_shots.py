@@ -212,6 +212,7 @@ class SolvedTripods:
 
 def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     """Group shots by their tripod, and calibrate the shots of each group together."""
+    shots = _on_one_pitch(shots)
     how, pieces = shots.keyframes.how, shots.pieces
     stands = how.is_on_tripod
     located = [piece for piece, shot in shots.calibrations.items() if shot.together]
@@ -231,6 +232,21 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
     if stands:
         tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods)
     return SolvedTripods(shots.keyframes, pieces, tuple(tripods), shots.notes)
+
+
+def _on_one_pitch(shots: SolvedShots) -> SolvedShots:
+    """Solve pieces that do not determine the size of the field again, on one of the size that others determine."""
+    keyframes, pitch = shots.keyframes, shots.keyframes.how.task.field
+    told = [(name, shot.shared[name]) for shot in shots.calibrations.values() for name in SIZE if name in shot.names]
+    size = {name: value for name, (value, _) in sorted(told, key=lambda one: -one[1][1])}  # the surest one is the last
+    left = [p for p, shot in shots.calibrations.items() if shot.together and not size.keys() <= set(shot.names)]
+    if pitch is None or not left:
+        return shots
+    field = pitch.resized(size.get("length", pitch.length), size.get("width", pitch.width))
+    task = replace(keyframes.how.task, object_segments=field)
+    keyframes = replace(keyframes, how=replace(keyframes.how, task=task))
+    again = {piece: keyframes.calibrate(shots.pieces, [piece], keyframes.accepted) for piece in left}
+    return replace(shots, keyframes=keyframes, calibrations={**shots.calibrations, **again})
 
 
 def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:

@@ -8,9 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import any_angles, bounded, numbers
 
-from fieldcalib import calibrate_sequence, soccer
+from data_tools.synthetic.clips import labelled
+from fieldcalib import Camera, calibrate_sequence, soccer
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.images.clip.solved_shots import LEAST_LOG_RATIO, grouped_by_tripod, same_tripod_log_ratio
+from fieldcalib.images.clip.clip_models import Pieces
+from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots
+from fieldcalib.images.clip.solved_shots import (
+    LEAST_LOG_RATIO,
+    grouped_by_tripod,
+    same_tripod_log_ratio,
+    solve_shots,
+    solve_tripods,
+)
+from fieldcalib.images.from_images import How
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.request import Task
 
 PLACE = ("x", "y", "z")
 SIZED = (*PLACE, "length", "width")
@@ -134,6 +146,24 @@ def test_what_else_is_shared_is_no_matter():
     one = place([*HERE, 960.0, 68.0, 0.3], V, names)
     two = place([*HERE, 900.0, 68.05, 2.0], V, names)
     assert grouped_by_tripod({0: one, 1: two}) == [[0, 1]]
+
+
+def test_shots_that_do_not_tell_the_size_of_the_pitch_take_it_from_others():
+    """One of two cameras sees a penalty area and the middle of a pitch of 98 m, the other one only a penalty area."""
+    views = [(0.2 + 0.04 * k, (0.0, 60.0, -14.0)) for k in range(5)]
+    views += [(-0.55 - 0.03 * k, (12.0, 70.0, -8.0)) for k in range(5)]
+    cameras = [Camera.from_angles(pan, 1.3, 0.0, 1700.0, place, (960, 540)) for pan, place in views]
+    frames = labelled(cameras, soccer(98.0), np.random.default_rng(0), 0.5)
+    labels = {t: KeyframeLabels(PixelTable.of(soccer(), [one.pixels])) for t, one in enumerate(frames)}
+    pieces = Pieces(np.repeat([0, 1], 5))
+    keyframes = Keyframes(How(Task(soccer())), Shots(0, (960, 540), pieces, np.zeros(10, dtype=bool), {}), labels)
+    shots = solve_shots(keyframes, only_tripods=True)
+    assert shots.calibrations[1].field.length == 105.0
+    found = solve_tripods(shots)
+    assert [one.pieces for one in found.tripods] == [(0,), (1,)]
+    for one in found.tripods:
+        assert one.calibration.field.length == pytest.approx(98.0, abs=0.5)
+    assert "length" not in found.tripods[1].calibration.names  # it is as uncertain as before
 
 
 @given(numbers(0.05, 2.0), any_angles(), any_angles(), numbers(0.1, 3.0))
