@@ -57,7 +57,8 @@ SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower
 LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 SQUARE_LOG_ODDS = 1.5  # of a square that was squashed: networks are trained with squares, cameras do not film them
-UPRIGHT_LOG_ODDS = -3.0  # of a squashed clip that is higher than wide: most were cut out for phones
+# Of a squashed clip that is higher than wide, as most were cut out for phones, or wider than a frame: most lack rows.
+CUT_LOG_ODDS = -3.0
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
 
 PART_SCALE = 10.0  # offset from the middle in parts, relative to whole frames: a fifth of the width
@@ -350,9 +351,16 @@ def principal_point_sigma(share: float, image_size: tuple[int, int]) -> Array:
 
 
 def squash_log_odds(image_size: tuple[int, int], *, is_clip: bool = False) -> float:
-    """Prior log odds that pictures or a clip of another shape than 16:9 were squashed from it."""
+    """Prior log odds that pictures or a clip of another shape than 16:9 were squashed from it.
+
+    Examples
+    --------
+    >>> [squash_log_odds(size, is_clip=True) for size in [(640, 640), (640, 480), (608, 1080), (1280, 574)]]
+    [1.5, 0.0, -3.0, -3.0]
+    """
     width, height = image_size
-    return SQUARE_LOG_ODDS * (width == height) + UPRIGHT_LOG_ODDS * (is_clip and width < height)
+    is_usual = height <= width <= BROADCAST_SHAPE * height
+    return SQUARE_LOG_ODDS * (width == height) + CUT_LOG_ODDS * (is_clip and not is_usual)
 
 
 def log_evidence(cost: float, information: Array) -> float:
