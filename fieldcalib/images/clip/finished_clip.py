@@ -17,6 +17,7 @@ from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.clip_models import CUT_OUT, CameraModel, Pieces
 from fieldcalib.images.clip.clip_problem import calibrate_frames_alone
 from fieldcalib.images.clip.clip_shape import OFF_MIDDLE, better_of_enlarged, may_be_enlarged, off_middle
@@ -255,7 +256,9 @@ def _markings_seen(
     markings = Markings.of(lines.solved.keyframes.how.task.object_segments if field is None else field)
     cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
     seen = {
-        k: evidence_of(lines.ridges[int(frames[k])].seen_by(camera, markings), markings).markings
+        k: evidence_of(
+            lines.ridges[int(frames[k])].seen_by(camera, markings), markings, _motion(calibration, number, k, camera)
+        ).markings
         for k, camera in cameras.items()
         if camera is not None
     }
@@ -267,6 +270,14 @@ def _markings_seen(
     nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
     is_near = (np.abs(frames[nearest] - frames) < PAINT_EVERY) & (number[nearest] == number)
     return {k: seen[int(nearest[k])] for k in np.flatnonzero(is_near).tolist()}
+
+
+def _motion(calibration: SequenceCalibration, piece: IntArray, k: int, camera: Camera) -> Array:
+    """Motion (2,) of the lower part of a picture to the next frame of its piece or to the one before, pixels."""
+    around = (t for t in (k + 1, k - 1) if 0 <= t < len(piece) and piece[t] == piece[k])
+    other = next((one for t in around if (one := calibration[t].camera) is not None), camera)
+    xy = np.multiply(camera.image_size, (0.5, 0.75))
+    return np.nan_to_num(other.project(camera.image_to_field(xy)) - xy)
 
 
 def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:

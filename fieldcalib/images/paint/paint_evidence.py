@@ -5,7 +5,8 @@ used there while the other markings fit, so a camera may be consistent and wrong
 view is looked for in a wide band around its projection. In each profile across the marking the strongest ridges are
 taken (peaks of brightness with the same ground on both sides). Ridges that lie along a straight or evenly bent line, or
 a shifted arc, and are clearly more than the ridges where the marking is projected, are its paint. Lines appear bent
-where the ground is not flat or the lens differs from that of the camera.
+where the ground is not flat or the lens differs from that of the camera. They appear skewed while a camera turns whose
+rows are exposed one after another: the first row and the last one are up to the motion of a frame apart.
 
 Posts and crossbars are left out, since nets and stands behind them are full of lines, and so are markings of short
 dashes with wide gaps, of which few places show paint.
@@ -23,6 +24,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.paint_in_view import LEAST_PLACES, LONG, MarkingInView
@@ -44,7 +46,8 @@ from fieldcalib.problem.pixel_table import PixelTable
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for
 ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
 BESIDE = 3.0  # px: paint further off is beside the marking; with correct cameras of 98 broadcast frames at most 2.9 px
-BENT = 4.25  # px, the same for bent paint: lines of a clip on a crowned pitch, good by eye, bend by up to 4
+# px, the same for bent paint, and the most for skewed paint: lines of a crowned pitch, good by eye, bend by up to 4
+BENT = 4.25
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
 PEAKS = 5  # strongest ridges that are kept of each profile
 SEEN = 0.5  # least share of the profiles that paint beside a marking must cover
@@ -153,8 +156,11 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
     return evidence_of(Ridges.of(image, camera, markings), markings)
 
 
-def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
-    """Decide from ridges which markings lie on paint and which beside it, and where that paint is."""
+def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.0)) -> PaintEvidence:
+    """Decide from ridges which markings lie on paint and which beside it, and where that paint is.
+
+    `motion` (2,) is that of the picture from one frame to the next, pixels, if it is known.
+    """
     profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], np.full(len(profiles), np.nan)
@@ -170,7 +176,8 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
             free[free] = ~_is_paint_of(profiles, others, ridges.xy[at][free].astype(float), unit)
             may_be = np.where(free, offset[at], np.nan)
             off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
-            most = BESIDE
+            skew = 0.5 * float(np.median(np.abs(profiles.normal[at] @ np.asarray(motion)))) / unit
+            most = min(BESIDE + skew, BENT)
             if off == 0.0 and not markings.is_arc[k]:
                 off, run = _run_beside(may_be, _along(len(at), bent=True), on, unit)
                 most, is_bent = BENT, off > BENT * unit

@@ -82,6 +82,21 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
     assert not any(one.is_beside for one in found.values())
 
 
+def test_a_line_that_the_motion_of_the_camera_may_have_skewed_is_not_beside_its_paint():
+    """Rows are exposed one after another: across the motion lines are skewed, along it they are not."""
+    ridges = Ridges.of(PICTURE, PENALTY_AREA, MARKINGS)
+    at = np.flatnonzero(ridges.profiles.member == MARKINGS.labels.index("Big rect. right main"))
+    xy = ridges.xy.copy()
+    xy[at] += (3.9 * ridges.profiles.normal[at])[:, None].astype(np.float32)
+    across = 14.0 * np.median(ridges.profiles.normal[at], axis=0)
+    for motion, is_beside in (((0.0, 0.0), True), (across, False), (across[::-1] * (1.0, -1.0), True)):
+        found = {one.label: one for one in evidence_of(replace(ridges, xy=xy), MARKINGS, motion).markings}
+        assert found["Big rect. right main"].is_beside == is_beside
+    far = replace(ridges, xy=xy + (xy - ridges.xy))
+    found = {one.label: one for one in evidence_of(far, MARKINGS, across).markings}
+    assert found["Big rect. right main"].is_beside
+
+
 @examples(15)
 @given(pan=numbers(-22.0, 22.0), tilt=numbers(-22.0, 22.0))
 def test_what_is_found_beside_markings_is_paint(pan, tilt):
