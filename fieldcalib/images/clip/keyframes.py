@@ -8,7 +8,7 @@ is not found and contradicts nothing. The labels of the network were found witho
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
 import numpy as np
@@ -17,6 +17,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.label_errors import LEAST_FRAMES, misfit, rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.background.keyframe_tracking import TiedFrame
 from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
@@ -66,8 +67,10 @@ class Keyframes:
     how: How
     shots: Shots
     labels: Mapping[int, KeyframeLabels]
-    details: Mapping[int, Detail] = field(default_factory=dict)
+    details: Mapping[int, Detail] = attribute(default_factory=dict)
     """Evidence that frames were enlarged, by keyframe; of some only."""
+    sized: Mapping[int, Field] = attribute(default_factory=dict)
+    """The field of pieces that take its size from other ones."""
 
     @property
     def accepted(self) -> dict[int, PixelTable]:
@@ -100,6 +103,8 @@ class Keyframes:
         if model.is_window:
             prior = window_prior(how.task.prior, how.task.object_segments, size)
             how = replace(how, task=replace(how.task, prior=prior))
+        if all(piece in self.sized for piece in members):
+            how = replace(how, task=replace(how.task, object_segments=self.sized[members[0]]))
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
         problem = ClipProblem(replace(how, not_shared=model.not_shared), size, frames, labels, matches).from_zero
         calibration = calibrate_one_by_one(problem) if model.is_alone else solve_sequence(problem, start).calibration

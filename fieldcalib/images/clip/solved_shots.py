@@ -243,8 +243,7 @@ def _on_one_pitch(shots: SolvedShots) -> SolvedShots:
     if pitch is None or not left:
         return shots
     field = pitch.resized(size.get("length", pitch.length), size.get("width", pitch.width))
-    task = replace(keyframes.how.task, object_segments=field)
-    keyframes = replace(keyframes, how=replace(keyframes.how, task=task))
+    keyframes = replace(keyframes, sized=dict.fromkeys(left, field))
     again = {piece: keyframes.calibrate(shots.pieces, [piece], keyframes.accepted) for piece in left}
     return replace(shots, keyframes=keyframes, calibrations={**shots.calibrations, **again})
 

@@ -78,7 +78,7 @@ def camera_at(pan, focal_length):
 
 
 def test_a_shot_that_does_not_show_its_middle_is_not_trusted_if_it_looks_enlarged():
-    (_, trusted), (_, found) = (short_shot(-0.35, 1950.0, (240, 0), is_soft=one) for one in (False, True))
+    (_, trusted), (_, found) = (short_shot(-0.38, 2000.0, (240, 0), is_soft=one) for one in (False, True))
     assert {one.verdict for one in trusted} == {Verdict.GOOD}
     assert {one.verdict for one in found} == {Verdict.CHECK}
     assert all(ENLARGED in one.findings for one in found)
