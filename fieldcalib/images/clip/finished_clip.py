@@ -250,7 +250,7 @@ def _markings_seen(
     """Evidence of paint for frames of a tripod, by the numbers of the frames in it.
 
     A frame in which paint was not looked for takes the evidence of the nearest frame of its piece, if that is near
-    enough. Widths of paint are pooled over all frames, as these show the same lines.
+    enough. Widths of paint are pooled over all frames and markings: one size of the field makes all of them too wide.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.how.task.object_segments if field is None else field)
@@ -281,6 +281,6 @@ def _motion(calibration: SequenceCalibration, piece: IntArray, k: int, camera: C
 
 
 def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    """Pool the widths measured in several frames, by marking."""
-    labels = {label for one in widths for label in one}
-    return {label: np.concatenate([one[label] for one in widths if label in one]) for label in labels}
+    """Pool the widths measured in several frames: those of all markings, for each marking."""
+    every = np.concatenate([np.zeros(0), *(some for one in widths for some in one.values())])
+    return {label: every for one in widths for label in one}
