@@ -303,14 +303,15 @@ def _finished(
     problem: SequenceProblem, joint: JointSolution, before: SequenceCalibration | None = None
 ) -> SolvedSequence:
     """Complete the calibration of all frames, given the frames that were solved together."""
-    shared = joint.shared_parameters(problem)
+    shared, given = joint.shared_parameters(problem), problem.options.field
     is_shared = joint.layout.roles == Role.SHARED
+    sized = shared.options.field  # solved with as known, which it is only if a person says so
     calibration = SequenceCalibration(
         with_remaining_frames(problem, joint, shared, before),
         tuple(np.array(joint.layout.names)[is_shared].tolist()),
         joint.evaluation.theta[0, is_shared],
         joint.covariance,
-        shared.options.field,
+        sized if sized is None or given is None else replace(sized, size_known=given.size_known),
         len(joint.index),
         shared.options.layout,
         shared.considered.covariance,

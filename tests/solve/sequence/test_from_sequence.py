@@ -208,6 +208,7 @@ def test_a_size_that_the_frames_do_not_tell_is_kept_and_uncertain():
     nominal, known = (calibrate_sequence(field, middle, SIZE) for field in (FIELD, soccer(size_known=True)))
     assert "length" not in nominal.names
     assert (nominal.field.length, known.field.length) == (105.0, 105.0)
+    assert (nominal.field.size_known, known.field.size_known) == (False, True)
     mark = (0.0, -34.0, 0.0)
     assert "width" not in nominal.names
     assert nominal[0].uncertainty.at_field(mark).rms > known[0].uncertainty.at_field(mark).rms
@@ -224,6 +225,7 @@ def test_a_size_that_the_frames_contradict_is_not_kept_however_uncertain_the_oth
     found = calibrate_sequence(FIELD, few, SIZE)
     length, sigma = found.shared["length"]
     assert LARGEST_SIZE_SIGMA < sigma < 1.0
+    assert not found.field.size_known  # it is estimated: nobody has said so
     assert abs(length - 98.0) < 3.0 * sigma
 
 
