@@ -8,8 +8,9 @@ is kept that the lines in it make more likely.
 An enlarged part of a frame has the shape of a frame, but its principal point may lie anywhere, and the labels often
 hardly determine it. It also lacks detail (`fieldcalib.images.shape.enlarged`). As whole frames may be as soft, detail
 counts only together with the labels: a camera is doubted if it would be wrong with the principal point elsewhere, and
-the softer the picture, the sooner. It is then fitted once more with a principal point that may lie anywhere, and that
-camera is taken if its errors, which include those of the principal point, are small.
+the softer the picture, the sooner; a part that was cut out, as sharp as ever, is doubted for its labels alone. Both are
+then fitted once more with a principal point that may lie anywhere, and that camera is taken if its errors, which
+include those of the principal point, are small.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.cropping_evidence import principal_point_of, score
-from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Verdict
+from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -102,7 +103,7 @@ def log_ratio_of_squash(
 
 
 def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
-    """Calibrate pictures; if one may be an enlarged part of a frame, its principal point is freed or a doubt added."""
+    """Calibrate pictures; if one may be a part of a frame, its principal point is freed or a doubt added."""
     markings = Markings.of(task.object_segments)
     return [
         _as_enlarged(task, markings, image, one) if may_be_enlarged(image, one) else one
@@ -111,7 +112,9 @@ def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Tas
 
 
 def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
-    """Whether a picture may be an enlarged part of a frame, so that its otherwise good camera may be wrong."""
+    """Whether a picture may be a part of a frame, by its labels or by its lack of detail, and its camera wrong then."""
+    if calibration.has_finding(What.PART):
+        return True
     camera, solved = calibration.camera, calibration.solved
     if camera is None or solved is None or calibration.verdict is not Verdict.GOOD:
         return False
@@ -130,9 +133,9 @@ def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Cali
     freed = _freed(task, markings, image, calibration)
     if freed is not None and freed.verdict is Verdict.GOOD and freed.probability(level=True) >= SURE:
         x, y = freed.required_camera.principal_point
-        found = f"the picture may be an enlarged part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
+        found = f"the picture may be a part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
         return replace(freed, message=f"{found}; {freed.message}")
-    return with_findings(calibration, ENLARGED)
+    return calibration if calibration.has_finding(What.PART) else with_findings(calibration, ENLARGED)
 
 
 def _freed(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration | None:

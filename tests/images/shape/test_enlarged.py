@@ -10,8 +10,9 @@ from pictures import picture
 from views import camera
 
 from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
-from fieldcalib import Calibration, calibrate_from_images
-from fieldcalib.assess.findings import ENLARGED, WHICH_PART, Verdict
+from data_tools.probability import largest_true_error
+from fieldcalib import Calibration, Camera, calibrate_from_images
+from fieldcalib.assess.findings import CUT, ENLARGED, WHICH_PART, Verdict
 from fieldcalib.cli.camera_options import DeclaredPictures
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import shape_of_picture
@@ -33,8 +34,21 @@ def test_an_enlarged_part_is_not_good_with_a_wrong_camera():
     assert as_whole.verdict is Verdict.GOOD
     assert is_wrong(as_whole.camera, PART)
     found = calibrated(PART)
-    assert "enlarged part" in found.reason
+    assert "part of a frame" in found.reason
     assert not (found.verdict is Verdict.GOOD and is_wrong(found.camera, PART))
+
+
+def test_a_part_that_was_cut_out_undeclared_is_found_with_its_principal_point():
+    whole = Camera.from_angles(np.radians(-22), np.radians(78), 0.0, 1500.0, (0.0, 68.0, -17.0), (1280, 720))
+    truth, part = whole.cropped((0, 0), (960, 540)), np.ascontiguousarray(picture(whole)[:540, :960])
+    (as_whole,), (found,) = (
+        calibrate_from_images(FIELD, [part], KnownCameras([truth]), may_be_enlarged=freed) for freed in (False, True)
+    )
+    assert as_whole.findings == (CUT,)
+    assert largest_true_error(as_whole.camera, truth, FIELD) > 1.0
+    assert found.verdict is Verdict.GOOD
+    assert largest_true_error(found.camera, truth, FIELD) < 1.0
+    assert "its principal point was found at" in found.reason
 
 
 def test_a_camera_that_is_not_sure_without_the_middle_is_kept_with_a_doubt(monkeypatch):
