@@ -151,11 +151,15 @@ class ShapeEstimator:
         """Root mean square distance of each label from cameras fitted to all frames together, (T, L).
 
         The cameras are fitted to frames scaled to the size `shown`. The distances are in pixels of pictures of `size`,
-        as the labels are; NaN without a camera or pixels.
+        as the labels are; NaN without a camera or pixels. A size of the field that is told may be off as well: a squash
+        would make up for that, so it is estimated here.
         """
         scale = np.divide(shown, size)
         labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
-        how = replace(self.how, camera="tripod", estimate_size=True)
+        task, field = self.how.task, self.how.task.field
+        if field is not None:
+            task = replace(task, object_segments=replace(field, size_known=False))
+        how = replace(self.how, task=task, camera="tripod", estimate_size=True)
         problem = ClipProblem(how, shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
         segments = self.how.task.object_segments if solved.field is None else solved.field

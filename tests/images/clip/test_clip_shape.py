@@ -8,7 +8,8 @@ import pytest
 from networks import KnownCameras, looked_at
 from tripods import far_off
 
-from fieldcalib import calibrate_video, soccer
+from data_tools.synthetic.clips import labelled
+from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Verdict
 from fieldcalib.assess.video import Shape, VideoCalibration
 from fieldcalib.images.clip import clip_shape
@@ -17,6 +18,7 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
 from fieldcalib.problem.picture_shape import Crop, Placement
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 from fieldcalib.synthetic.film import Scene, TrueFrame, film
@@ -113,6 +115,16 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
     parts = [camera.cropped(corner, SQUASHED) for camera in cameras[some]]
     asked = ShapeEstimator(How(Task(FIELD), Asked(parts)))
     assert asked.log_odds([picture[:, corner[0] :] for picture in pictures[some]]) < 0.0
+
+
+def test_a_told_size_that_is_off_is_no_evidence_of_squashed_frames():
+    views = (
+        Camera.from_angles(pan, 1.3, 0.0, 2000.0, (0.0, 60.0, -14.0), (960, 540)) for pan in (0.0, 0.3, 0.33, 0.36)
+    )
+    seen = labelled(list(views), soccer(98.0), np.random.default_rng(0), 0.5)
+    frames = [PixelTable.of(tuple(FIELD), [one.pixels]) for one in seen]
+    off = ShapeEstimator(How(Task(soccer(101.0, size_known=True))))._distances(frames, (960, 540), (960, 540))
+    assert np.nanmax(off) < 2.0  # of the noise of the labels
 
 
 def test_what_is_not_told_is_to_be_checked(clip, monkeypatch):
