@@ -238,7 +238,7 @@ def test_the_polygon_that_is_seen_is_what_is_seen_once_the_ground_is_projected(t
         camera = Camera.from_angles(pan, np.radians(tilt), 0.02, focal_length, C, SIZE, k=(k1, 0.0))
         polygon = draw_minimap(camera, soccer())
         with monkeypatch.context() as patched:
-            patched.setattr(minimap, "_border_on_ground", lambda camera: np.full((4, 3), np.nan))
+            patched.setattr(minimap, "_border_on_ground", lambda camera, terrain: np.full((4, 3), np.nan))
             projected = draw_minimap(camera, soccer())
         differs = (np.abs(polygon.astype(int) - projected).max(axis=-1) > 12).astype(np.uint8)
         assert not cv2.erode(differs, np.ones((4, 4), np.uint8)).any()  # but for the width of the border
