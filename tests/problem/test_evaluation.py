@@ -52,9 +52,16 @@ LAYOUTS = {
     "zoom law": Layout.of(SIZE, zoom_law=ZoomLaw(np.log(1200.0))),
     "fisheye lens": Layout.of(SIZE, FisheyeLens(RHO)),
 }
-quick_lenses = pytest.mark.parametrize(
-    "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
-)
+
+
+def lenses(*slow):
+    """Parametrize a test by lenses, some of them in the slow part."""
+    return pytest.mark.parametrize(
+        "lens", [pytest.param(name, marks=pytest.mark.slow if name in slow else ()) for name in LAYOUTS]
+    )
+
+
+quick_lenses = lenses("Brown-Conrady lens")
 LAW = np.array([10.0, 10.0, 0.05, 0.1, 0.5])  # slopes of the principal point, of a1, its bend, the offset of the axes
 # p1, p2, a3 to a6, s1 to s4 of a lens that bends the corner by some percent with each
 OTHER_COEFFICIENTS = np.array([0.004, 0.004, 0.02, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005, 0.005])
@@ -273,7 +280,7 @@ class OnGround:
         return self.camera.project(self.terrain.raised(np.asarray(X, dtype=float)))
 
 
-@quick_lenses
+@lenses("Brown-Conrady lens", "zoom law", "fisheye lens")
 @given(data=st.data())
 def test_jacobian_on_ground_that_is_not_level(lens, data):
     camera = data.draw(cameras(lens=lens not in ("pinhole", "no radial lens")))
