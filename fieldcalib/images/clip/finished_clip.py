@@ -32,6 +32,7 @@ from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
+from fieldcalib.solve.sequence.joint_solution import OTHER_SIZE
 
 PAINT_EVERY = 5  # in one frame of so many, and in keyframes, paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
@@ -158,6 +159,8 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         finished, note = _finished_tripod(lines, tripod, members)
         calibrations.append(finished)
         notes.extend(note)
+    doubts = {other for members in lines.members if members for other in _other_size(lines, members)}
+    calibrations = [with_doubts(one, range(len(one)), *doubts) for one in calibrations] if doubts else calibrations
     for t in _mixed(solved.keyframes.shots.loose, tripod_of):
         if tripod_of[t] != NO_TRIPOD:
             calibrations[tripod_of[t]] = with_doubts(calibrations[tripod_of[t]], [int(number[t])], MIXED)
@@ -169,6 +172,28 @@ def finish_clip(lines: ClipLines) -> VideoCalibration:
         number,
         tuple(notes),
     )
+
+
+def _other_size(lines: ClipLines, members: tuple[int, ...]) -> tuple[Finding, ...]:
+    """Evidence that the pitch is not of the size that was told, from the labels of the keyframes of some pieces.
+
+    Lines do not tell it: they are looked for near the markings of the told size. A difference counts if it moves the
+    ends or the sides by more than the field's tolerance.
+    """
+    keyframes, pitch = lines.solved.keyframes, lines.solved.keyframes.how.task.field
+    if pitch is None or not pitch.size_known or pitch.size_model is None:
+        return ()
+    task = replace(keyframes.how.task, object_segments=replace(pitch, size_known=False))
+    keyframes = replace(keyframes, how=replace(keyframes.how, task=task, estimate_size=True))
+    found = keyframes.calibrate(lines.solved.pieces, members, keyframes.accepted)
+    told = {"length": pitch.length, "width": pitch.width}
+    seen = {name: found.shared[name] for name in told if name in found.names}
+    is_other = any(
+        abs(value - told[name]) > max(OTHER_SIZE * sigma, 2.0 * pitch.tolerance)
+        for name, (value, sigma) in seen.items()
+    )
+    size = tuple(float(seen.get(name, (value,))[0]) for name, value in told.items())
+    return (Finding(What.OTHER_SIZE, numbers=size),) if is_other else ()
 
 
 def _finished_tripod(

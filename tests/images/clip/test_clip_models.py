@@ -65,6 +65,17 @@ def calibrated(found):
     return {t: one for frames, calibration in tripods for t, one in zip(frames, calibration, strict=True)}
 
 
+@pytest.mark.parametrize(("told", "is_doubted"), [(105.0, False), (104.0, False), (101.0, True)])
+def test_a_told_size_that_the_labels_contradict_is_a_doubt(told, is_doubted):
+    """Lines near the markings of a pitch of that size would not tell; to the tolerance it may be off."""
+    how = How(Task(soccer(told, size_known=True)), estimate_size=False)
+    found = finished(solved(replace(clip_of(panned(8, -0.05, 0.4)), how=how)))
+    others = [one for frame in found for one in frame.findings if one.what is What.OTHER_SIZE]
+    assert len(others) == is_doubted * len(found)
+    assert all(one.numbers == pytest.approx((105.0, 68.0), abs=0.6) for one in others)
+    assert not is_doubted or all(frame.verdict is not Verdict.GOOD for frame in found)
+
+
 def without_sense(clip, frames, **how):
     """A clip with doubtful labels of another view in some keyframes."""
     labels = dict(clip.labels)
