@@ -84,6 +84,11 @@ NOT_WHOLE = Remedy(
     f"say {PICTURE}: a part of a frame, a whole frame of that shape, or a squashed one", (Advice.PICTURE,)
 )
 WHICH_PART = Remedy("say which part of a frame the picture is, or that nothing is cut off", (Advice.PART,))
+MORE_THAN_GROUND = Remedy(
+    "where heights or the camera itself matter: its known focal length, or a goal in view, or another thing above the "
+    "ground",
+    (Advice.KNOWN_CAMERA,),
+)
 SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 NOT_SOCCER = Remedy(
     f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}",
@@ -294,6 +299,9 @@ class What(StrEnum):
     SEEN_FROM_OPPOSITE = "seen from the opposite side"
     """The camera is on the opposite side if the labels name the ends as seen from the main side."""
 
+    GROUND_ONLY = "ground only"
+    """The ground is known, focal length and place of the camera are not: they are those that its prior prefers."""
+
     FRAMES_BESIDE_CLIP = "frames beside the clip"
     """Frames of a clip were mended since it was solved."""
     CUTS_BESIDE_CLIP = "cuts beside the clip"
@@ -316,7 +324,7 @@ CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.OTHER_PICTURE, What.
 NOTES = frozenset(
     [
         *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
-        *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE),
+        *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE, What.GROUND_ONLY),
         *(What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP, What.MOVED),
     ]
 )
@@ -377,6 +385,7 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.CUTS_BESIDE_CLIP: "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by "
         "hand: solve the clip again",
         What.MOVED: "{about} showed cameras that have changed since: it was moved to history",
+        What.GROUND_ONLY: "only the ground is known: heights and the camera's place are not",
         What.SEEN_FROM_OPPOSITE: "it is on the opposite side of the field, if the labels name the ends as seen from "
         "the main side; otherwise it is the camera turned by 180 degrees, in alternatives",
     }

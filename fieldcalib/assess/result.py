@@ -23,6 +23,7 @@ from fieldcalib.assess.cropping_evidence import Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
     CAUSE_REMEDIES,
+    MORE_THAN_GROUND,
     NOT_SOCCER,
     NOT_WHOLE,
     NOTHING,
@@ -263,8 +264,8 @@ class Calibration:
         """Advice in plain words; empty where none is known, or needed; see `advice`.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
-        paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions relative
-        to the centre mark are not known to half a metre.
+        paint, a picture that may be a part of a frame, a view of which only the ground is known, or a field whose size
+        is not visible, so that positions relative to the centre mark are not known to half a metre.
 
         Examples
         --------
@@ -299,6 +300,8 @@ class Calibration:
             return NOT_WHOLE
         if self.has_finding(What.PART, What.ENLARGED, What.IN_WINDOW):
             return WHICH_PART
+        if self.has_finding(What.GROUND_ONLY):
+            return MORE_THAN_GROUND
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
         return Remedy(said, (Advice.FIELD_SIZE,)) if said else NOTHING
 

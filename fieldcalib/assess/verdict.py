@@ -49,6 +49,8 @@ class Evidence:
     """Reasons why the camera is implausible, see `implausibilities`."""
     weakest: Direction
     """The direction of pose and zoom that the labels determine least."""
+    ground_error: Callable[[], float]
+    """Largest error of the field in view, in units of the field's tolerance; NaN if the object is no field."""
     converged: bool
     """Whether the solver found a minimum."""
     lens_is_prior: bool = False
@@ -68,7 +70,8 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
     if equations < evidence.unknowns:
         more = Finding(What.TOO_FEW_LABELS, noun, (len(segments), equations, evidence.unknowns))
         return Status.TOO_FEW_SEGMENTS, str(more), more
-    if evidence.weakest.information < OPEN_DIRECTION:
+    is_open = evidence.weakest.information < OPEN_DIRECTION
+    if is_open and not evidence.ground_error() <= 1.0:
         return Status.DEGENERATE, degeneracy(list(segments.values())) or (
             f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or give what "
             f"is known of the camera"

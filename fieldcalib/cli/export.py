@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib._progress import counted, say, show
-from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.findings import Finding, Verdict, What
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
 from fieldcalib.geometry.camera import Camera
@@ -29,6 +29,7 @@ from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
+from fieldcalib.run_folder.frame_record import has_finding
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -106,6 +107,9 @@ def run(options: argparse.Namespace) -> int:
     out = options.out or base / options.format
     _write(files, out, [base / name for name in (LINES, SOLVER, TABLE)], overwrite=options.overwrite)
     _say(frames, out, options.format)
+    unknown = [id for id in with_cameras(frames) if has_finding(lines[id], What.GROUND_ONLY)]
+    if unknown and options.format != "homography":
+        say(f"{counted(len(unknown), 'camera')}, the first of frame {unknown[0]}: {Finding(What.GROUND_ONLY)}")
     return 0
 
 

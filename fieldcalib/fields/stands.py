@@ -101,6 +101,21 @@ SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usuall
 ALL_STANDS = tuple(stand for stand in _STANDS if stand is not MAIN_TRIBUNE)
 
 
+def stand_above(
+    length: float, width: float, principal_point: float = MAIN_CENTER.principal_point
+) -> CameraDistribution:
+    """Where cameras look down on a field, straight or steeply: drones, roofs, satellites, which may as well be near.
+
+    Examples
+    --------
+    >>> stand_above(105.0, 68.0, principal_point=0.02).z
+    (-210.0, -10.5)
+    """
+    reach = max(length, width)
+    along, up = (-1.5 * reach, 1.5 * reach), (-2.0 * reach, -0.1 * reach)
+    return CameraDistribution("above", (-180, 180), (-50, 50), (-10, 10), (20, 90), along, along, up, principal_point)
+
+
 def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
     """Stands around an object of which only the size is known: those of a soccer field, scaled.
 

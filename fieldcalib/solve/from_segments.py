@@ -23,11 +23,14 @@ from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import NdcLosses
-from fieldcalib.assess.observability import Information
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.observability import OPEN_DIRECTION, Information
+from fieldcalib.assess.probability import UNUSUAL, largest_error
+from fieldcalib.assess.result import Calibration, found_of
 from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import turned_camera
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate, with_segment_ends
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
@@ -37,6 +40,7 @@ from fieldcalib.problem.labelled_pixels import (
     check_segments,
     check_weights,
 )
+from fieldcalib.problem.layout import LOG_F
 from fieldcalib.problem.least_squares import least_squares
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
@@ -51,6 +55,8 @@ from fieldcalib.solve.search import find_cameras, is_against_convention, other_s
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Options, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
+STEEPLY = np.radians(60.0)  # largest tilt of a camera that looks down on the field
+UNKNOWN_FOCAL_LENGTH = 0.1  # standard deviation of log f from which on heights are known to a tenth at best
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
 REPEATS = "labels that are all {:g} m off along the field fit as well: nothing labelled here tells where that is"
 NOTHING_LABELLED = "no labelled pixels: nothing to calibrate from"
@@ -239,7 +245,49 @@ def _calibrate_as_given(
     calibrations: dict[int, Calibration] = {}
     for frames, part in parts:
         calibrations |= dict(zip(frames.tolist(), _judged(part), strict=True))
-    return [calibrations[t] for t in range(pixels.count)]
+    found = [calibrations[t] for t in range(pixels.count)]
+    return found if options.from_above is None else _with_views_from_above(found, pixels, options.from_above, solve)
+
+
+def _with_views_from_above(
+    found: list[Calibration], pixels: PixelTable, options: Options, solve: Solver
+) -> list[Calibration]:
+    """Calibrate again, under the prior of cameras above the field, frames that may be seen from there.
+
+    Few cameras are there: all labels must agree with one. Beside that, the camera of the lower cost is kept.
+    """
+    start = {t: _start_above(one, options) for t, one in enumerate(found)}
+    tried = [t for t, theta in start.items() if theta is not None]
+    if not tried:
+        return found
+    again = _calibrate_as_given(pixels.of_frames(tried), options, solve, np.array([start[t] for t in tried]))
+    chosen = list(found)
+    for t, one in zip(tried, again, strict=True):
+        agrees = one.accepted and not any(finding.what.is_against for finding in found_of(one))
+        if agrees and not (found[t].accepted and _cost(found[t]) < _cost(one)):
+            chosen[t] = one
+    return chosen
+
+
+def _start_above(found: Calibration, options: Options) -> Array | None:
+    """Parameters (n,) of a camera that may look down on the field: its labels fit no stand, or it does so from none."""
+    if (
+        found.solved is None
+        or found.camera is None
+        or found.solved.evaluation.problem.layout.lens != options.layout.lens
+    ):
+        return None
+    fits_no_stand = found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)
+    if not fits_no_stand and not (found.accepted and found.camera.angles[1] < STEEPLY):
+        return None
+    evaluation = found.solved.alone.evaluation
+    z = evaluation.problem.prior_residuals(evaluation.theta)
+    return np.asarray(evaluation.theta[0]) if fits_no_stand or np.any(np.abs(z) > UNUSUAL) else None
+
+
+def _cost(found: Calibration) -> float:
+    """Cost of the labels and of the prior."""
+    return np.inf if found.solved is None else float(found.solved.alone.evaluation.cost[0])
 
 
 def _solved(
@@ -321,8 +369,8 @@ def _judged(frames: _Frames) -> list[Calibration]:
     cameras = options.layout.cameras(evaluation.theta)
     other = other_side(evaluation.problem.observations, evaluation.theta, options)
     errors_as_given = rms_by_label(frames.as_given)
-    calibrations = []
-    for t, evidence in enumerate(_evidence(frames)):
+    calibrations, solved = [], [Solved(evaluation, relabelled.prior.sigma, t) for t in range(len(cameras))]
+    for t, evidence in enumerate(_evidence(frames, solved)):
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
         status, message, *advice = verdict(evidence, options.tau)
@@ -330,8 +378,10 @@ def _judged(frames: _Frames) -> list[Calibration]:
         is_turned = not is_open and is_against_convention(cameras[t].C, options)
         alternatives = (turned_camera(cameras[t]),) if is_open or is_turned else ()
         sides = [Finding(What.OTHER_SIDE)] * is_open + [Finding(What.SEEN_FROM_OPPOSITE)] * is_turned
+        if status is Status.ACCEPTED and _shows_ground_only(cameras[t], evidence, solved[t]):
+            advice.append(Finding(What.GROUND_ONLY))
         told = [one for one in sides if status is not Status.ACCEPTED or not one.what.is_against]  # `reason` has others
-        notes = [message, *map(str, [*suspects, *told])]
+        notes = [message, *map(str, [*suspects, *told, *(one for one in advice if one.what is What.GROUND_ONLY)])]
         if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
@@ -348,14 +398,14 @@ def _judged(frames: _Frames) -> list[Calibration]:
             _found=(*_against(errors, suspects, evidence, options), *sides, *advice),
             pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
-            errors=Solved(evaluation, relabelled.prior.sigma, t),
+            errors=solved[t],
             are_annotated=not options.trust_labels and bool(given.weigh_alike[t]),
         )
         calibrations.append(found)
     return calibrations
 
 
-def _evidence(frames: _Frames) -> list[Evidence]:
+def _evidence(frames: _Frames, solved: Sequence[Solved]) -> list[Evidence]:
     """The evidence for the verdict on each frame."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
     far, sigma = options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
@@ -382,11 +432,26 @@ def _evidence(frames: _Frames) -> list[Evidence]:
             unknowns=options.unknowns,
             implausible=[reason for reason, mask in wrong.items() if mask[t]],
             weakest=needed.weakest(t),
+            ground_error=partial(_ground_error, solved[t], options.field),
             converged=bool(frames.solution.converged[t]),
             lens_is_prior=bool(lens_is_prior[t]),
         )
         for t in range(len(evaluation.theta))
     ]
+
+
+def _ground_error(solved: Solved, field: Field | None) -> float:
+    """Largest error of the field in view, in units of its tolerance; NaN without a field, or a prior for the rest."""
+    if field is None or solved.evaluation.prior is None:
+        return float("nan")
+    return largest_error(solved.uncertainty, field) / field.tolerance
+
+
+def _shows_ground_only(camera: Camera, evidence: Evidence, solved: Solved) -> bool:
+    """Whether focal length and height of an accepted camera are open against one another, as from straight above."""
+    if evidence.weakest.information >= OPEN_DIRECTION and camera.angles[1] > STEEPLY:
+        return False
+    return bool(np.sqrt(solved.uncertainty.covariance[LOG_F, LOG_F]) > UNKNOWN_FOCAL_LENGTH)
 
 
 def _against(

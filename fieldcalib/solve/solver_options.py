@@ -18,7 +18,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import Side
-from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
+from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution, stand_above
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, Layout
@@ -209,6 +209,15 @@ class Options:
     def unknowns(self) -> int:
         """Number of parameters that the labels must determine."""
         return int(np.sum(self.left_to_labels))
+
+    @property
+    def from_above(self) -> Options | None:
+        """The options for cameras that look down on the field; None unless they may stand anywhere around it."""
+        field, names = self.field, {stand.name for stand in self.distributions}
+        if field is None or not field.stands or not names >= {stand.name for stand in field.stands}:
+            return None
+        above = stand_above(field.length, field.width, max(one.principal_point for one in self.distributions))
+        return replace(self, distributions=(above,))
 
     @property
     def may_be_inside(self) -> bool:

@@ -155,6 +155,21 @@ def test_a_marking_that_is_not_parallel():
     assert is_better(calibrate_from_segments(PITCH, across, SIZE), before)
 
 
+@follows(findings.MORE_THAN_GROUND)
+def test_a_focal_length_or_a_goal():
+    above = Camera.from_angles(0.1, 0.0, 0.0, 800.0, (2.0, 1.0, -90.0), SIZE)
+    whole = {label: above.project(segment.sample(1.0)) for label, segment in PITCH.markings.items()}
+    flat = {label: xy for label, xy in whole.items() if "Goal" not in label and "central " not in label}
+    before = calibrate_from_segments(PITCH, flat, SIZE)
+    assert before.verdict is Verdict.GOOD
+    assert before.remedy == findings.MORE_THAN_GROUND.text
+    known = calibrate_from_segments(PITCH, flat, SIZE, above.K, flags=KNOWN)
+    crossbars = {label: xy for label, xy in whole.items() if "crossbar" in label}
+    for after in (known, calibrate_from_segments(PITCH, {**flat, **crossbars}, SIZE)):
+        assert not after.has_finding(What.GROUND_ONLY)
+        assert after.camera.C[2] == pytest.approx(-90.0, rel=0.05)
+
+
 @follows(REMEDIES[Status.NOT_CONVERGED], OF_LABELS[Status.NOT_CONVERGED])
 @pytest.mark.parametrize("by_hand", [True, False])
 def test_more_iterations_for_labels_and_labels_for_a_picture(by_hand):

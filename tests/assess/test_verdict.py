@@ -38,6 +38,7 @@ GOOD = Evidence(
     unknowns=7,
     implausible=[],
     weakest=Direction(5.0, "focal length"),
+    ground_error=lambda: 0.1,
     converged=True,
 )
 
@@ -137,7 +138,7 @@ def test_the_segment_that_fits_least_is_named():
         ({"loss_ndc": lambda: float("nan")}, 0.019, Status.REJECTED, "tau"),
         ({"unknowns": 99}, None, Status.TOO_FEW_SEGMENTS, "for 99 unknowns"),
         (
-            {"weakest": Direction(1e-4, "focal length with y")},
+            {"weakest": Direction(1e-4, "focal length with y"), "ground_error": lambda: 1.1},
             None,
             Status.DEGENERATE,
             "leave focal length with y open",

@@ -6,10 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from objects import relative_error
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
-from strategies import examples, labelled_frames, numbers
+from strategies import angle, examples, generators, labelled_frames, numbers, vectors
 from synthetic import observe, random_frames
 
-from fieldcalib import Arc, Camera, Line, Point, PointCloud, calibrate_batch, calibrate_from_segments
+from fieldcalib import Arc, Calibration, Camera, Line, Point, PointCloud, calibrate_batch, calibrate_from_segments
+from fieldcalib.assess import Finding, Verdict
+from fieldcalib.assess.findings import What
+from fieldcalib.assess.probability import largest_move
 from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
@@ -52,6 +55,42 @@ def test_one_frame_and_a_batch_agree(loss):
         assert alone.loss_ndc == pytest.approx(together.loss_ndc, rel=1e-6)
         np.testing.assert_allclose(alone.covariance, together.covariance, rtol=1e-5, atol=1e-9)
         assert list(alone.per_segment_errors) == list(frame)
+
+
+@given(
+    pan=angle(np.pi),
+    tilt=numbers(0.0, 50.0),
+    roll=angle(0.05),
+    fov=numbers(40.0, 85.0),
+    at=vectors((-10.0, -8.0), (10.0, 8.0)),
+    rng=generators(),
+)
+@examples(40)
+def test_views_from_above_are_good_by_their_ground(pan, tilt, roll, fov, at, rng):
+    """Where height and focal length are open against one another, a finding says so, and the camera is a likely one."""
+    f = 480.0 / np.tan(np.radians(fov) / 2.0)
+    up, tilt = f * FIELD.length / SIZE[0], np.radians(tilt)  # about the whole field is in view
+    back = up * np.tan(tilt)
+    C = (at[0] - back * np.sin(pan), at[1] + back * np.cos(pan), -up)
+    truth = Camera.from_angles(pan, tilt, roll, f, C, SIZE)
+    found = calibrate_from_segments(FIELD, observe(MARKINGS, truth, rng, noise=0.5), SIZE)
+    assert found.verdict is Verdict.GOOD
+    assert largest_move(truth, found.camera, FIELD) < FIELD.tolerance
+    off = abs(np.log(found.camera.focal_length / f))
+    assert off < 0.3 or found.has_finding(What.GROUND_ONLY)
+    assert -200.0 < found.camera.C[2] < -20.0
+
+
+def test_only_the_ground_is_known_from_straight_above():
+    above = Camera.from_angles(0.1, 0.0, 0.0, 800.0, (2.0, 1.0, -90.0), SIZE)
+    frame = observe({label: s for label, s in MARKINGS.items() if "Goal" not in label}, above)
+    found = calibrate_from_segments(FIELD, frame, SIZE)
+    assert found.verdict is Verdict.GOOD
+    assert str(Finding(What.GROUND_ONLY)) in found.reason
+    assert found.field_uncertainty([480, 270]).rms < 0.2
+    assert 10.0 < found.std_deviations[1][5, 0] < 60.0  # m, of the distance along the optical axis
+    assert Finding(What.GROUND_ONLY) in Calibration.from_dict(found.to_dict()).findings
+    assert calibrate_from_segments(FIELD, frame, SIZE, prior="main center").verdict is Verdict.REJECT
 
 
 def test_twice_is_the_same():
