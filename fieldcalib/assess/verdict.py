@@ -13,10 +13,11 @@ from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import CENTER, LOG_F, ROLL, exp_of
+from fieldcalib.problem.layout import CENTER, LOG_F, ROLL, TILT, exp_of
 from fieldcalib.problem.observations import FrameLabels
 
 LARGEST_ROLL = np.radians(45.0)
+STEEPLY = np.radians(60.0)  # largest tilt of cameras that look down: seen straight from above, a roll is like a pan
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 LARGEST_SHARE_BEHIND = 0.1  # of the weight of fitting segments; 0.05 and 0.2 give the same verdicts on annotated frames
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
@@ -129,7 +130,7 @@ def implausibilities(
     A camera must have a field of view between 0.5 and 150 degrees, and the segments that it fits must lie in front of
     it: those of pixels within `far` pixels, as pixels farther off may have wrong labels. On a field it must also stand
     above the ground, no farther away than `field.farthest_camera`, beside the field unless it `may_be_inside`, and be
-    rolled by at most 45 degrees.
+    rolled by at most 45 degrees, unless it looks down.
     """
     theta, points, observations = evaluation.theta, evaluation.points, evaluation.problem.observations
     width = observations.image_size[0]
@@ -152,7 +153,8 @@ def implausibilities(
         if not may_be_inside:
             reasons["it stands on the field"] = np.all(np.abs(C[:, :2]) < half, axis=1)
         # a rotation has two sets of angles, whose rolls differ by half a turn: the one with the smaller roll counts
-        reasons["it is rolled by more than 45 degrees"] = np.abs(np.sin(theta[:, ROLL])) > np.sin(LARGEST_ROLL)
+        is_rolled = np.abs(np.sin(theta[:, ROLL])) > np.sin(LARGEST_ROLL)
+        reasons["it is rolled by more than 45 degrees"] = is_rolled & (np.cos(theta[:, TILT]) < np.cos(STEEPLY))
     return reasons
 
 

@@ -106,6 +106,8 @@ def stand_above(
 ) -> CameraDistribution:
     """Where cameras look down on a field, straight or steeply: drones, roofs, satellites, which may as well be near.
 
+    A camera that looks nearly straight down, and leans a little to its side, has a large roll.
+
     Examples
     --------
     >>> stand_above(105.0, 68.0, principal_point=0.02).z
@@ -113,7 +115,7 @@ def stand_above(
     """
     reach = max(length, width)
     along, up = (-1.5 * reach, 1.5 * reach), (-2.0 * reach, -0.1 * reach)
-    return CameraDistribution("above", (-180, 180), (-50, 50), (-10, 10), (20, 90), along, along, up, principal_point)
+    return CameraDistribution("above", (-180, 180), (-50, 50), (-90, 90), (20, 90), along, along, up, principal_point)
 
 
 def stands_around(scale: float) -> tuple[CameraDistribution, ...]:

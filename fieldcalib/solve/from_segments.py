@@ -26,7 +26,7 @@ from fieldcalib.assess.ndc import NdcLosses
 from fieldcalib.assess.observability import OPEN_DIRECTION, Information
 from fieldcalib.assess.probability import UNUSUAL, largest_error
 from fieldcalib.assess.result import Calibration, found_of
-from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
+from fieldcalib.assess.verdict import STEEPLY, Evidence, implausibilities, verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sides import turned_camera
@@ -55,7 +55,6 @@ from fieldcalib.solve.search import find_cameras, is_against_convention, other_s
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Options, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
-STEEPLY = np.radians(60.0)  # largest tilt of a camera that looks down on the field
 UNKNOWN_FOCAL_LENGTH = 0.1  # standard deviation of log f from which on heights are known to a tenth at best
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels; the message mentions smaller ones
 REPEATS = "labels that are all {:g} m off along the field fit as well: nothing labelled here tells where that is"

@@ -217,7 +217,7 @@ class Options:
         if field is None or not field.stands or not names >= {stand.name for stand in field.stands}:
             return None
         above = stand_above(field.length, field.width, max(one.principal_point for one in self.distributions))
-        return replace(self, distributions=(above,))
+        return replace(self, distributions=(above,), max_iterations=4 * self.max_iterations)
 
     @property
     def may_be_inside(self) -> bool:

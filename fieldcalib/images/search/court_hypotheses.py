@@ -18,8 +18,10 @@ from itertools import combinations
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import TURN, looks_the_same_turned
+from fieldcalib.fields.stands import stand_above
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.long_lines import LongLines
 
@@ -34,6 +36,9 @@ OVER, OVER_SHARE = (
     0.05,
 )  # m, and share of its length, by which a line in the picture may be longer than its marking
 STEEPEST_ROLL = np.radians(12.0)  # largest roll of a plausible camera
+# Rectangles seen from above: cosine of their corners, change of scale across them, misfit of their shape, and a usual
+# focal length, in widths of the picture, as they leave it open.
+SKEW, PERSPECTIVE, MISSHAPEN, FOCAL_LENGTH_ABOVE = 0.2, 0.4, 0.15, 0.8
 INSIDE = 0.35  # share of the field's half extent; no camera stands nearer to the centre
 
 
@@ -150,7 +155,9 @@ def _joined(markings: list[tuple[float, float, float]]) -> tuple[Array, Array]:
     return place[first], np.column_stack([np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)])
 
 
-def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None) -> Cameras:
+def hypotheses(
+    lines: LongLines, field: Field, size: tuple[int, int], row: float | None = None, *, from_above: bool = False
+) -> Cameras:
     """Cameras that project two lines across the field and two along it onto two pairs of lines of the picture.
 
     On a field that looks the same when turned by 180 degrees, each camera also represents the turned one.
@@ -164,9 +171,12 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
     row : float, optional
         Row of the principal point, from the middle of the picture, in widths of the picture, for a picture cut out of a
         larger one; the column is then solved for. By default the principal point is in the middle.
+    from_above : bool
+        Whether cameras look down on the field, from where its rectangles are nearly such in the picture.
     """
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
+    quads = quads.take(quads.are_rectangles) if from_above else quads
     parts = []
     for step in ways(field):
         for i in combinations(range(len(on_field.across)), 2):
@@ -174,8 +184,9 @@ def hypotheses(lines: LongLines, field: Field, size: tuple[int, int], row: float
                 at = list(i[::step]), list(j[::step])
                 x, y = on_field.across[at[0]], on_field.along[at[1]]
                 own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
-                parts.append(own.cameras(x, y) if row is None else own.cut_out(x, y))
-    return plausible(parts, field, size)
+                solve = own.from_above if from_above else own.cameras
+                parts.append(solve(x, y) if row is None else own.cut_out(x, y))
+    return plausible(parts, field, size, from_above=from_above)
 
 
 def ways(field: Field) -> tuple[int, ...]:
@@ -183,14 +194,14 @@ def ways(field: Field) -> tuple[int, ...]:
     return (1,) if looks_the_same_turned(field) else (1, -1)
 
 
-def plausible(parts: Iterable[Cameras], field: Field, size: tuple[int, int]) -> Cameras:
-    """Keep the cameras that stand where cameras of the field do (`stands`).
+def plausible(parts: Iterable[Cameras], field: Field, size: tuple[int, int], *, from_above: bool = False) -> Cameras:
+    """Keep the cameras that stand where cameras of the field do (`stands`), or those `from_above` it.
 
     On a field that looks the same when turned by 180 degrees, each camera is moved to the canonical side, and also
     represents the turned one.
     """
     joined = Cameras.joined(parts, size)
-    joined = joined.take(stands(joined, field))
+    joined = joined.take(are_above(joined, field) if from_above else stands(joined, field))
     return on_canonical_side(joined, field) if looks_the_same_turned(field) else joined
 
 
@@ -211,6 +222,16 @@ def stands(cameras: Cameras, field: Field) -> BoolArray:
     return np.asarray(good & (np.abs(right[:, 2]) < np.sin(STEEPEST_ROLL)) & (cameras.R[:, 1, 2] > 0.0))
 
 
+def are_above(cameras: Cameras, field: Field) -> BoolArray:
+    """Whether cameras (B,) look down on the field as those of `stand_above` do."""
+    above = stand_above(field.length, field.width, principal_point=1.0)
+    half_fov, height = np.degrees(np.arctan(0.5 * cameras.size[0] / cameras.f)), -cameras.C[:, 2]
+    good = (2.0 * half_fov > above.fov[0] / MARGIN_FOV) & (2.0 * half_fov < above.fov[1] * MARGIN_FOV)
+    good &= (height > -above.z[1] / MARGIN_HEIGHT) & (height < -above.z[0] * MARGIN_HEIGHT)
+    good &= np.linalg.norm(cameras.C, axis=1) < field.farthest_camera
+    return np.asarray(good & (cameras.R[:, 2, 2] > np.cos(STEEPLY)))
+
+
 def heights(field: Field) -> tuple[float, float]:
     """Least and largest height of cameras above the ground, metres."""
     z = [height for stand in field.stands or field.named_stands.values() for height in stand.z]
@@ -218,10 +239,16 @@ def heights(field: Field) -> tuple[float, float]:
 
 
 def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:
-    """Turn cameras on the far side or behind the right end by 180 degrees about the centre mark."""
+    """Turn cameras on the far side or behind the right end by 180 degrees about the centre mark.
+
+    Above the field it counts where the lower edge of the picture points to.
+    """
     x, y, _ = cameras.C.T
+    down_x, down_y, _ = cameras.R[:, 1].T
+    is_above = are_above(cameras, field) & (np.abs(x) < 0.5 * field.length) & (np.abs(y) < 0.5 * field.width)
     is_behind = np.abs(x) - 0.5 * field.length > np.abs(y) - 0.5 * field.width
-    return cameras.turned(np.where(is_behind, x > 0.0, y < 0.0))
+    turn_above = np.where(np.abs(down_x) > np.abs(down_y), down_x > 0.0, down_y < 0.0)
+    return cameras.turned(np.where(is_above, turn_above, np.where(is_behind, x > 0.0, y < 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,6 +319,24 @@ class _Quads:
         ends = self.ends if x[1] > x[0] else self.ends[:, :, ::-1]
         of_x, of_y = y[0] + ends[:, :2] * (y[1] - y[0]), x[0] + ends[:, 2:] * (x[1] - x[0])
         return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach), axis=1))
+
+    @property
+    def are_rectangles(self) -> BoolArray:
+        """Whether the quadrilaterals are nearly rectangles in the picture, (N,)."""
+        h1, h2 = (np.linalg.norm(h[:, :2] - self.h3[:, :2] * h[:, 2:], axis=1) for h in (self.h1, self.h2))
+        dot = np.sum((self.h1 - self.h3 * self.h1[:, 2:])[:, :2] * (self.h2 - self.h3 * self.h2[:, 2:])[:, :2], axis=1)
+        perspective = np.maximum(np.abs(self.h1[:, 2]), np.abs(self.h2[:, 2]))
+        return np.asarray((np.abs(dot) < SKEW * h1 * h2) & (perspective < PERSPECTIVE))
+
+    def from_above(self, x: Array, y: Array) -> Cameras:
+        """Cameras with a usual focal length if the quadrilaterals are the rectangle between two x and two y."""
+        h1, h2, h3 = self.homographies(x, y)
+        of_x, of_y = (h * (1.0 / FOCAL_LENGTH_ABOVE, 1.0 / FOCAL_LENGTH_ABOVE, 1.0) for h in (h1, h2))
+        squares = np.sum(np.square(of_x), axis=1), np.sum(np.square(of_y), axis=1)
+        misfit = np.hypot(2.0 * np.sum(of_x * of_y, axis=1), squares[0] - squares[1]) / np.sum(squares, axis=0)
+        good = misfit < MISSHAPEN
+        f = np.full(np.count_nonzero(good), FOCAL_LENGTH_ABOVE)
+        return self._with_focal_lengths(f, np.zeros_like(f), h1[good], h2[good], h3[good])
 
     def homographies(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
         """Columns of the homographies from metres if the quadrilaterals are the rectangle between two x and two y."""

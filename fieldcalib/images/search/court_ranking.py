@@ -11,7 +11,7 @@ the same picture (`moved_by_steps`), and is no rival.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -22,7 +22,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses
 from fieldcalib.images.search.cameras_from_lines import few_line_hypotheses
-from fieldcalib.images.search.court_hypotheses import Cameras, hypotheses, stands
+from fieldcalib.images.search.court_hypotheses import Cameras, are_above, hypotheses, stands
 from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import LongLines
 from fieldcalib.images.search.straightened import Bend
@@ -72,6 +72,12 @@ class Ranked:
         return self.bend.bent(xy)
 
 
+def rank_from_above(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend) -> Ranked:
+    """Find cameras that look down on a field, and rank them as `rank_cameras` does."""
+    found = hypotheses(lines, field, maps.size, from_above=True)
+    return Ranked(*_pulled(maps, _likeliest(maps, found, field), field, are_above), bend)
+
+
 def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
     """Find cameras that explain the long lines and ellipses of a picture, and rank them by all its stripes.
 
@@ -106,11 +112,16 @@ def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
     return cameras
 
 
-def _pulled(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
+def _pulled(
+    maps: StripeMaps,
+    cameras: Cameras,
+    field: Field,
+    are_possible: Callable[[Cameras, Field], BoolArray] = stands,
+) -> tuple[Cameras, Array]:
     """Add copies of the best cameras, pulled onto stripes; returns all in the order of their scores, and the scores."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
-    near = near.take(stands(near, field))
+    near = near.take(are_possible(near, field))
     points, kept = ROUNDS[-1]
     return in_order(maps, Cameras.joined([cameras, near], maps.size), MarkingPoints.of(field, points), kept)
 

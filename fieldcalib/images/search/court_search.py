@@ -34,7 +34,7 @@ from fieldcalib.fields.sides import OPPOSITE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.refinement import Refined, on_field_as_seen
-from fieldcalib.images.search.court_hypotheses import Cameras, stands
+from fieldcalib.images.search.court_hypotheses import Cameras, are_above, stands
 from fieldcalib.images.search.court_ranking import (
     GRID,
     Ranked,
@@ -123,7 +123,7 @@ class CourtEvidence:
     misfit: float
     """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
     is_above: bool
-    """Whether the camera stands above the field, as few do."""
+    """Whether the camera stands above the field, as few do, without looking down on it."""
 
     @property
     def features(self) -> Array:
@@ -323,12 +323,16 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
     sized = estimate_size and field.moves_with_size and not field.size_known
     candidates: list[_Candidate] = []
     probability: list[float] = []
-    for found in _candidates(task, field, picture, sized=sized):
-        candidates += found
-        probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
-        if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
+    courts: list[FoundCourt] = []
+    for views in (_candidates, _candidates_from_above):
+        if any(one.calibration.accepted for one in courts):
             break
-    courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
+        for found in views(task, field, picture, sized=sized):
+            candidates += found
+            probability = probabilities(np.array([one.odds for one in candidates]), _are_alike(candidates)).tolist()
+            if any(p >= ENOUGH and one.refined.judged.accepted for p, one in zip(probability, candidates, strict=True)):
+                break
+        courts = [_court(*one) for one in zip(candidates, probability, strict=True)]
     return sorted(courts, key=lambda one: (not one.calibration.accepted, -one.probability, -one.evidence.score))
 
 
@@ -349,16 +353,31 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
             yield search(stripes.take(np.flatnonzero(paint)))
 
 
+def _candidates_from_above(
+    task: Task, field: Field, picture: PictureToSearch, *, sized: bool
+) -> Iterator[list[_Candidate]]:
+    """Yield the candidates that look down on the field, if cameras may stand anywhere."""
+    if task.prior == ALL:
+        stripes = picture.stripes(lighter=field.lines.lighter)
+        yield _of_ranked(task, picture.image, stripes, stripes.ranked_from_above(field), sized=sized)
+
+
 def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
     """Find the cameras that explain some stripes: rank hypotheses, refine the best different ones, weigh the evidence.
 
     `sized`: also estimate the size of the field. `are_cut_out`: the picture may be cut out of a larger one.
     """
+    assert task.field is not None
+    ranked = stripes.ranked(task.field, are_cut_out=are_cut_out)
+    return _of_ranked(task, image, stripes, ranked, sized=sized)
+
+
+def _of_ranked(task: Task, image: Image, stripes: PictureStripes, ranked: Ranked, *, sized: bool) -> list[_Candidate]:
+    """Refine the best different cameras of a ranked search, and weigh the evidence."""
     field = task.field
     assert field is not None
     on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, stripes.lines)]
     picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, stripes.maps)
-    ranked = stripes.ranked(field, are_cut_out=are_cut_out)
     if task.side == OPPOSITE:
         ranked = ranked.turned
     started = _different(ranked, field)
@@ -400,6 +419,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
     expected = [one for one in markings if one.is_expected]
+    looks_down = are_above(Cameras.of([camera], size), field)[0]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
@@ -411,7 +431,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
         painted=float(np.mean([one.is_painted for one in expected])) if expected else UNKNOWN,
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
-        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
+        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))) and not looks_down,
     )
 
 
@@ -454,7 +474,8 @@ def _if_possible(refined: Refined, field: Field) -> Refined | None:
     camera = refined.calibration.camera
     if camera is None or not refined.calibration.accepted:
         return None
-    return refined if stands(Cameras.of([camera], camera.image_size), field)[0] else None
+    seen = Cameras.of([camera], camera.image_size)
+    return refined if stands(seen, field)[0] or are_above(seen, field)[0] else None
 
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:

@@ -8,7 +8,7 @@ from functools import cached_property
 from fieldcalib._types import IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.images.search.cameras_from_ellipses import circles_of
-from fieldcalib.images.search.court_ranking import Curves, Ranked, rank_cameras
+from fieldcalib.images.search.court_ranking import Curves, Ranked, rank_cameras, rank_from_above
 from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
 from fieldcalib.images.search.long_lines import LongLines, long_lines
 from fieldcalib.images.search.straightened import Bend, bend_of
@@ -92,6 +92,10 @@ class PictureStripes:
     def curves(self, court: Field) -> Curves:
         """Long lines, and ellipses if the field has circles; finding ellipses takes 0.1 s."""
         return self.lines, self.ellipses if len(circles_of(court)) else ()
+
+    def ranked_from_above(self, court: Field) -> Ranked:
+        """Rank the cameras that look down on a field."""
+        return rank_from_above(self.lines, self.straight_maps, court, self.bend)
 
     def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
         """Rank the cameras for a field, once; `are_cut_out` as in `rank_cameras`."""
