@@ -19,7 +19,7 @@ cameras by their probability of being right, each accepted or not
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -68,6 +68,9 @@ COEFFICIENTS = np.array([-6.52, 1.94, 9.95, -8.09, 0.73, 3.97, -0.52, -0.88, -3.
 # first camera is right in 289. Of these 272 are accepted with this threshold and 268 with 0.75; of the wrong ones 7
 # with either. None is accepted in 256 pictures searched for other fields.
 LEAST_PROBABILITY = 0.65
+# Seen from above, rectangles of one field look like those of another: in 117 pictures searched for other fields wrong
+# cameras have up to 0.92, while right ones have 1.00 in nine drone pictures and 30 rendered ones.
+LEAST_PROBABILITY_ABOVE = 0.95
 LEAST_SCORE = 250.0  # with a lower score the markings in view must show their paint, as three lines fit many cameras
 UNKNOWN = 0.5  # `CourtEvidence.painted` if no marking's paint should be visible
 LEAST_MEAN, LEAST_MISFIT = 0.2, 0.05  # lower limits of the evidence: smaller values carry no more information
@@ -123,7 +126,7 @@ class CourtEvidence:
     misfit: float
     """Root mean square distance of the lines from their markings, pixels of a 960 x 540 image."""
     is_above: bool
-    """Whether the camera stands above the field, as few do, without looking down on it."""
+    """Whether the camera stands above the field, as few do; false if it was searched for there."""
 
     @property
     def features(self) -> Array:
@@ -311,6 +314,8 @@ class _Candidate:
     refined: Refined
     evidence: CourtEvidence
     stripes: PictureStripes
+    from_above: bool = False
+    """Whether it was searched for among cameras that look down on the field."""
 
     @property
     def odds(self) -> float:
@@ -359,7 +364,8 @@ def _candidates_from_above(
     """Yield the candidates that look down on the field, if cameras may stand anywhere."""
     if task.prior == ALL:
         stripes = picture.stripes(lighter=field.lines.lighter)
-        yield _of_ranked(task, picture.image, stripes, stripes.ranked_from_above(field), sized=sized)
+        ranked = stripes.ranked_from_above(field)
+        yield _of_ranked(task, picture.image, stripes, ranked, sized=sized, from_above=True)
 
 
 def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out: bool, sized: bool) -> list[_Candidate]:
@@ -372,7 +378,9 @@ def _searched(task: Task, image: Image, stripes: PictureStripes, *, are_cut_out:
     return _of_ranked(task, image, stripes, ranked, sized=sized)
 
 
-def _of_ranked(task: Task, image: Image, stripes: PictureStripes, ranked: Ranked, *, sized: bool) -> list[_Candidate]:
+def _of_ranked(
+    task: Task, image: Image, stripes: PictureStripes, ranked: Ranked, *, sized: bool, from_above: bool = False
+) -> list[_Candidate]:
     """Refine the best different cameras of a ranked search, and weigh the evidence."""
     field = task.field
     assert field is not None
@@ -381,21 +389,27 @@ def _of_ranked(task: Task, image: Image, stripes: PictureStripes, ranked: Ranked
     if task.side == OPPOSITE:
         ranked = ranked.turned
     started = _different(ranked, field)
+    are_possible = are_above if from_above else stands
     refined = [
-        _if_possible(one, field) for one in refine_courts(task, field, image, [ranked.camera(k) for k in started])
+        _if_possible(one, field, are_possible)
+        for one in refine_courts(task, field, image, [ranked.camera(k) for k in started])
     ]
     ends = [None if one is None else one.calibration.camera for one in refined]
     rivals = Rivals.of(ranked, field, dict(zip(started, ends, strict=True)))
     found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    return [_Candidate(one, _evidence(picture, rivals, one), stripes) for one in found]
+    evidence = [_evidence(picture, rivals, one) for one in found]
+    if from_above:
+        evidence = [replace(one, is_above=False) for one in evidence]
+    return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
 
 
 def _court(candidate: _Candidate, probability: float) -> FoundCourt:
     """Judge a candidate, and add the other cameras that take the same picture."""
     refined, evidence, maps = candidate.refined, candidate.evidence, candidate.stripes.maps
-    calibration = _judged(refined, evidence, probability)
+    least = LEAST_PROBABILITY_ABOVE if candidate.from_above else LEAST_PROBABILITY
+    calibration = _judged(refined, evidence, probability, least)
     camera, field = refined.calibration.required_camera, _field_of(refined)
     points, least = MarkingPoints.of(field, POINTS), ALIKE * evidence.score
     moved = tuple(one for one in moved_by_steps(camera, field) if maps.score(one.scaled(maps.size), points)[0] >= least)
@@ -419,7 +433,6 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
     score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
     expected = [one for one in markings if one.is_expected]
-    looks_down = are_above(Cameras.of([camera], size), field)[0]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
@@ -431,7 +444,7 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
         painted=float(np.mean([one.is_painted for one in expected])) if expected else UNKNOWN,
         off=sum(one.is_off for one in markings),
         misfit=float(refined.calibration.rms / pixel_unit(refined.calibration.required_camera.image_size)),
-        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))) and not looks_down,
+        is_above=bool(np.all(np.abs(camera.C[:2]) < ABOVE * np.array(field.half_extent))),
     )
 
 
@@ -455,10 +468,10 @@ def _different(ranked: Ranked, field: Field) -> list[int]:
     return list(islice(first_apart(xy, likely, ranked.bend.size, APART, median=False), REFINED))
 
 
-def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Calibration:
+def _judged(refined: Refined, evidence: CourtEvidence, probability: float, least: float) -> Calibration:
     """Judge a refined camera: its calibration is "probably wrong" without enough evidence."""
     calibration = refined.judged
-    if not calibration.accepted or (probability >= LEAST_PROBABILITY and evidence.is_enough):
+    if not calibration.accepted or (probability >= least and evidence.is_enough):
         return with_hidden_markings(calibration) if probability >= SURE else calibration
     doubts = (UNDETERMINED,) if calibration.solved is None else evidence.doubts
     doubt = "; ".join((f"{FOUND}, right with a probability of {probability:.2f}", *doubts))
@@ -466,7 +479,7 @@ def _judged(refined: Refined, evidence: CourtEvidence, probability: float) -> Ca
     return said if said.has_finding(What.SEARCHED) else with_findings(said, FOUND)
 
 
-def _if_possible(refined: Refined, field: Field) -> Refined | None:
+def _if_possible(refined: Refined, field: Field, are_possible: Callable[[Cameras, Field], BoolArray]) -> Refined | None:
     """Pass a refined camera on; None if it is not accepted, or stands where no camera of the field does.
 
     This excludes cameras at the height of the ground, which see the whole field in one line and so fit any line.
@@ -474,8 +487,7 @@ def _if_possible(refined: Refined, field: Field) -> Refined | None:
     camera = refined.calibration.camera
     if camera is None or not refined.calibration.accepted:
         return None
-    seen = Cameras.of([camera], camera.image_size)
-    return refined if stands(seen, field)[0] or are_above(seen, field)[0] else None
+    return refined if are_possible(Cameras.of([camera], camera.image_size), field)[0] else None
 
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:

@@ -23,6 +23,7 @@ import numpy as np
 from fieldcalib.assess.cropping_evidence import principal_point_of, score
 from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
+from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
@@ -58,7 +59,12 @@ def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibrat
 
 
 def _best_window(whole: Calibration, others: Sequence[Calibration]) -> Calibration:
-    """Choose the window's camera that is most likely right; if none is accepted, the whole picture's, with doubts."""
+    """Choose the window's camera that is most likely right; if none is accepted, the whole picture's, with doubts.
+
+    A camera that looks down on a field sees its areas as such rectangles: a good one of the whole picture is kept.
+    """
+    if whole.verdict is Verdict.GOOD and whole.required_camera.angles[1] < STEEPLY:
+        return whole
     accepted = [one for one in others if one.accepted]
     if accepted:
         return max(accepted, key=lambda one: one.probability(size_known=True) if one.has_probability else 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldcalib.assess.findings import NOT_SOCCER, Finding, Status, What
 from fieldcalib.assess.result import Calibration, with_findings
+from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
@@ -18,6 +19,7 @@ from fieldcalib.io.image import Image, size_of
 LEAST_SIDE = 32  # px: a line of 12 cm is a twentieth of a pixel wide there
 SMALL_SIDE = 200  # px: of 24 broadcast frames none got a camera when reduced to 320 x 180, 20 did at 400 x 225
 FLAT = 16  # levels of brightness between the darkest and the brightest pixel, from compression and noise
+DRAWN = 0.8  # share of pixels like their left neighbour from which on a picture is drawn: of 60 photos 0.72 at most
 LOOKED_AT = 128  # approximate number of rows and columns whose brightness is compared
 ASK_SPORT = Finding(What.MAY_BE_OTHER_SPORT)
 DOUBTED = frozenset([Status.TOO_FEW_SEGMENTS, Status.IMPLAUSIBLE])
@@ -87,16 +89,27 @@ def _too_small(image: Image) -> Calibration:
 
 
 def _judged(image: Image, calibration: Calibration) -> Calibration:
-    """Explain a rejected calibration: a picture without contrast gets no camera, a small one a message that says so."""
+    """Explain a rejected calibration: a picture without contrast gets no camera, a small one a message that says so.
+
+    A drawing of a field, as a tactics board, looks as if taken from straight above, and is no picture of a camera.
+    """
     step = max(min(size_of(image)) // LOOKED_AT, 1)
     if calibration.accepted:
-        return calibration
+        if calibration.required_camera.angles[1] > STEEPLY or _share_alike(image) < DRAWN:
+            return calibration
+        drawn = "the picture is a drawing, which no camera has taken"
+        return replace(calibration, status=Status.IMPROBABLE, message=f"{drawn}; {calibration.message}")
     if int(np.ptp(image[::step, ::step])) <= FLAT:
         nothing = "the picture shows nothing: all of its pixels are nearly alike"
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing)
     if is_small(size_of(image)):
         return replace(calibration, message=f"{small_words(size_of(image))}; {calibration.message}")
     return calibration
+
+
+def _share_alike(image: Image) -> float:
+    """Share of the pixels that are like their left neighbour."""
+    return float(np.mean(np.all(image[:, 1:] == image[:, :-1], axis=2)))
 
 
 def _asked(calibration: Calibration) -> Calibration:

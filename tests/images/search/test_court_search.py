@@ -10,14 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
 from pictures import picture
-from strategies import numbers, operated_angles, vectors
+from strategies import angle, examples, numbers, operated_angles, vectors
 
 import fieldcalib
 from data_tools.court_truth import court_frames
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images, calibrate_video
-from fieldcalib.assess.findings import Verdict
+from fieldcalib.assess.findings import Verdict, What
+from fieldcalib.assess.probability import largest_move
+from fieldcalib.draw import draw_field
 from fieldcalib.fields import american_football, badminton, basketball, futsal, rugby_union, tennis, volleyball
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook
@@ -40,6 +42,7 @@ from fieldcalib.images.search.stripe_likelihood import (
 )
 from fieldcalib.images.search.stripes import StripeColours, find_stripes
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.localize import SegmentationNetwork
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
@@ -492,3 +495,45 @@ def test_all_frames_of_a_clip_are_right_and_accepted(clip, shared_data):
         best = find_courts(image, field_named(frame.field))[0]
         assert frame.is_right(best.calibration.required_camera), frame.number
         assert best.calibration.accepted, frame.number
+
+
+# From above
+
+
+@given(
+    name=st.sampled_from(["tennis", "badminton", "soccer"]),
+    turn=st.sampled_from([0.0, 0.5 * np.pi]),
+    pan=angle(0.4),
+    tilt=numbers(0.005, 0.17),  # nearly straight down: drawing divides by it
+    fov=numbers(45.0, 80.0),
+    share=numbers(0.6, 0.9),
+)
+@examples(8)
+def test_a_field_seen_from_above_is_found(name, turn, pan, tilt, fov, share):
+    """Its long side lies along the picture or up in it, and the camera leans a little: as from a drone."""
+    field, size = field_named(name), (1280, 720) if turn == 0.0 else (720, 1280)
+    f = 0.5 * size[0] / np.tan(np.radians(fov) / 2.0)
+    up = f * max(field.length / max(size), field.width / min(size)) / share
+    pan, roll = (turn + pan, -0.8 * pan)  # most of it is taken back: the picture is nearly upright
+    C = (-up * np.tan(tilt) * np.sin(pan), up * np.tan(tilt) * np.cos(pan), -up)
+    truth = Camera.from_angles(pan, tilt, roll, f, C, size)
+    best = find_courts(picture(truth, field), field)[0].calibration
+    assert best.verdict is Verdict.GOOD, best.reason
+    assert min(largest_move(truth, camera, field) for camera in (best.camera, turned(best.camera))) < field.tolerance
+
+
+def test_a_picture_from_above_is_no_window():
+    """The areas of a pitch are upright rectangles, as windows are; the network has not seen it from there."""
+    truth = Camera.from_angles(0.0, 0.01, 0.0, 1000.0, (3.0, 2.0, -110.0), SIZE)
+    (found,) = calibrate_from_images(fieldcalib.soccer(), [picture(truth)], SegmentationNetwork.load())
+    assert found.verdict is Verdict.GOOD
+    assert found.has_finding(What.GROUND_ONLY)
+    assert largest_move(truth, found.camera, found.field) < 1.0
+
+
+def test_a_drawing_from_above_is_no_picture_of_a_camera():
+    overhead = Camera.from_angles(0.0, 0.0, 0.0, 1000.0, (0.0, 0.0, -110.0), SIZE)
+    board = draw_field(np.full((720, 1280, 3), (40, 140, 30), np.uint8), overhead, colour=(240, 240, 240))
+    (found,) = calibrate_from_images(fieldcalib.soccer(), [board], SegmentationNetwork.load())
+    assert found.verdict is Verdict.REJECT
+    assert "a drawing" in found.reason
