@@ -99,7 +99,7 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
 
     C = camera.C.astype(np.float32)
     behind, board_height = BOARDS
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         to_end, to_side = (
             ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i] for i, half in enumerate(field.half_extent.tolist())
         )
