@@ -1,6 +1,8 @@
 """Courts found in pictures by search: stripes, long lines, hypotheses, and the ranked cameras."""
 
+import json
 from itertools import combinations
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,7 +15,7 @@ from pictures import picture
 from strategies import angle, examples, numbers, operated_angles, vectors
 
 import fieldcalib
-from data_tools.court_truth import court_frames
+from data_tools.court_truth import court_frames, crossing, distances
 from data_tools.nonsense import nonsense
 from data_tools.score_courts import Truth
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, Field, Line, calibrate_from_images, calibrate_video
@@ -539,3 +541,20 @@ def test_a_drawing_from_above_is_no_picture_of_a_camera():
     (found,) = calibrate_from_images(fieldcalib.soccer(), [board], SegmentationNetwork.load())
     assert found.verdict is Verdict.REJECT
     assert "a drawing" in found.reason
+
+
+DRONES = json.loads((Path(__file__).parents[2] / "from_above.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", DRONES)
+def test_pictures_of_drones_are_right_and_good(name, shared_data):
+    """Crossings of their lines were set by hand, in enlarged pictures: coordinates only."""
+    one, image = DRONES[name], cv2.imread(str(shared_data / "wild" / name))
+    field = field_named(one["field"])
+    network = SegmentationNetwork.load() if one["field"] == "soccer" else None
+    (found,) = calibrate_from_images(field, [image], network)
+    assert found.verdict is Verdict.GOOD, found.reason
+    X = [crossing(found.field, *at) if len(at) == 2 else found.field[at[0]].X for at in one["crossings"]]
+    off = distances(found.camera, np.array(X), np.array(one["pixels"]), image.shape[1])
+    assert max(off) < 6.0
+    assert np.median(off) < 3.0
