@@ -269,19 +269,15 @@ def _with_views_from_above(
 
 
 def _start_above(found: Calibration, options: Options) -> Array | None:
-    """Parameters (n,) of a camera that may look down on the field: its labels fit no stand, or it does so from none."""
-    if (
-        found.solved is None
-        or found.camera is None
-        or found.solved.evaluation.problem.layout.lens != options.layout.lens
-    ):
+    """Parameters (n,) of a camera that looks down on the field, and fits none of its stands; else None."""
+    if found.solved is None or found.camera is None or found.camera.angles[1] > STEEPLY:
         return None
-    fits_no_stand = found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)
-    if not fits_no_stand and not (found.accepted and found.camera.angles[1] < STEEPLY):
+    if found.solved.evaluation.problem.layout.lens != options.layout.lens:
         return None
     evaluation = found.solved.alone.evaluation
-    z = evaluation.problem.prior_residuals(evaluation.theta)
-    return np.asarray(evaluation.theta[0]) if fits_no_stand or np.any(np.abs(z) > UNUSUAL) else None
+    is_unusual = bool(np.any(np.abs(evaluation.problem.prior_residuals(evaluation.theta)) > UNUSUAL))
+    is_tried = is_unusual if found.accepted else found.status in (Status.DEGENERATE, Status.IMPLAUSIBLE)
+    return np.asarray(evaluation.theta[0]) if is_tried else None
 
 
 def _cost(found: Calibration) -> float:
