@@ -72,7 +72,7 @@ def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str, *tuple[
         more = Finding(What.TOO_FEW_LABELS, noun, (len(segments), equations, evidence.unknowns))
         return Status.TOO_FEW_SEGMENTS, str(more), more
     is_open = evidence.weakest.information < OPEN_DIRECTION
-    if is_open and not evidence.ground_error() <= 1.0:
+    if is_open and (evidence.implausible or not evidence.ground_error() <= 1.0):
         return Status.DEGENERATE, degeneracy(list(segments.values())) or (
             f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or give what "
             f"is known of the camera"

@@ -439,6 +439,8 @@ def _ground_error(solved: Solved, field: Field | None) -> float:
     """Largest error of the field in view, in units of its tolerance; NaN without a field, or a prior for the rest."""
     if field is None or solved.evaluation.prior is None:
         return float("nan")
+    if not np.all(np.isfinite(solved.alone.evaluation.information)):  # of an absurd camera
+        return float("nan")
     return largest_error(solved.uncertainty, field) / field.tolerance
 
 

@@ -153,6 +153,14 @@ def test_what_speaks_against_a_fit(changes, tau, status, words):
     assert words in message
 
 
+def test_what_leaves_the_ground_determined_is_accepted_unless_it_is_implausible():
+    """From straight above focal length and height are open against one another."""
+    above = replace(GOOD, weakest=Direction(1e-4, "focal length with z"))
+    assert verdict(above, None)[0] is Status.ACCEPTED
+    assert verdict(replace(above, implausible=["it stands below the ground"]), None)[0] is Status.DEGENERATE
+    assert verdict(replace(above, ground_error=lambda: float("nan")), None)[0] is Status.DEGENERATE
+
+
 @pytest.mark.parametrize(("missed", "accepted"), [(0.30, True), (0.40, False)])
 def test_two_thirds_of_the_segments_must_agree(missed, accepted):
     wrong = list(FRAME)[: round(missed * len(FRAME))]
