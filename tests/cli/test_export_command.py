@@ -18,6 +18,7 @@ from other_tools import (
 )
 
 from fieldcalib import Camera
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.cli.export import FORMATS, LOST
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.homography import homography_files
@@ -124,6 +125,13 @@ def test_rejected_cameras_are_gaps(calibrated_folder, tmp_path, capsys):
     assert printed.out == f"3 cameras of 4 frames in {folder / 'opencv'}\n"
     assert '1 camera left out, whose verdict is "reject"; --keep-rejected' in printed.err
     assert "a.yml" in exported(folder, tmp_path / "all", "opencv")
+
+
+def test_cameras_of_which_only_the_ground_is_known_are_said(calibrated_folder, tmp_path, capsys):
+    folder = rewritten(calibrated_folder, tmp_path / "above", findings=[Finding(What.GROUND_ONLY).to_dict()])
+    for one, is_said in ((folder, True), (calibrated_folder, False)):
+        exported(one, tmp_path / f"out {is_said}", "opencv")
+        assert (str(Finding(What.GROUND_ONLY)) in capsys.readouterr().err) == is_said
 
 
 def test_broken_frames_are_gaps(calibrated_folder, tmp_path):
