@@ -83,8 +83,8 @@ SAME = 2  # px: borders that differ by no more are the same, up to compression
 MAY_BE_OFF = 2.0
 OFF_MIDDLE = 2.8
 # Score of log likelihood ratio and softness together above which frames may be enlarged: soft whole shots of broadcasts
-# with good cameras have up to 1.6, enlarged shots whose cameras pass as good but are over 1 m off at least 3.2.
-LEAST_SCORE = 2.9
+# with good cameras have up to 1.6, enlarged shots whose cameras pass as good but are over 1 m off at least 2.8.
+LEAST_SCORE = 2.3
 
 
 @dataclass(frozen=True, eq=False)
