@@ -32,7 +32,13 @@ from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.images.shape.borders_and_windows import parts_of
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, softness
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.problem.picture_shape import ENLARGED_SHARE, SURE, Placement, is_whole_shape, may_be_squashed
+from fieldcalib.problem.picture_shape import (
+    ENLARGED_SHARE,
+    SURE_ANYWHERE,
+    Placement,
+    is_whole_shape,
+    may_be_squashed,
+)
 from fieldcalib.solve.likelier_shape import evidence_of, likelier
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior, checked_prior
@@ -137,7 +143,7 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
 def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration:
     """Take the camera with a free principal point if it is sure, else add a doubt to the calibration."""
     freed = _freed(task, markings, image, calibration)
-    if freed is not None and freed.verdict is Verdict.GOOD and freed.probability(level=True) >= SURE:
+    if freed is not None and freed.verdict is Verdict.GOOD and freed.probability(level=True) >= SURE_ANYWHERE:
         x, y = freed.required_camera.principal_point
         found = f"the picture may be a part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
         return replace(freed, message=f"{found}; {freed.message}")

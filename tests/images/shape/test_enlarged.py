@@ -39,8 +39,8 @@ def test_an_enlarged_part_is_not_good_with_a_wrong_camera():
 
 
 def test_a_part_that_was_cut_out_undeclared_is_found_with_its_principal_point():
-    whole = Camera.from_angles(np.radians(-22), np.radians(78), 0.0, 1500.0, (0.0, 68.0, -17.0), (1280, 720))
-    truth, part = whole.cropped((0, 0), (960, 540)), np.ascontiguousarray(picture(whole)[:540, :960])
+    whole = Camera.from_angles(0.0, np.radians(78), 0.0, 1500.0, (0.0, 68.0, -17.0), (1280, 720))
+    truth, part = whole.cropped((0, 180), (960, 540)), np.ascontiguousarray(picture(whole)[180:, :960])
     (as_whole,), (found,) = (
         calibrate_from_images(FIELD, [part], KnownCameras([truth]), may_be_enlarged=freed) for freed in (False, True)
     )
@@ -52,7 +52,7 @@ def test_a_part_that_was_cut_out_undeclared_is_found_with_its_principal_point():
 
 
 def test_a_camera_that_is_not_sure_without_the_middle_is_kept_with_a_doubt(monkeypatch):
-    monkeypatch.setattr(shape_of_picture, "SURE", 1.1)
+    monkeypatch.setattr(shape_of_picture, "SURE_ANYWHERE", 1.1)
     as_whole, found = calibrated(PART, may_be_enlarged=False), calibrated(PART)
     assert found.verdict is Verdict.CHECK
     assert found.findings == (ENLARGED,)
