@@ -110,6 +110,12 @@ class Window:
             revision,
         )
 
+    def wait_for_cuts(self, cuts):
+        """Until the timeline shows these first frames of shots."""
+        self.wait(
+            "cuts => document.querySelector('canvas.timeline').dataset.cuts === cuts", " ".join(str(cut) for cut in cuts)
+        )
+
     @property
     def revision(self):
         return int(self.canvas.get_attribute("data-revision"))

@@ -120,16 +120,18 @@ def test_the_timeline_seeks_and_cuts_are_added_moved_and_joined(serve, window, c
     one.page.mouse.click(*at(10))
     one.wait_for_frame(10)
     one.press("Shift+K")
-    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => project.cuts.includes(10))")
+    one.wait_for_cuts([0, 10])
+    assert one.page.get_by_role("button", name="A shot begins here").get_attribute("aria-pressed") == "true"
 
     one.page.mouse.move(*at(9.5))
     one.page.mouse.down()
     one.page.mouse.move(*at(14), steps=4)
     one.page.mouse.up()
-    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => project.cuts.includes(14))")
-    assert 10 not in one.get("api/project")["cuts"]
+    one.wait_for_cuts([0, 14])
+    assert one.get("api/project")["cuts"] == [0, 14]
 
     one.page.mouse.click(*at(14))
     one.wait_for_frame(14)
     one.press("Shift+K")
-    one.wait("() => fetch('api/project').then(answer => answer.json()).then(project => !project.cuts.includes(14))")
+    one.wait_for_cuts([0])
+    assert one.get("api/project")["cuts"] == [0]

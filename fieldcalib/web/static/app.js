@@ -535,6 +535,7 @@ class App {
   showCuts(cuts) {
     this.cuts = this.project.cuts = cuts;
     this.timeline.show(this.frames, { rate: this.project.rate, cuts });
+    this.showCutHere();
   }
 
   // Drawing
@@ -562,7 +563,11 @@ class App {
   showName(frame) {
     const place = this.count > 1 && Number.isFinite(this.count) ? `${(frame.number + 1).toLocaleString("en")} of ${this.count.toLocaleString("en")}` : "";
     at("frame-name").textContent = [frame.id, place].filter(Boolean).join(" · ");
-    this.clipButtons.cut.setAttribute("aria-pressed", String(Boolean(this.cuts?.includes(frame.number) && frame.number > 0)));
+    this.showCutHere();
+  }
+
+  showCutHere() {
+    this.clipButtons.cut.setAttribute("aria-pressed", String(Boolean(this.current > 0 && this.cuts?.includes(this.current))));
   }
 
   showChosen() {

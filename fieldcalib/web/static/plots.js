@@ -38,6 +38,7 @@ export class Timeline {
     this.frames = frames;
     this.rate = rate;
     this.cuts = cuts;
+    this.canvas.dataset.cuts = cuts.join(" ");
     this.canvas.setAttribute("aria-valuemax", String(Math.max(frames.verdict.length - 1, 0)));
     this.prepare();
   }
