@@ -141,6 +141,9 @@ class Crown(NamedTuple):
         return np.array([1.0 - self.share, self.share]), np.array([0.0, self.height])
 
 
+GRASS = Crown(share=1.0 / 3.0, height=0.2)  # most pitches are level, others fall by up to 1 %, which is 0.34 m
+
+
 @dataclass(frozen=True)
 class SizePrior:
     """Distribution of the sizes of a kind of field, and their builder. Pairs are (length, width).

@@ -16,7 +16,7 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields import Ground
+from fieldcalib.fields import Ground, rugby_union
 from fieldcalib.fields.records import field_from_record, whole_record
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock
@@ -106,17 +106,17 @@ def test_what_is_known_of_a_level_field_is_the_conditional_covariance(count, dat
     np.testing.assert_array_equal(if_level(covariance, np.zeros(count + 1, dtype=bool)), covariance)
 
 
-def labelled_path(crown, every=25, seed=3, roof=False):
+def labelled_path(crown, every=25, seed=3, roof=False, field=FIELD):
     """Labels of frames of a panning camera over a pitch that is crowned, and the cameras."""
     rng = np.random.default_rng(seed)
     path = camera_path(rng, 300, pan_range=(-0.6, 0.6), image_size=SIZE)[::every]
-    pitch = crowned(FIELD, crown, roof=roof) if crown else FIELD
+    pitch = crowned(field, crown, roof=roof) if crown else field
     return [one.pixels for one in labelled(path, pitch, rng)], path
 
 
 def clip(crown, field=FIELD, roof=False):
     """Frames of a clip over a pitch that is crowned, calibrated together, and their cameras."""
-    pixels, path = labelled_path(crown, roof=roof)
+    pixels, path = labelled_path(crown, roof=roof, field=field)
     return calibrate_sequence(field, pixels, SIZE, trust_labels=True), path
 
 
@@ -138,6 +138,14 @@ def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
     back = type(found).from_dict(json.loads(json.dumps(found.to_dict())))
     assert back.field.ground == found.field.ground
     assert back == found
+
+
+def test_a_field_of_rugby_is_crowned_like_a_pitch():
+    found, path = clip(0.3, rugby_union())
+    height, sigma = found.shared["crown"]
+    assert abs(height - 0.3) < 4.0 * sigma < 0.12
+    pairs = zip(found, path, strict=True)
+    assert max(largest_true_error(one.camera, true, one.field, rugby_union(), crown=0.3) for one, true in pairs) < 0.5
 
 
 def test_a_pitch_built_like_a_roof_is_explained_to_decimetres():

@@ -112,9 +112,7 @@ class Window:
 
     def wait_for_cuts(self, cuts):
         """Until the timeline shows these first frames of shots."""
-        self.wait(
-            "cuts => document.querySelector('canvas.timeline').dataset.cuts === cuts", " ".join(str(cut) for cut in cuts)
-        )
+        self.wait("cuts => document.querySelector('canvas.timeline').dataset.cuts === cuts", " ".join(map(str, cuts)))
 
     @property
     def revision(self):

@@ -10,7 +10,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, on_ground, upright
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import GRASS, LineLook, Paint, ProbabilityModel, SizePrior
 
 # Law 1, in metres.
 LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play
@@ -92,7 +92,7 @@ def rugby_union(
         paint={**dict.fromkeys(DASHED, Paint(dashes=DASHES)), "5-metre dashes": Paint(dashes=ROW)},
         lines=LineLook(width=LINE_WIDTH),
         farthest_camera=300.0,
-        size_model=SizePrior(LEGAL, LEGAL, build=BuilderWithInGoal(in_goal), rules="law 1"),
+        size_model=SizePrior(LEGAL, LEGAL, build=BuilderWithInGoal(in_goal), rules="law 1", crown=GRASS),
         size_known=size_known,
         probability=PROBABILITY,
     )

@@ -13,7 +13,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, on_ground, upright
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_TRIBUNE, SOCCER_SCALE
-from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import GRASS, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 # Laws of the Game, law 1, in metres.
 PENALTY_AREA_DEPTH = 16.5
@@ -32,7 +32,6 @@ INTERNATIONAL_MATCHES = ((100.0, 110.0), (64.0, 75.0))
 LARGEST = 200.0  # metres: larger numbers are in another unit
 LARGEST_FIELD = (140.0, 120.0)  # metres: no soccer field reaches beyond
 FARTHEST_CAMERA = 300.0  # metres: no stand is farther away
-CROWN = Crown(share=1.0 / 3.0, height=0.2)  # most pitches are level, others fall by up to 1 %, which is 0.34 m
 # Fitted to 2,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
 PROBABILITY = ProbabilityModel((1.16, -3.06, -0.91, -0.25, -0.03))
 
@@ -111,7 +110,7 @@ def _pitch(length: float, width: float, size_known: bool) -> Field:
         lines=LineLook(width=LINE_WIDTH),
         paint={name: Paint(width=SPOT_DIAMETER) for name in ("CENTER_MARK", "L_PENALTY_MARK", "R_PENALTY_MARK")},
         halves={"Circle central": Halves("Circle central left", "Circle central right", line="Middle line")},
-        size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=soccer, rules="law 1", crown=CROWN),
+        size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=soccer, rules="law 1", crown=GRASS),
         size_known=size_known,
         probability=PROBABILITY,
     )
