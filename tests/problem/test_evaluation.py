@@ -280,7 +280,7 @@ class OnGround:
         return self.camera.project(self.terrain.raised(np.asarray(X, dtype=float)))
 
 
-@lenses("Brown-Conrady lens", "zoom law", "fisheye lens")
+@lenses("pinhole", "no radial lens", "Brown-Conrady lens", "zoom law", "fisheye lens")
 @given(data=st.data())
 def test_jacobian_on_ground_that_is_not_level(lens, data):
     camera = data.draw(cameras(lens=lens not in ("pinhole", "no radial lens")))

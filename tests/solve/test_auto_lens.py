@@ -54,6 +54,7 @@ def off(camera, truth):
     return np.linalg.norm(camera.image_to_field(grid[on_pitch]) - X[on_pitch], axis=1)
 
 
+@pytest.mark.slow
 @examples(5)
 @given(
     numbers(100.0, 150.0),
@@ -96,7 +97,7 @@ def test_points_of_a_known_fisheye_give_the_pose_to_the_last_bit_of_the_lens():
     np.testing.assert_allclose(found.C, truth.C, rtol=0.0, atol=0.01)  # under the prior of its place
 
 
-@pytest.mark.parametrize("degrees", [90.0, 120.0, 150.0])
+@pytest.mark.parametrize("degrees", [90.0, *(pytest.param(one, marks=pytest.mark.slow) for one in (120.0, 150.0))])
 def test_auto_takes_a_fisheye_where_it_explains_the_labels_better(degrees):
     truth, rng = wide_camera(degrees), np.random.default_rng(3)
     pixels = seen(truth, rng, 1.0)

@@ -502,6 +502,7 @@ def test_all_frames_of_a_clip_are_right_and_accepted(clip, shared_data):
 # From above
 
 
+@pytest.mark.slow
 @given(
     name=st.sampled_from(["tennis", "badminton", "soccer"]),
     turn=st.sampled_from([0.0, 0.5 * np.pi]),
@@ -543,10 +544,11 @@ def test_a_drawing_from_above_is_no_picture_of_a_camera():
     assert "a drawing" in found.reason
 
 
+QUICK = "tex-soc-14.jpeg", "tex-ten-21.jpg"
 DRONES = json.loads((Path(__file__).parents[2] / "from_above.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("name", DRONES)
+@pytest.mark.parametrize("name", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in DRONES])
 def test_pictures_of_drones_are_right_and_good(name, shared_data):
     """Crossings of their lines were set by hand, in enlarged pictures: coordinates only."""
     one, image = DRONES[name], cv2.imread(str(shared_data / "wild" / name))

@@ -42,6 +42,7 @@ def centre(found):
     return found.values[:3]
 
 
+@pytest.mark.slow
 def test_the_tripod_is_where_it_is_and_single_frames_are_worse():
     errors = []
     for seed in range(3):
