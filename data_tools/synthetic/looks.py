@@ -22,7 +22,7 @@ from fieldcalib.fields.sports.handball import POST as HANDBALL_POST
 from fieldcalib.synthetic.colours import Hsv
 from fieldcalib.synthetic.surroundings import Around
 
-Surface = Literal["wood", "floor", "ice", "hard court", "clay", "turf", "blue turf", "grass"]
+Surface = Literal["wood", "floor", "ice", "hard court", "clay", "sand", "turf", "blue turf", "grass"]
 V = TypeVar("V")
 ByLabel = tuple[tuple[str, V], ...]
 
@@ -221,6 +221,8 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
         ),
         "basketball-fiba": _basketball_look(marks.fiba_lane, 0.2),
         "basketball-nba": _basketball_look(marks.nba_lane, 0.0),
+        "basketball-ncaa": _basketball_look(marks.no_marks, 0.1),
+        "basketball-nfhs": _basketball_look(marks.no_marks, 0.3),
         "field-hockey": Look(
             ("blue turf", "blue turf", "grass"),
             around=Around((3.0, 6.0)),

@@ -35,6 +35,7 @@ SURFACE_COLOURS: Mapping[str, Colour] = MappingProxyType(  # all but grass, whic
         "floor": (166, 118, 62),
         "hard court": (150, 90, 50),
         "clay": (62, 92, 178),
+        "sand": (140, 186, 214),
     }
 )
 OUTSIDE = 0.72  # brightness beyond the run-off, relative to the surface

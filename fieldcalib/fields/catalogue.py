@@ -1,14 +1,16 @@
-"""All fields by name, as the command line knows them."""
+"""All fields by name, as the command line knows them: functions, and files beside them in `sports`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from functools import partial
+from functools import lru_cache, partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.records import field_from_record
 from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.badminton import badminton
 from fieldcalib.fields.sports.basketball import basketball
@@ -22,14 +24,27 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.sports.volleyball import volleyball
 
-AUTO = "auto"  # in the place of a name: all are tried on some of the pictures
-FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(
+AUTO = "auto"  # in the place of a name: some are tried on some of the pictures
+OF_FILES = Path(__file__).parent / "sports"
+
+
+@lru_cache
+def _described(name: str) -> Field:
+    """The field that a file describes; fields are immutable."""
+    import yaml  # slow, and most fields are no files
+
+    return field_from_record(yaml.safe_load((OF_FILES / f"{name}.yaml").read_text(encoding="utf-8")))
+
+
+OF_FUNCTIONS: Mapping[str, Callable[..., Field]] = MappingProxyType(
     {
         "american-football-ncaa": partial(american_football, "ncaa"),
         "american-football-nfl": partial(american_football, "nfl"),
         "badminton": badminton,
         "basketball-fiba": partial(basketball, "fiba"),
         "basketball-nba": partial(basketball, "nba"),
+        "basketball-ncaa": partial(basketball, "ncaa"),
+        "basketball-nfhs": partial(basketball, "nfhs"),
         "field-hockey": field_hockey,
         "futsal": futsal,
         "handball": handball,
@@ -43,6 +58,10 @@ FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(
         "volleyball": volleyball,
     }
 )
+_FROM_FILES = {path.stem: partial(_described, path.stem) for path in OF_FILES.glob("*.yaml")}
+FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(dict(sorted({**_FROM_FILES, **OF_FUNCTIONS}.items())))
+ALIKE = ("basketball-ncaa", "basketball-nfhs")  # hardly told apart from the court of the NBA
+COMPARED = tuple(name for name in OF_FUNCTIONS if name not in ALIKE)  # in place of `AUTO`
 
 
 def field(name: str, **options: Any) -> Field:

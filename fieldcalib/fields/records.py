@@ -13,9 +13,10 @@ from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import KINDS, Segment
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
+from fieldcalib.fields.sports.parts import mirrored
 from fieldcalib.fields.sports.rugby_union import BuilderWithInGoal
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.stands import CameraDistribution, stands_beside
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 Build: TypeAlias = Callable[[float, float], Field]
@@ -92,6 +93,11 @@ def _builder_of(field: Field) -> dict[str, Any] | None:
 def field_from_record(record: Mapping[str, Any]) -> Field:
     """The inverse of `field_to_record`; attributes with a default in `Field` may be left out.
 
+    Three of them may be shorter than `whole_record` writes them: with ``mirrored: true`` the segments are those of the
+    right bottom quarter, and their mirror images are added (`fieldcalib.fields.sports.parts.mirrored`); `stands` may be
+    the distances and heights of cameras around the field (`fieldcalib.fields.stands.stands_beside`); and a key of
+    `paint` that is no label may be the beginning of several.
+
     Raises
     ------
     ValueError
@@ -102,6 +108,11 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     >>> line = {"kind": "Line", "start": [0, -5, 0], "end": [0, 5, 0]}
     >>> field_from_record({"length": 20, "width": 10, "segments": {"Middle line": line}})
     Field(length=20.0, width=10.0)
+    >>> end = {"kind": "Line", "start": [10, -5, 0], "end": [10, 5, 0]}
+    >>> stands = {"away": [3, 30], "up": [2, 15]}
+    >>> court = {"length": 20, "width": 10, "segments": {"End line right": end}, "mirrored": True, "stands": stands}
+    >>> list(field_from_record(court)), field_from_record(court).stands[0].y
+    (['End line right', 'End line left'], (8.0, 35.0))
     >>> field_from_record({"length": 20, "width": 10, "segments": {"Middle line": {"kind": "Line"}}})
     Traceback (most recent call last):
         ...
@@ -113,13 +124,17 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         size = (_named("length", _number, record["length"]), _named("width", _number, record["width"]))
         ground = _named("ground", OPTIONAL["ground"], record.get("ground"))
         return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)), ground)
-    _check_keys(record, ("length", "width", "segments"), OPTIONAL)
+    _check_keys(record, ("length", "width", "segments"), (*OPTIONAL, "mirrored"))
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", partial(_by_label, _segment), record["segments"])
-    more = {name: _named(name, parse, record[name]) for name, parse in OPTIONAL.items() if name in record}
-    unknown = sorted(more.get("paint", {}).keys() - segments.keys())
-    if unknown:
-        raise ValueError(f"paint: {unknown[0]!r} is none of the segments")
+    if _named("mirrored", _boolean, record.get("mirrored", False)):
+        segments = mirrored(segments)
+    parsers = dict(OPTIONAL)
+    if isinstance(record.get("stands"), Mapping):
+        parsers["stands"] = partial(_stands_beside, length, width)
+    more = {name: _named(name, parse, record[name]) for name, parse in parsers.items() if name in record}
+    if "paint" in more:
+        more["paint"] = _named("paint", partial(_by_full_label, labels=segments), more["paint"])
     return Field(length, width, segments, **more)
 
 
@@ -187,6 +202,29 @@ def _from_attributes(kind: type[T], values: Any) -> T:
     needed = [one.name for one in attributes if one.default is MISSING]
     _check_keys(values, needed, [one.name for one in attributes if one.default is not MISSING])
     return kind(**values)
+
+
+def _by_full_label(paint: Mapping[str, Paint], labels: Iterable[str]) -> dict[str, Paint]:
+    """Paint by label, where a key that is no label is the beginning of several."""
+    meant = {key: [one for one in labels if one.startswith(key)] if key not in labels else [key] for key in paint}
+    unknown = [key for key, some in meant.items() if not some]
+    if unknown:
+        raise ValueError(f"{unknown[0]!r} is none of the segments, and none begins with it")
+    return {label: paint[key] for key, some in meant.items() for label in some}
+
+
+def _stands_beside(length: float, width: float, record: Mapping[str, Any]) -> tuple[CameraDistribution, ...]:
+    """Stands around a field, from the range of their distance and that of their height."""
+    _check_keys(record, ("away", "up"), ("principal_point",))
+    ranges = {name: _named(name, _pair, record[name]) for name in ("away", "up")}
+    more = {name: _named(name, _number, record[name]) for name in ("principal_point",) if name in record}
+    return stands_beside(length, width, **ranges, **more)
+
+
+def _pair(value: Any) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ValueError(f"expected [least, largest], got {value!r}")
+    return _number(value[0]), _number(value[1])
 
 
 def _stands(records: Any) -> tuple[CameraDistribution, ...]:

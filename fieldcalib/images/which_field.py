@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.fields.catalogue import COMPARED
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -52,9 +52,7 @@ class WhichField:
         return "" if self.name else f"{' and '.join(self.alternatives)} explain the pictures alike: name the field"
 
 
-def which_field(
-    images: Sequence[Image], names: Sequence[str] = tuple(FIELDS), network: Network | None = None
-) -> WhichField:
+def which_field(images: Sequence[Image], names: Sequence[str] = COMPARED, network: Network | None = None) -> WhichField:
     """Search pictures for every field, and compare how well the accepted cameras explain them.
 
     A field that explains the first picture badly, before its cameras are refined or after, is dropped.

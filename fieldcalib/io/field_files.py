@@ -25,8 +25,10 @@ def read_field(path: Path | str) -> Field:
     path : path
         A ``.yaml``, ``.yml`` or ``.json`` file with these names: `length` and `width` (metres), `segments` (label ->
         `kind`, which is Point, Line, Arc or PointCloud, and what that takes), and, where they are not as by default,
-        `stands` and `more_stands` (lists of what `CameraDistribution` takes), `farthest_camera`, `scale`, `lines` (what
-        `LineLook` takes), `paint` (label -> what `Paint` takes), `surface`, `halves` and `size_known`.
+        `stands` and `more_stands` (lists of what `CameraDistribution` takes; or of all stands around the field `away`
+        and `up`, ranges of their distance and height), `farthest_camera`, `scale`, `lines` (what `LineLook` takes),
+        `paint` (label, or beginning of labels -> what `Paint` takes), `surface`, `halves` and `size_known`. With
+        ``mirrored: true`` segments with "right" and "bottom" in their labels are followed by their mirror images.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from functools import cached_property
 from itertools import islice
 from pathlib import Path
 
-from fieldcalib.fields.catalogue import AUTO, FIELDS
+from fieldcalib.fields.catalogue import AUTO, COMPARED
 from fieldcalib.images.which_field import which_field
 from fieldcalib.io.clips import in_order
 from fieldcalib.io.files import FrameFile
@@ -129,7 +129,7 @@ def auto_field(pictures: Pictures) -> str:
     step = STEP if pictures.is_clip or pictures.is_video else 1
     frames = islice(pictures.frames(), 0, (MOST - 1) * step + 1, step)
     images = [frame.image for frame in frames if frame.image is not None]
-    found = which_field(images, tuple(FIELDS), SegmentationNetwork.load())
+    found = which_field(images, COMPARED, SegmentationNetwork.load())
     if found.name is None:
         raise ValueError(f'field "{AUTO}": {found.reason}')
     return found.name

@@ -23,7 +23,7 @@ from fieldcalib.fields.traits import SURFACES, WHITE, LineLook
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation
 
-OTHERS = sorted(set(FIELDS) - {"soccer"})
+OTHERS = sorted(LOOKS)
 SMALL, SIZE = (256, 144), (512, 288)
 CENTRE_OF_SEED_1 = [-18.898, 95.211, -20.47]
 
@@ -77,6 +77,13 @@ def test_cameras_of_soccer_are_those_of_earlier_versions():
 
 
 # every field
+
+
+@pytest.mark.parametrize("name", ["pickleball", "beach-volleyball", "lacrosse-men"])
+def test_fields_of_files_look_like_others_on_their_surface(name):
+    made = frame(1, SMALL, name)
+    assert made.image.shape == (144, 256, 3)
+    assert set(np.unique(made.mask)) - {0}
 
 
 @pytest.mark.parametrize("name", OTHERS)

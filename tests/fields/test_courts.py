@@ -29,13 +29,34 @@ NAMES = (
     "volleyball",
 )
 COURTS = {name: field_named(name) for name in NAMES}
+OF_FILES = (
+    "basketball-3x3",
+    "basketball-half",
+    "beach-volleyball",
+    "lacrosse-men",
+    "pickleball",
+    "rugby-league",
+    "soccer-5v5",
+    "soccer-7v7",
+    "soccer-9v9",
+)
+MORE = {name: field_named(name) for name in ("basketball-ncaa", "basketball-nfhs", *OF_FILES)}
 every_court = pytest.mark.parametrize("field", COURTS.values(), ids=COURTS)
 # of what solves many frames; on the other courts it is slow
-AT_ONCE = ("handball", "padel", "tennis")
-solved_court = pytest.mark.parametrize(
-    "field",
-    [pytest.param(field, id=name, marks=() if name in AT_ONCE else pytest.mark.slow) for name, field in COURTS.items()],
-)
+AT_ONCE = ("handball", "padel", "pickleball", "tennis")
+
+
+def solved(courts):
+    return pytest.mark.parametrize(
+        "field",
+        [
+            pytest.param(court, id=name, marks=() if name in AT_ONCE else pytest.mark.slow)
+            for name, court in courts.items()
+        ],
+    )
+
+
+solved_court = solved(COURTS)
 needs_sportypy = pytest.mark.skipif(
     importlib.util.find_spec("sportypy") is None,
     reason="sportypy, whose numbers are compared, is not installed: GPL, of no extra",
@@ -100,6 +121,41 @@ OUT, IN = outer_edge, inner_edge  # outer and inner: seen from the middle of the
         ("basketball-nba", IN, "No-charge arc right", 4 * FOOT),
         ("basketball-nba", OUT, "28-foot mark right bottom", 19 * FOOT),
         ("basketball-nba", IN, "Substitution mark right bottom", (4 + 1 / 12) * FOOT),
+        # NCAA, rule 1: as large; the three-point line of FIBA
+        ("basketball-ncaa", IN, "End line right", 47 * FOOT),
+        ("basketball-ncaa", OUT, "Three-point arc right", (22 + 1.75 / 12) * FOOT),
+        ("basketball-ncaa", OUT, "Three-point line right bottom", (21 + 7.875 / 12) * FOOT),
+        ("basketball-ncaa", OUT, "Lane right bottom", 6 * FOOT),
+        ("basketball-ncaa", IN, "Free-throw line right", 28 * FOOT),
+        # NFHS, rule 1: 84 x 50 ft
+        ("basketball-nfhs", IN, "End line right", 42 * FOOT),
+        ("basketball-nfhs", OUT, "Three-point arc right", 19.75 * FOOT),
+        ("basketball-nfhs", OUT, "Three-point line right bottom", 19.75 * FOOT),
+        ("basketball-nfhs", IN, "Free-throw line right", 23 * FOOT),
+        # FIBA 3x3, art. 1, and half a court; distances from the middle of what is played on
+        ("basketball-3x3", IN, "End line", 5.5),
+        ("basketball-3x3", IN, "Far line", 5.5),
+        ("basketball-3x3", IN, "Side line top", 7.5),
+        ("basketball-3x3", OUT, "Three-point arc", 6.75),
+        ("basketball-3x3", OUT, "Three-point line top", 6.60),
+        ("basketball-3x3", OUT, "Lane top", 2.45),
+        ("basketball-3x3", IN, "No-charge arc", 1.25),
+        ("basketball-half", IN, "End line", 7.0),
+        ("basketball-half", OUT, "Centre circle", 1.80),
+        ("basketball-half", OUT, "Free-throw circle", 1.80),
+        # pickleball, section 2: 44 x 20 ft between outer edges
+        ("pickleball", OUT, "Base line left", 22 * FOOT),
+        ("pickleball", OUT, "Side line top", 10 * FOOT),
+        ("pickleball", OUT, "Non-volley line left", 7 * FOOT),
+        # beach volleyball, rule 1
+        ("beach-volleyball", OUT, "End line left", 8.0),
+        ("beach-volleyball", OUT, "Side line top", 4.0),
+        # lacrosse, rule 1
+        ("lacrosse-men", OUT, "Crease left", 9 * FOOT),
+        # rugby league, section 1: 100 x 68 m between inner edges
+        ("rugby-league", IN, "Goal line left", 50.0),
+        ("rugby-league", IN, "Touchline top", 34.0),
+        ("rugby-league", IN, "Dead-ball line left", 58.0),
         # futsal, law 1: 40 x 20 m between outer edges
         ("futsal", OUT, "Goal line right", 20.0),
         ("futsal", OUT, "Side line bottom", 10.0),
@@ -142,7 +198,8 @@ OUT, IN = outer_edge, inner_edge  # outer and inner: seen from the middle of the
     ],
 )
 def test_edges_of_the_paint(name, edge, label, metres):
-    assert edge(COURTS[name], label) == pytest.approx(metres, abs=1e-9)
+    rounded = 1e-4 if name in OF_FILES else 1e-9  # m: numbers of files have four decimals
+    assert edge((COURTS | MORE)[name], label) == pytest.approx(metres, abs=rounded)
 
 
 @pytest.mark.parametrize(
@@ -392,7 +449,7 @@ def test_a_court_is_written_and_read(field):
 
 
 def test_courts_are_known_by_name_and_by_function():
-    assert set(NAMES) <= set(FIELDS)
+    assert {*NAMES, *MORE} <= set(FIELDS)
     assert fields.basketball() == fields.basketball("fiba") == COURTS["basketball-fiba"]
     assert fields.basketball("nba") == COURTS["basketball-nba"]
     assert all(getattr(fields, name)() == COURTS[name] for name in NAMES if "-" not in name)
@@ -401,7 +458,7 @@ def test_courts_are_known_by_name_and_by_function():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: fields.basketball("ncaa"), "expected the rules of a basketball court, 'fiba' or 'nba', got 'ncaa'"),
+        (lambda: fields.basketball("wnba"), "expected the rules of a basketball court, 'fiba', .*'nfhs', got 'wnba'"),
         (lambda: fields.volleyball("mixed"), "expected the net of a volleyball court, 'men' or 'women', got 'mixed'"),
         (lambda: fields.futsal(20.0, 40.0), "no room for its penalty areas"),
         (lambda: fields.futsal(25.0, 30.0), r"longer than wide.*futsal\(30.0, 25.0\)"),
@@ -409,7 +466,7 @@ def test_courts_are_known_by_name_and_by_function():
         (lambda: fields.futsal(np.nan, 20.0), "no room for its penalty areas"),
         (
             lambda: field_named("basketball"),
-            "got .basketball.; did you mean basketball-nba or basketball-fiba",
+            "got .basketball.; did you mean basketball-",
         ),
         (lambda: fieldcalib.field("Tenis"), "got 'Tenis'; did you mean tennis"),
         (lambda: fieldcalib.field("chess"), "got 'chess'$"),
@@ -419,6 +476,20 @@ def test_courts_are_known_by_name_and_by_function():
 def test_what_no_rule_book_has_is_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_further_fields_are_whole(name):
+    """The markings that are mirrored are there, and the field of a file takes no arguments."""
+    field = MORE[name]
+    assert all(label.replace("bottom", "top") in field for label in field if "bottom" in label.split(" "))
+    assert all(label.replace("right", "left") in field for label in field if "right" in label.split(" "))
+    assert field.stands
+    assert field.probability is not None
+    assert field.moves_with_size is False
+    if name in OF_FILES:
+        with pytest.raises(TypeError, match="unexpected keyword argument 'length'"):
+            fieldcalib.field(name, length=30.0)
 
 
 def test_a_field_takes_the_arguments_of_its_function():
@@ -447,7 +518,7 @@ def test_the_net_of_women_is_lower():
 # --- cameras ---
 
 
-@solved_court
+@solved(COURTS | MORE)
 def test_frames_without_noise_give_back_their_cameras(field):
     frames, cameras = random_frames(12, seed=21, stands=tuple(field.named_stands), field=field)
     found = calibrate_batch(field, frames, SIZE, prior=None)

@@ -13,6 +13,7 @@ from fieldcalib.fields import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.rugby_union import rugby_union
+from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import Paint
 from fieldcalib.io.field_files import read_field, write_field
 from fieldcalib.io.files import BrokenFileError
@@ -128,7 +129,8 @@ def test_a_court_of_ones_own(tmp_path):
         ("#c8102e", "red", "paint: Middle line: expected a colour as "),
         ("dashes: [0.5, 0.25]", "dashes: [0.0, 0.25]", "paint: Middle line: expected the length of dashes"),
         ("width: 0.1", "width: -0.1", "paint: Middle line: expected finite numbers"),
-        ("Logo: {width", "Loggia: {width", "paint: 'Loggia' is none of the segments"),
+        ("Logo: {width", "Loggia: {width", "paint: 'Loggia' is none of the segments, and none begins with it"),
+        ("size_known: true", "mirrored: 1", "mirrored: expected true or false, got 1"),
         ("surface: wood", "surface: parquet", "surface must be one of grass, turf, ice"),
         ("length: 28.0", "length: [28.0", "is no YAML"),
     ],
@@ -140,6 +142,56 @@ def test_what_is_wrong_is_said(tmp_path, old, new, message):
     with pytest.raises(BrokenFileError, match=message) as raised:
         read_field(path)
     assert str(raised.value).startswith(f"{path}: ")
+
+
+SHORT = """
+length: 20
+width: 10
+mirrored: true
+segments:
+  End line right: {kind: Line, start: [10, -5, 0], end: [10, 5, 0]}
+  Side line bottom: {kind: Line, start: [-10, 5, 0], end: [10, 5, 0]}
+  Mark right bottom: {kind: Point, X: [8, 4, 0]}
+  Logo: {kind: Point, X: [3, 0, 0]}
+paint: {Mark: {width: 0.2}}
+stands: {away: [3, 30], up: [2, 15], principal_point: 0.3}
+"""
+
+
+def test_a_quarter_of_a_court_and_stands_around_it(tmp_path):
+    path = tmp_path / "court.yaml"
+    path.write_text(SHORT)
+    field = read_field(path)
+    assert field["End line left"].start == (-10.0, -5.0, 0.0)
+    assert field["Side line top"].start == (-10.0, -5.0, 0.0)
+    assert sorted(field) == sorted(
+        [f"End line {side}" for side in ("left", "right")]
+        + [f"Side line {side}" for side in ("top", "bottom")]
+        + [f"Mark {x} {y}" for x in ("left", "right") for y in ("top", "bottom")]
+        + ["Logo"]
+    )
+    assert {field.paint_of(label).width for label in field if label.startswith("Mark")} == {0.2}
+    assert field.stands == stands_beside(20.0, 10.0, away=(3.0, 30.0), up=(2.0, 15.0), principal_point=0.3)
+    write_field(path, field)  # whole
+    assert read_field(path) == field
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("away: [3, 30], ", "", "stands: expected away$"),
+        ("away: [3, 30]", "away: 3", r"stands: away: expected \[least, largest\], got 3"),
+        ("up: [2, 15]", "up: [2, high]", "stands: up: could not convert"),
+        ("up: [2, 15]", "up: [15, 2]", "stands: 'main center': z must be"),
+        ("up: [2, 15]", "up: [2, 15], far: 3", "stands: unknown far: expected away, up, principal_point"),
+    ],
+)
+def test_what_is_wrong_of_stands_is_said(tmp_path, old, new, message):
+    path = tmp_path / "court.yaml"
+    assert old in SHORT
+    path.write_text(SHORT.replace(old, new, 1))
+    with pytest.raises(BrokenFileError, match=message):
+        read_field(path)
 
 
 @pytest.mark.parametrize(("name", "content"), [("a.yaml", ""), ("a.yaml", "- 1"), ("a.json", "[1]"), ("a.json", "{")])

@@ -1,4 +1,4 @@
-"""The court of docs/how-to/own-court.md: what is in its file is found in a picture."""
+"""The courts of docs/how-to: what is in the file of one is found in a picture, labels of the others tell cameras."""
 
 import re
 from pathlib import Path
@@ -6,23 +6,41 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from objects import relative_error
+from synthetic import SIZE, random_frames
 
-from fieldcalib import Camera, read
+from fieldcalib import Camera, calibrate_batch, read
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import read_field
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "own-court.md"
+PAGES = Path(__file__).parents[2] / "docs" / "how-to"
 TRUTH = Camera.from_angles(0.1, 1.2, 0.0, 1000.0, (-1.0, 13.0, -5.0), (960, 540))
+
+
+def files(page):
+    """The files that a page of the docs has."""
+    return re.findall(r"```yaml\n(.*?)```", (PAGES / f"{page}.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
 @pytest.fixture(scope="module")
 def court(tmp_path_factory):
-    text, *_ = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert len(text.splitlines()) == 10
+    text = files("own-court")[0]
+    assert len(text.splitlines()) == 9
     path = tmp_path_factory.mktemp("court") / "court.yaml"
     path.write_text(text, encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize("text", files("more-courts"), ids=["squash", "table tennis", "netball", "track"])
+def test_further_courts_are_fields_whose_labels_give_back_their_cameras(tmp_path, text):
+    path = tmp_path / "court.yaml"
+    path.write_text(text, encoding="utf-8")
+    field = read_field(path)
+    least = 11 if "Lane" in text else 4  # two lines across the lanes
+    frames, cameras = random_frames(4, seed=2, stands=("main center",), least_segments=least, field=field)
+    found = calibrate_batch(field, frames, SIZE, prior=None)
+    assert max(relative_error(one.camera, truth) for one, truth in zip(found, cameras, strict=True)) < 1e-5
 
 
 def test_the_court_in_ten_lines_is_found_by_run(court, tmp_path):

@@ -1,8 +1,8 @@
-"""The basketball courts of FIBA (Official Basketball Rules, art. 2 and 3) and of the NBA (rule 1)."""
+"""The basketball courts of FIBA (Official Basketball Rules, art. 2 and 3), the NBA, the NCAA and the NFHS (rule 1)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ PRINCIPAL_POINT = 0.3
 PROBABILITY = {
     "fiba": ProbabilityModel((1.48, -3.26, -1.04, -0.27, -0.14)),
     "nba": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
+    "ncaa": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
+    "nfhs": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
 }
 
 
@@ -51,8 +53,8 @@ class Measures:
     """Between outer edges."""
     free_throw_line: float
     """Distance of its outer edge."""
-    no_charge: float
-    """Radius to the inner edge."""
+    no_charge: float | None
+    """Radius to the inner edge; None where there is no such arc."""
 
     @property
     def end(self) -> float:
@@ -95,6 +97,11 @@ NBA = Measures(
     free_throw_line=19 * FOOT,
     no_charge=4 * FOOT,
 )
+NCAA = replace(NBA, three_point=(22 * FOOT + 1.75 * INCH, 21 * FOOT + 7.875 * INCH), lane_width=12 * FOOT)
+NFHS = replace(  # of high schools
+    NCAA, length=84 * FOOT, three_point=(19.75 * FOOT, 19.75 * FOOT), no_charge=None
+)
+RULES = {"fiba": FIBA, "nba": NBA, "ncaa": NCAA, "nfhs": NFHS}
 THROW_IN = (8.325, 0.15)  # FIBA: from the end line to the outer edge, length beyond the side line
 TEAM_BENCH = (5.0, 2.0)  # FIBA: from the centre to the inner edge, length beyond the side line
 INNER_CIRCLE = 2 * FOOT  # NBA: radius of the inner edge
@@ -117,8 +124,10 @@ def basketball(rules: str = "fiba") -> Field:
 
     Parameters
     ----------
-    rules : {"fiba", "nba"}
-        FIBA: 28 x 15 m. NBA: 94 x 50 ft, with the inner circle and the inner lane lines, and with 28-foot marks.
+    rules : {"fiba", "nba", "ncaa", "nfhs"}
+        FIBA: 28 x 15 m. NBA: 94 x 50 ft, with the inner circle and the inner lane lines, and with 28-foot marks. NCAA,
+        of colleges: as large, with a lane of 12 ft and the three-point line of FIBA. NFHS, of high schools: 84 x 50 ft,
+        with a three-point line at 19 ft 9 in and no arc below the basket.
 
     Raises
     ------
@@ -132,9 +141,9 @@ def basketball(rules: str = "fiba") -> Field:
     >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
     '28-foot mark left bottom'
     """
-    if not isinstance(rules, str) or rules not in PROBABILITY:
-        raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
-    m, more = (FIBA, _only_fiba()) if rules == "fiba" else (NBA, _only_nba())
+    if not isinstance(rules, str) or rules not in RULES:
+        raise ValueError(f"expected the rules of a basketball court, {', '.join(map(repr, RULES))}, got {rules!r}")
+    m, more = RULES[rules], {"fiba": _only_fiba, "nba": _only_nba}.get(rules, dict)()
     return court(
         (m.length, m.width),
         _quarter(m),
@@ -152,7 +161,6 @@ def _quarter(m: Measures) -> dict[str, Segment]:
     half, beyond = 0.5 * m.line_width, 0.5 * m.width + m.line_width + m.beyond
     basket, board = 0.5 * m.length - m.basket, 0.5 * m.length - m.backboard
     lane, free_throw = 0.5 * m.lane_width - half, 0.5 * m.length - m.free_throw_line + half
-    no_charge = m.no_charge + half
     arc, arc_y = (outer - half for outer in m.three_point)
     turn = float(np.arcsin(arc_y / arc))
     (board_width, lower, upper), (ring, height) = m.board, m.ring
@@ -168,12 +176,19 @@ def _quarter(m: Measures) -> dict[str, Segment]:
         "Lane right bottom": on_ground((free_throw, lane), (m.end, lane)),
         "Free-throw line right": across(free_throw, lane),
         "Free-throw circle right": Arc((free_throw, 0.0, 0.0), m.circle - half, 0.5 * np.pi, 1.5 * np.pi),
-        "No-charge arc right": Arc((basket, 0.0, 0.0), no_charge, 0.5 * np.pi, 1.5 * np.pi),
-        "No-charge line right bottom": on_ground((basket, no_charge), (board, no_charge)),
+        **({} if m.no_charge is None else _no_charge(basket, board, m.no_charge + half)),
         "Rim right": Arc((basket, 0.0, -height), ring + 0.5 * RING_STEEL),
         "Backboard right upper": across(board, 0.5 * board_width, -upper),
         "Backboard right lower": across(board, 0.5 * board_width, -lower),
         "Backboard right bottom": upright(board, 0.5 * board_width, upper, lower),
+    }
+
+
+def _no_charge(basket: float, board: float, radius: float) -> dict[str, Segment]:
+    """The arc below a basket, and its straight ends up to the face of the backboard."""
+    return {
+        "No-charge arc right": Arc((basket, 0.0, 0.0), radius, 0.5 * np.pi, 1.5 * np.pi),
+        "No-charge line right bottom": on_ground((basket, radius), (board, radius)),
     }
 
 
