@@ -7,17 +7,12 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from fieldcalib._progress import counted, say, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
 from fieldcalib.console.arguments import add_inputs, add_most_bytes
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
@@ -60,25 +55,6 @@ def run(options: argparse.Namespace) -> int:
     return 1 if loss else 0
 
 
-def without_lens(image: Image, camera: Camera) -> Image:
-    """An image without the distortion of its lens, with the same K; beyond its border it is black.
-
-    Raises
-    ------
-    ValueError
-        If the image has not the size of the camera's.
-    """
-    if size_of(image) != camera.image_size:
-        (width, height), (expected, rows) = size_of(image), camera.image_size
-        raise ValueError(
-            f"the image has {width}x{height} pixels, and its camera is of {expected}x{rows}: are they of one clip?"
-        )
-    _, _, K, dist = camera.to_opencv()
-    if camera.fisheye:
-        return np.asarray(cv2.fisheye.undistortImage(image, K, dist, Knew=K), dtype=np.uint8)
-    return np.asarray(cv2.undistort(image, K, dist), dtype=np.uint8)
-
-
 def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: float) -> tuple[int, int]:
     """Write the pictures that have a camera; counts them, and the others."""
     if out.suffix:
@@ -93,7 +69,7 @@ def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: f
     for path, file in targets.items():
         with named_in_errors(file.path):
             image = IMAGES.read(file.read(most_bytes))
-            write_image(path, without_lens(image, cameras.camera(file.id)))
+            write_image(path, cameras.camera(file.id).undistort(image))
     return len(chosen), len(files) - len(chosen)
 
 
@@ -114,7 +90,7 @@ def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, in
     with VideoReader(inputs[0], cut=cut) as reader, VideoWriter(out, reader.frames_per_second) as video:
         for number, image in reader.numbered():
             if ids.get(number) in accepted:
-                image, done = without_lens(image, cameras.camera(ids[number])), done + 1
+                image, done = cameras.camera(ids[number]).undistort(image), done + 1
             else:
                 left += 1
             video.write(image)

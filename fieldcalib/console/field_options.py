@@ -17,7 +17,7 @@ from fieldcalib._interrupts import interrupts_end_the_process
 from fieldcalib._progress import say
 from fieldcalib.console.arguments import NO_PRIOR, count, number, positive
 from fieldcalib.console.options import did_you_mean, given, option
-from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named
+from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named, likely_fields
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Ground
 from fieldcalib.io.field_files import is_field_file, read_field
@@ -88,8 +88,9 @@ def _name_or_auto(text: str) -> str:
 def _name(text: str) -> str:
     if text not in FIELDS and not is_field_file(text):
         known = ", ".join(FIELDS)
-        hint = did_you_mean(text, FIELDS)
-        raise argparse.ArgumentTypeError(f"expected {known}, or a .yaml or .json file, got {text!r}{hint}")
+        raise argparse.ArgumentTypeError(
+            f"expected {known}, or a .yaml or .json file, got {text!r}{likely_fields(text)}"
+        )
     return text
 
 

@@ -60,8 +60,25 @@ OF_FUNCTIONS: Mapping[str, Callable[..., Field]] = MappingProxyType(
 )
 _FROM_FILES = {path.stem: partial(_described, path.stem) for path in OF_FILES.glob("*.yaml")}
 FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(dict(sorted({**_FROM_FILES, **OF_FUNCTIONS}.items())))
+CALLED_SOCCER = ("football", "association football", "fussball", "futbol")
 ALIKE = ("basketball-ncaa", "basketball-nfhs")  # hardly told apart from the court of the NBA
 COMPARED = tuple(name for name in OF_FUNCTIONS if name not in ALIKE)  # in place of `AUTO`
+
+
+def likely_fields(text: str) -> str:
+    """A question to append to a message about an unknown name: fields with the word in them, else the most similar.
+
+    Examples
+    --------
+    >>> likely_fields("football"), likely_fields("tenis"), likely_fields("chess")
+    ('; did you mean soccer, american-football-ncaa or american-football-nfl?', '; did you mean tennis?', '')
+    """
+    word = text.lower().strip()
+    others = ["soccer"] if word in CALLED_SOCCER else []
+    *first, last = (
+        others + [name for name in FIELDS if word and word in name] or get_close_matches(word, FIELDS) or [""]
+    )
+    return f"; did you mean {' or '.join(filter(None, (', '.join(first), last)))}?" if last else ""
 
 
 def field(name: str, **options: Any) -> Field:
@@ -92,9 +109,7 @@ def field(name: str, **options: Any) -> Field:
     """
     if isinstance(name, str) and name in FIELDS:
         return FIELDS[name](**options)
-    nearest = " or ".join(get_close_matches(str(name).lower(), FIELDS))
-    hint = f"; did you mean {nearest}?" if nearest else ""
-    raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{hint}")
+    raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{likely_fields(str(name))}")
 
 
 field_named = field  # its name in `fieldcalib.fields`, which has a module `field`

@@ -13,7 +13,7 @@ from reprlib import repr as short
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._checks import is_number, number, real_array, truth
 from fieldcalib._html import table
@@ -196,6 +196,29 @@ class Camera:
         rvec = Rotation.from_matrix(R).as_rotvec().reshape(3, 1)
         tvec = -(self.R @ self.C).reshape(3, 1)
         return rvec, tvec, self.K.copy(), self.dist.copy()
+
+    @property
+    def rvec(self) -> Array:
+        """OpenCV's rotation vector, (3, 1)."""
+        return self.to_opencv()[0]
+
+    @property
+    def tvec(self) -> Array:
+        """OpenCV's translation, (3, 1): ``-R C``."""
+        return self.to_opencv()[1]
+
+    @property
+    def P(self) -> Array:
+        """Projection matrix (3, 4) of the pinhole, without distortion: ``K R [I -C]`` (Hartley & Zisserman, 6.1).
+
+        Examples
+        --------
+        >>> camera = Camera.from_angles(0.1, 1.2, 0.0, 1500.0, (0.0, 56.0, -15.0), (960, 540))
+        >>> u, v, w = camera.P @ [1.0, 2.0, 0.0, 1.0]
+        >>> bool(np.allclose(camera.project([1.0, 2.0, 0.0]), (u / w, v / w)))
+        True
+        """
+        return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3), -self.C]))
 
     @property
     def focal_length(self) -> float:
@@ -401,6 +424,27 @@ class Camera:
             X = self.C + scale[..., None] * ray
         X[..., 2] = z
         return np.where((np.all(np.isfinite(X), axis=-1) & (scale > 0.0))[..., None], X, np.nan)
+
+    def undistort(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """A picture without the distortion of the lens, with the same K; beyond its border it is black.
+
+        Raises
+        ------
+        ValueError
+            If the picture has not the camera's size.
+        """
+        import cv2
+
+        height, width = image.shape[:2]
+        if (width, height) != self.image_size:
+            expected, rows = self.image_size
+            raise ValueError(
+                f"the image has {width}x{height} pixels, and its camera is of {expected}x{rows}: are they of one clip?"
+            )
+        _, _, K, dist = self.to_opencv()
+        if self.fisheye:
+            return np.asarray(cv2.fisheye.undistortImage(image, K, dist, Knew=K), dtype=np.uint8)
+        return np.asarray(cv2.undistort(image, K, dist), dtype=np.uint8)
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""

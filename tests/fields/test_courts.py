@@ -468,6 +468,10 @@ def test_courts_are_known_by_name_and_by_function():
             lambda: field_named("basketball"),
             "got .basketball.; did you mean basketball-",
         ),
+        (
+            lambda: fieldcalib.field("football"),
+            "got 'football'; did you mean soccer, american-football-ncaa or american",
+        ),
         (lambda: fieldcalib.field("Tenis"), "got 'Tenis'; did you mean tennis"),
         (lambda: fieldcalib.field("chess"), "got 'chess'$"),
         (lambda: fieldcalib.field(None), "got None$"),

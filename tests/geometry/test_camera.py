@@ -257,6 +257,29 @@ def test_to_opencv_is_what_project_points_takes(camera):
     np.testing.assert_allclose(camera.project(X), expected.reshape(-1, 2), atol=1e-6)
 
 
+@given(cameras(lens=False))
+def test_the_projection_matrix_projects_as_the_pinhole(camera):
+    X = from_camera_frame(camera, [(0.3, -0.2, 1.0), (2.0, 5.0, 30.0), (-9.0, 1.0, 80.0)])
+    np.testing.assert_allclose(dehomogenize(homogenize(X) @ camera.P.T), camera.project(X), rtol=1e-9, atol=1e-6)
+    rvec, tvec, _, _ = camera.to_opencv()
+    np.testing.assert_array_equal(camera.rvec, rvec)
+    np.testing.assert_array_equal(camera.tvec, tvec)
+
+
+@pytest.mark.parametrize("k", [(-0.25, 0.05), (0.1, 0.0)])
+def test_an_undistorted_picture_is_that_of_the_pinhole(k):
+    """A bright disc at a place on the ground is found where the pinhole has it."""
+    camera = main_camera(tilt=1.25, k=k)
+    image, X = np.zeros((1080, 1920, 3), np.uint8), (14.0, 12.0, 0.0)
+    cv2.circle(image, tuple(np.rint(camera.project(X)).astype(int).tolist()), 12, (255, 255, 255), -1)
+    rows, columns = np.nonzero(camera.undistort(image)[..., 0] > 127)
+    (expected,) = dehomogenize(homogenize(np.array([X])) @ camera.P.T)
+    np.testing.assert_allclose((columns.mean(), rows.mean()), expected, atol=1.5)
+    assert np.linalg.norm(camera.project(X) - expected) > 3.0
+    with pytest.raises(ValueError, match="960x540 pixels, and its camera is of 1920x1080"):
+        camera.undistort(image[:540, :960])
+
+
 def test_to_opencv_has_the_shapes_of_opencv_and_hands_out_copies():
     camera = main_camera(k=(0.1, 0.02))
     rvec, tvec, K, dist = camera.to_opencv()
