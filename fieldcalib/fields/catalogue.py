@@ -58,7 +58,9 @@ OF_FUNCTIONS: Mapping[str, Callable[..., Field]] = MappingProxyType(
         "volleyball": volleyball,
     }
 )
-_FROM_FILES = {path.stem: partial(_described, path.stem) for path in OF_FILES.glob("*.yaml")}
+_FROM_FILES: dict[str, Callable[..., Field]] = {
+    path.stem: partial(_described, path.stem) for path in OF_FILES.glob("*.yaml")
+}
 FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(dict(sorted({**_FROM_FILES, **OF_FUNCTIONS}.items())))
 CALLED_SOCCER = ("football", "association football", "fussball", "futbol")
 ALIKE = ("basketball-ncaa", "basketball-nfhs")  # hardly told apart from the court of the NBA
@@ -74,10 +76,8 @@ def likely_fields(text: str) -> str:
     ('; did you mean soccer, american-football-ncaa or american-football-nfl?', '; did you mean tennis?', '')
     """
     word = text.lower().strip()
-    others = ["soccer"] if word in CALLED_SOCCER else []
-    *first, last = (
-        others + [name for name in FIELDS if word and word in name] or get_close_matches(word, FIELDS) or [""]
-    )
+    with_word = ["soccer"] * (word in CALLED_SOCCER) + [name for name in FIELDS if word and word in name]
+    *first, last = with_word or get_close_matches(word, FIELDS) or [""]
     return f"; did you mean {' or '.join(filter(None, (', '.join(first), last)))}?" if last else ""
 
 

@@ -216,9 +216,9 @@ def _by_full_label(paint: Mapping[str, Paint], labels: Iterable[str]) -> dict[st
 def _stands_beside(length: float, width: float, record: Mapping[str, Any]) -> tuple[CameraDistribution, ...]:
     """Stands around a field, from the range of their distance and that of their height."""
     _check_keys(record, ("away", "up"), ("principal_point",))
-    ranges = {name: _named(name, _pair, record[name]) for name in ("away", "up")}
+    away, up = (_named(name, _pair, record[name]) for name in ("away", "up"))
     more = {name: _named(name, _number, record[name]) for name in ("principal_point",) if name in record}
-    return stands_beside(length, width, **ranges, **more)
+    return stands_beside(length, width, away, up, **more)
 
 
 def _pair(value: Any) -> tuple[float, float]:
