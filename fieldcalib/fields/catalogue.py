@@ -68,7 +68,7 @@ COMPARED = tuple(name for name in OF_FUNCTIONS if name not in ALIKE)  # in place
 
 
 def likely_fields(text: str) -> str:
-    """A question to append to a message about an unknown name: fields with the word in them, else the most similar.
+    """A question to append to a message about an unknown name: fields with the word in them, else a similar one.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def likely_fields(text: str) -> str:
     """
     word = text.lower().strip()
     with_word = ["soccer"] * (word in CALLED_SOCCER) + [name for name in FIELDS if word and word in name]
-    *first, last = with_word or get_close_matches(word, FIELDS) or [""]
+    *first, last = with_word or get_close_matches(word, FIELDS, n=1) or [""]
     return f"; did you mean {' or '.join(filter(None, (', '.join(first), last)))}?" if last else ""
 
 
