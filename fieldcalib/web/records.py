@@ -173,9 +173,11 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
     """Project the markings of a field to polylines, bent by the lens, each with the state of its paint.
 
     The state is "paint" if the marking lies on paint, "beside" if its paint lies beside it, "unseen" if it shows no
-    paint, and "plain" if paint was not looked for.
+    paint, and "plain" if paint was not looked for. The halves of a circle, drawn on top of it, have its state.
     """
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
+    for circle, halves in field.halves.items():
+        states = {half: states[circle] for half in (halves.left, halves.right) if circle in states} | states
     return [
         {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
         for label, curves in zip(

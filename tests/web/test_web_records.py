@@ -113,6 +113,16 @@ def test_curves_say_where_paint_lies():
     assert "Side line left" not in states  # out of view
 
 
+@pytest.mark.parametrize(("share", "off", "state"), [(0.9, 0.0, "paint"), (0.1, 9.0, "beside"), (0.0, 0.0, "unseen")])
+def test_the_halves_of_the_centre_circle_are_coloured_as_the_circle(share, off, state):
+    middle = Camera.from_angles(0.0, 1.3, 0.0, 1300.0, (0.0, 66.0, -16.0), SIZE)
+    marks = [MarkingInView("Circle central", 400.0, 30, share, off)]
+    states = {one["label"]: one["state"] for one in curves_of(middle, soccer(), marks)}
+    circles = ("Circle central", "Circle central left", "Circle central right")
+    assert {label: states[label] for label in circles} == dict.fromkeys(circles, state)
+    assert states["Middle line"] == "plain"
+
+
 def test_the_record_of_a_calibration_is_json_and_has_its_camera():
     found = calibrated()
     record = json.loads(json.dumps(calibration_record(found, soccer()), allow_nan=False))
