@@ -11,7 +11,7 @@ import shutil
 import time
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field as attribute
@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldcalib._checks import file_path, truth
+from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
 from fieldcalib.assess.result import Calibration
@@ -62,10 +63,7 @@ from fieldcalib.run_folder.results import (
 
 if TYPE_CHECKING:
     import pandas
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
-
-from fieldcalib._extras import imported
+    import pyarrow
 
 LABELLED = "calibrate"  # the command that writes results of labelled pixels
 
@@ -342,6 +340,18 @@ class Results(Mapping[str, Calibration]):
             return whole_table(self.lines)
         return short_table(self.frames.mains())
 
+    def to_arrow(self) -> pyarrow.Table:
+        """Make the table of `to_pandas` as one of Arrow, which polars and DuckDB take without a copy.
+
+        Its columns have the same types in all results, so that tables of many runs can be joined.
+
+        Raises
+        ------
+        ImportError
+            If pyarrow is not installed.
+        """
+        return arrow_table(self.frames.mains())
+
     def save(self, folder: str | os.PathLike[str], *, overwrite: bool = False, overlays: bool = True) -> None:
         """Write the results to a folder as `fieldcalib run` (or `calibrate`, for labelled pixels) does.
 
@@ -413,6 +423,14 @@ def short_table(lines: Iterable[Mapping[str, Any]]) -> pandas.DataFrame:
     """Make a table of the lines of ``cameras.jsonl``, with one number or text in each cell."""
     pandas = imported("pandas", "pandas", "to_pandas")
     return pandas.DataFrame([_row(line) for line in lines], columns=["id", *COLUMNS]).set_index("id")
+
+
+def arrow_table(lines: Iterable[Mapping[str, Any]]) -> pyarrow.Table:
+    """Make the table of `short_table` for Arrow: words are texts, everything else is a number or null."""
+    arrow = imported("pyarrow", "parquet", "to_arrow")
+    texts = {"id", "reason", *WORDS}
+    types = [(name, arrow.string() if name in texts else arrow.float64()) for name in ("id", *COLUMNS)]
+    return arrow.Table.from_pylist([_row(line) for line in lines], schema=arrow.schema(types))
 
 
 def whole_table(lines: Iterable[Mapping[str, Any]]) -> pandas.DataFrame:

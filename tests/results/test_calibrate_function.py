@@ -357,6 +357,17 @@ def test_a_table_of_some_twenty_columns(some):
     assert len(some.to_pandas(everything=True).columns) > len(table.columns)
 
 
+def test_a_table_for_arrow_has_the_cells_of_that_for_pandas(some):
+    table, expected = some.to_arrow(), some.to_pandas()
+    assert table.column("id").to_pylist() == list(expected.index)
+    assert table.column_names == ["id", *expected.columns]
+    for name in expected.columns:
+        cells = expected[name].astype(object).where(expected[name].notna(), None)
+        assert table.column(name).to_pylist() == list(cells), name
+    nothing = table.slice(0, 0)
+    assert nothing.schema == table.schema
+
+
 def test_results_that_are_there_are_not_replaced_without_a_word(some, tmp_path):
     some.save(tmp_path / "out")
     with pytest.raises(FileExistsError) as error:
