@@ -21,8 +21,8 @@ PRINCIPAL_POINT = 0.3
 PROBABILITY = {
     "fiba": ProbabilityModel((1.48, -3.26, -1.04, -0.27, -0.14)),
     "nba": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
-    "ncaa": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
-    "nfhs": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
+    "ncaa": ProbabilityModel((1.91, -3.19, -0.89, -0.14, -0.64)),
+    "nfhs": ProbabilityModel((1.72, -3.14, -0.58, -0.24, -0.42)),
 }
 
 
