@@ -31,6 +31,11 @@ def show(names):
 show(["badminton", "basketball-fiba", "basketball-nba", "futsal", "handball", "padel", "tennis", "volleyball"])
 
 # %%
+# More of them, each a file with the sources of its numbers
+courts = ["basketball-ncaa", "basketball-nfhs", "basketball-3x3", "basketball-half", "pickleball", "beach-volleyball"]
+show([*courts, "lacrosse-men", "rugby-league", "soccer-9v9", "soccer-7v7", "soccer-5v5"])
+
+# %%
 # Rinks and turf
 turf = ["soccer", "rugby-union", "american-football-nfl", "american-football-ncaa", "field-hockey"]
 show([*turf, "ice-hockey-nhl", "ice-hockey-nhl-2013", "ice-hockey-iihf"])
