@@ -8,7 +8,9 @@ from pathlib import Path
 
 from fieldcalib._extras import imported
 from fieldcalib._progress import say
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.field_options import add_named_field
+from fieldcalib.results.entry import read
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until it is interrupted; returns the exit code."""
-    imported("starlette", "web", "fieldcalib open")
-    imported("uvicorn", "web", "fieldcalib open")
+    check_page("fieldcalib open")
     from fieldcalib.editor.editor import Editor
     from fieldcalib.editor.label_files import LabelWarning
     from fieldcalib.web.server import serve
@@ -66,3 +67,25 @@ def run(options: argparse.Namespace) -> int:
         say(f"{said}; until then frames can be looked at, and changes are refused")
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0
+
+
+def check_page(what: str) -> None:
+    """Check, before the work, that the packages of the page are there.
+
+    Raises
+    ------
+    ImportError
+        If one is not installed, with how to install it.
+    """
+    for package in ("starlette", "uvicorn"):
+        imported(package, "web", what)
+
+
+def open_at_first_doubt(out: Path) -> None:
+    """Serve the page of a folder of results, at the first frame that is not good, until it is interrupted."""
+    from fieldcalib.editor.editor import Editor
+    from fieldcalib.web.server import serve
+
+    editor, verdicts = Editor(out), read(out).verdicts
+    doubtful = (number for number, id in enumerate(editor.ids) if verdicts.get(id) is not Verdict.GOOD)
+    serve(editor, frame=next(doubtful, 0))

@@ -18,6 +18,7 @@ from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
 from fieldcalib.cli.clips import run_clip, run_several, run_stream
+from fieldcalib.cli.open import check_page, open_at_first_doubt
 from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import (
     add_camera,
@@ -93,6 +94,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="one camera on a tripod took all images: courts that are found in some tell where to search in the others",
     )
     parser.add_argument("--report", action="store_true", help=f"write {REPORT} too: one file for any browser")
+    parser.add_argument(
+        "--open",
+        action="store_true",
+        help="then open the results in the browser, at the first frame that is not good, as fieldcalib open does",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -100,7 +106,14 @@ def run(options: argparse.Namespace) -> int:
     if options.field == AUTO:
         options.field = _field_shown(options)
     requests = split_request(RunRequest.of(options))
-    return _run(requests[0]) if len(requests) == 1 else run_several(requests, _run)
+    if not options.open:
+        return _run(requests[0]) if len(requests) == 1 else run_several(requests, _run)
+    check_page("fieldcalib run --open")
+    if len(requests) > 1:
+        raise ValueError(f"--open is of one clip or of images, not of {len(requests)} inputs: fieldcalib open DIR/NAME")
+    code = _run(requests[0])
+    open_at_first_doubt(requests[0].run.out)
+    return code
 
 
 def _field_shown(options: argparse.Namespace) -> str:

@@ -24,7 +24,7 @@ LARGEST_PORT = 65_535
 ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 
 
-def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool = True) -> None:
+def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool = True, frame: int = 0) -> None:
     """Serve the page of an editor until it is interrupted; prints its address.
 
     Parameters
@@ -36,6 +36,8 @@ def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool 
         The port of the address; 0 for a free one.
     browser : bool
         Whether the page is opened.
+    frame : int
+        Number of the frame that is shown first.
 
     Raises
     ------
@@ -56,6 +58,7 @@ def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool 
         names = frozenset(map(bracketed, (*LOCAL, bound, host.lower())))
         shown = _own_address(listening) if is_anywhere else host
         address = f"http://{bracketed(shown)}:{port}/{(token := secrets.token_urlsafe(24))}/"
+        address += f"#{frame}" if frame else ""
         page = Page(editor)
         try:
             print(f"{address}\nCtrl-C ends it", flush=True)

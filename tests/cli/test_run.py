@@ -5,6 +5,7 @@ import re
 import sys
 import zipfile
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import cv2
@@ -369,6 +370,24 @@ def test_a_video_without_pictures_has_the_same_cameras(know, tmp_path):
     for name in ("cameras.jsonl", "solver.jsonl", "clip.jsonl", "camera_000000.json"):
         assert drawn[name] == bare[name] == alone[name]
     assert drawn["worst_frames.jpg"] == alone["worst_frames.jpg"]
+
+
+def test_open_shows_the_first_frame_that_is_not_good(know, tmp_path, monkeypatch, capsys):
+    import_module("starlette"), import_module("uvicorn")
+    opened = []
+    monkeypatch.setattr("fieldcalib.web.server.serve", lambda editor, frame: opened.append((list(editor.ids), frame)))
+    for name, truth in zip("ac", TRUTHS, strict=True):
+        (tmp_path / f"{name}.png").write_bytes(encoded(picture(truth)))
+    (tmp_path / "b.png").write_bytes(encoded(np.zeros((540, 960, 3), np.uint8)))
+    know([TRUTHS[0], None, TRUTHS[1]])
+    run("run", *(tmp_path / f"{name}.png" for name in "abc"), "--out", tmp_path / "three", "--open")
+    know(TRUTHS)
+    run("run", tmp_path / "a.png", tmp_path / "c.png", "--out", tmp_path / "two", "--open")
+    assert opened == [(["a", "b", "c"], 1), (["a", "c"], 0)]
+    write_video(tmp_path / "one.mp4", [picture(TRUTHS[0])] * 2)
+    assert run("run", tmp_path / "one.mp4", tmp_path / "a.png", "--out", tmp_path / "several", "--open") != 0
+    assert "--open is of one clip or of images, not of 2 inputs" in capsys.readouterr().err
+    assert not (tmp_path / "several").exists()
 
 
 def test_a_frame_that_cannot_be_read_is_told_without_pictures_too(know, tmp_path, capsys):
