@@ -10,8 +10,8 @@
     python -m data_tools.score_courts fit FILE...
 
 All but the last print a line of JSON with the number of pictures; how many have a right camera in the first place, an
-accepted right one, an accepted right one that is good, an accepted wrong one; and the median of the processor time,
-seconds. A camera is right too if it says that it may stand where the true one does (`FoundCourt.moved`). With
+accepted right one, an accepted right one that is good, an accepted wrong one, a wrong one that is good; and the median
+of the processor time, seconds. A camera is right too if it says that it may stand where the true one does (`FoundCourt.moved`). With
 --evidence FILE they add a line for each picture to a file, from which `fit` prints the coefficients of
 `CourtEvidence.odds`.
 
@@ -209,7 +209,7 @@ def of_nonsense(options: argparse.Namespace) -> Iterator[Case]:
 
 
 def search(options: argparse.Namespace) -> int:
-    """Search each picture; how many are right, accepted and right, accepted and wrong."""
+    """Search each picture; how many are right, accepted and right, accepted and wrong, good and wrong."""
     table, seconds, lines, metres = [], [], [], []
     for case in options.source(options):
         start = time.process_time()
@@ -220,7 +220,7 @@ def search(options: argparse.Namespace) -> int:
         first = bool(found) and case.is_right(found[0])
         if case.metres is not None:
             metres.append(round(case.metres(found[0].calibration.required_camera), 2) if found else None)
-        table.append((first, first and accepted, first and good, accepted and not first))
+        table.append((first, first and accepted, first and good, accepted and not first, good and not first))
         rows = [
             {"is_same": case.is_same(one), **asdict(one.evidence)}
             for one in found
@@ -230,8 +230,8 @@ def search(options: argparse.Namespace) -> int:
     if options.evidence is not None:
         with options.evidence.open("a", encoding="utf-8") as file:
             file.writelines(lines)
-    counts = np.sum(np.array(table, dtype=int).reshape(-1, 4), axis=0).tolist()
-    names = ("right", "accepted and right", "good and right", "accepted and wrong")
+    counts = np.sum(np.array(table, dtype=int).reshape(-1, 5), axis=0).tolist()
+    names = ("right", "accepted and right", "good and right", "accepted and wrong", "good and wrong")
     record = {"pictures": len(table), **dict(zip(names, counts, strict=True)), "seconds": _median(seconds)}
     print(json.dumps(record | ({"metres": metres} if metres else {})))
     return 0

@@ -134,7 +134,7 @@ def _baskets(
         if not (label.startswith("Backboard") and label.endswith("upper") and isinstance(upper, Line)):
             continue
         lower = raised[label.replace("upper", "lower")]
-        rim = raised[f"Rim {label.split()[1]}"]
+        rim = raised[label.replace("Backboard", "Rim").removesuffix(" upper")]
         assert isinstance(lower, Line)
         assert isinstance(rim, Arc)
         corners = np.array([upper.start, upper.end, lower.end, lower.start])

@@ -79,7 +79,7 @@ def test_cameras_of_soccer_are_those_of_earlier_versions():
 # every field
 
 
-@pytest.mark.parametrize("name", ["pickleball", "beach-volleyball", "lacrosse-men"])
+@pytest.mark.parametrize("name", ["pickleball", "beach-volleyball", "lacrosse-men", "basketball-3x3"])
 def test_fields_of_files_look_like_others_on_their_surface(name):
     made = frame(1, SMALL, name)
     assert made.image.shape == (144, 256, 3)
