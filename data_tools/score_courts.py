@@ -11,9 +11,9 @@
 
 All but the last print a line of JSON with the number of pictures; how many have a right camera in the first place, an
 accepted right one, an accepted right one that is good, an accepted wrong one, a wrong one that is good; and the median
-of the processor time, seconds. A camera is right too if it says that it may stand where the true one does (`FoundCourt.moved`). With
---evidence FILE they add a line for each picture to a file, from which `fit` prints the coefficients of
-`CourtEvidence.odds`.
+of the processor time, seconds. A camera is right too if it says that it may stand where the true one does
+(`FoundCourt.moved`). With --evidence FILE they add a line for each picture to a file, from which `fit` prints the
+coefficients of `CourtEvidence.odds`.
 
 `clips`: the frames of `data_tools.court_truth`, whose clips are in FOLDER; with --field all of them under that field,
 where it is not their own, so that any camera is wrong.
