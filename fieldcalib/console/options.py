@@ -18,7 +18,7 @@ T = TypeVar("T")
 OPTION = "option"  # key of the metadata of such fields
 
 NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
-SYNONYMS = {"sport": "field", "from": "start", "to": "end"}  # what people try first
+SYNONYMS = {"sport": "field", "from": "start", "to": "end", "image-size": "size"}  # what people try first
 LIKE = 0.65  # least similarity, from 0 to 1, of a name that is suggested: none for --frames or --gpu
 
 

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING, Any
@@ -123,13 +124,17 @@ class Results(Mapping[str, Calibration]):
         broken = self.frames.broken
         return {id: number for number, id in enumerate(self.frames.ids) if id not in broken}
 
-    def __getitem__(self, id: str) -> Calibration:
+    def __getitem__(self, id: str | int) -> Calibration:
+        """The calibration of a frame, by its id or by its number among those that have one."""
         return self.frames.calibration(self._number(id))
 
-    def _number(self, id: str) -> int:
-        if not isinstance(id, str) or id not in self._numbers:
-            raise NoFrameError(id, self._numbers, self.broken)
-        return self._numbers[id]
+    def _number(self, id: str | int) -> int:
+        numbers = self._numbers
+        if isinstance(id, int) and 0 <= id < len(numbers):
+            return next(islice(numbers.values(), id, None))
+        if not isinstance(id, str) or id not in numbers:
+            raise NoFrameError(id, numbers, self.broken)
+        return numbers[id]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers)
@@ -224,7 +229,7 @@ class Results(Mapping[str, Calibration]):
         """Frame rate of a clip; None if there is no clip."""
         return self._clip[1]
 
-    def image(self, id: str) -> Image:
+    def image(self, id: str | int) -> Image:
         """Read the picture of a frame again from the input.
 
         Raises
@@ -234,7 +239,7 @@ class Results(Mapping[str, Calibration]):
         BrokenFileError
             If it cannot be read.
         """
-        return self.pictures.image(id)
+        return self.pictures.image(id if isinstance(id, str) else self._id(id))
 
     def overlay(self, frame: str | int | None = None, image: Image | None = None, *, show_paint: bool = False) -> Image:
         """Draw the projected field over the picture of a frame, as `fieldcalib run` does.
@@ -374,7 +379,7 @@ class Results(Mapping[str, Calibration]):
         out = file_path(folder, "a folder")
         save(self, out, overwrite=truth(overwrite, "overwrite"), overlays=truth(overlays, "overlays"))
 
-    def line(self, id: str) -> Mapping[str, Any]:
+    def line(self, id: str | int) -> Mapping[str, Any]:
         """All data of a frame, see `lines`."""
         return self.frames.line(self._number(id))
 

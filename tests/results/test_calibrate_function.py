@@ -392,9 +392,17 @@ def test_an_unknown_frame_is_named_with_those_that_are_there(some, asked):
         get("x.jpg")
 
 
-def test_the_place_of_a_frame_is_no_id_of_a_picture(some):
+def test_a_frame_is_named_by_its_number_too(some):
+    assert some[0] == some.get(0) == some["x"]
+    assert some[1] == some["y"]
+    assert some.line(0) == some.line("x")
+    np.testing.assert_array_equal(some.overlay(0), some.overlay("x"))
+    assert some.get(3) is None
+    for number in (3, -1):
+        with pytest.raises(KeyError, match=f"there is no frame {number}: ids are 'x', 'y', 'z'"):
+            some[number]
     with pytest.raises(KeyError, match=r"there is no frame 0: did you mean 'x'\? ids are"):
-        some[0]
+        some.cameras[0]
 
 
 def test_frames_of_a_video_have_six_digits(some):
