@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -19,7 +20,14 @@ from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import if_level
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_by_covariance, probability_right, surprises
+from fieldcalib.assess.probability import (
+    ErrorsInView,
+    OddsTerms,
+    largest_error,
+    odds_terms,
+    probability_right,
+    surprises,
+)
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -59,6 +67,9 @@ class CameraErrors(Protocol):
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`; NaN if it is unknown."""
 
+    def largest_error(self, field: Field) -> float:
+        """Largest root mean square error of the points of the field in view, metres; NaN if it is unknown."""
+
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
 
@@ -78,6 +89,10 @@ class NoErrors:
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """NaN: the probability is unknown."""
+        return float("nan")
+
+    def largest_error(self, field: Field) -> float:
+        """NaN: the errors are unknown."""
         return float("nan")
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
@@ -115,12 +130,39 @@ class KnownErrors(Estimate):
     2.874
     """
 
-    are_known = are_computed = True
+    are_known = True
 
     def __init__(
         self, layout: Layout, theta: Array, covariance: Array, dof: float = np.inf, field: Field | None = None
     ) -> None:
         self._layout, self._theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
+        self._in_view: ErrorsInView | None = None  # cached: of the field
+
+    @staticmethod
+    def compute(several: Sequence[KnownErrors]) -> None:
+        """Compute and cache the errors in view of frames of one layout, which see one field, all at once."""
+        layout, field = several[0].layout, several[0].field
+        assert field is not None
+        theta, whole, level = (
+            np.array([one.theta for one in several]),
+            np.array([one._covariance for one in several]),
+            np.array([one.if_level._covariance for one in several]),
+        )
+        for one, in_view in zip(several, ErrorsInView.of(theta, whole, level, layout, field), strict=True):
+            one._in_view = in_view
+
+    @property
+    def are_computed(self) -> bool:
+        """Whether the errors in view are cached, if there is a field."""
+        return self.field is None or self._in_view is not None
+
+    @property
+    def in_view(self) -> ErrorsInView:
+        """Errors of the points of the field in view."""
+        if self._in_view is None:
+            self.compute([self])
+        assert self._in_view is not None
+        return self._in_view
 
     @property
     def layout(self) -> Layout:
@@ -139,7 +181,7 @@ class KnownErrors(Estimate):
 
     def on(self, field: Field | None) -> KnownErrors:
         """The estimate with another field in view: errors are then relative to its markings."""
-        return KnownErrors(self.layout, self.theta, self._covariance, self.dof, field)
+        return self if field is self.field else KnownErrors(self.layout, self.theta, self._covariance, self.dof, field)
 
     @property
     def if_level(self) -> KnownErrors:
@@ -153,7 +195,16 @@ class KnownErrors(Estimate):
 
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`, from the covariance."""
-        return probability_by_covariance(self.if_level if level else self, field, metres)
+        return self.on(field).in_view.probability(metres, level=level)
+
+    def largest_error(self, field: Field) -> float:
+        """Largest root mean square error of the points of the field in view, metres."""
+        return self.on(field).in_view.largest
+
+    @cached_property
+    def motion_of_markings(self) -> Array:
+        """Derivatives (2, n) by theta of the common motion of the markings in view."""
+        return super().motion_of_markings if self._in_view is None else self._in_view.motion
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """No doubts: the evidence of the labels is not kept."""
@@ -270,6 +321,10 @@ class Solved:
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(field.probability, rows, weights, metres)
+
+    def largest_error(self, field: Field) -> float:
+        """Largest root mean square error of the points of the field in view, metres."""
+        return largest_error(self.uncertainty, field)
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""

@@ -18,12 +18,13 @@ Unusual estimates: parameters far from their prior, or fixed at values that the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.estimate import Estimate, relative_to_markings
+from fieldcalib.assess.estimate import Estimate, by_parameters
 from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points, projection_on
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
@@ -250,11 +251,7 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
     Mean squares are infinite where nothing determines the point. The derivatives (N, c, c) are by the second moments
     (c, c) of the considered parameters.
     """
-    layout = uncertainties[0].layout
-    projection = projection_on(field, np.array([one.theta for one in uncertainties]), layout)
-    X, seen = _grounds_in_view(projection, field)
-    J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
-    J = relative_to_markings(J, projection, field)
+    J, seen, _ = _derivatives_in_view(np.array([one.theta for one in uncertainties]), uncertainties[0].layout, field)
     for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
         rows = dX_dtheta[is_seen]  # (N, 2, n)
         determined = np.sum((rows @ one.determined) * rows, axis=(-2, -1))
@@ -264,22 +261,59 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
         yield determined, np.swapaxes(of_considered, 1, 2) @ of_considered
 
 
-def probability_by_covariance(estimate: Estimate, field: Field, metres: float) -> float:
-    """Smallest probability, over the ground points in view, that a point is off by at most `metres`.
+def _derivatives_in_view(theta: Array, layout: Layout, field: Field) -> tuple[Array, BoolArray, Array]:
+    """Derivatives of the ground points that B cameras (B, n) may see, relative to the markings in view.
 
-    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The error due to the crown of the
-    field is the same in all frames, an offset with which the distribution is Rice's. NaN where no part of the field is
-    in view.
+    These are (B, N, 2, n), with a mask (B, N) of the points that are in view, and the motion (B, 2, n) of the markings
+    (`by_parameters`).
     """
-    from scipy.special import chndtr  # a slow import
+    projection = projection_on(field, theta, layout)
+    X, seen = _grounds_in_view(projection, field)
+    motion = by_parameters(projection, field)
+    J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
+    return J - motion[:, None], seen, motion
 
-    X, estimate = ground_in_view(estimate.camera, field), estimate.on(field)
-    if not len(X):
-        return float("nan")
-    whole, level = (np.square(one.at_field(X).rms) for one in (estimate, estimate.if_level))
-    by_crown = np.where(np.isfinite(level), np.maximum(whole - level, 0.0), 0.0)
-    level = np.maximum(level, LEAST_NOISE * np.maximum(metres**2, by_crown))
-    return float(np.min(chndtr(2.0 * metres**2 / level, 2.0, 2.0 * by_crown / level)))
+
+@dataclass(frozen=True, eq=False)
+class ErrorsInView:
+    """Errors, from a covariance, of the ground points that a camera sees, relative to the markings in view."""
+
+    squares: Array
+    """Mean squares (N,) of the errors, square metres."""
+    if_level: Array
+    """The same if the field were known to be level, (N,)."""
+    motion: Array
+    """Motion of the markings in view by the parameters, (2, n) (`by_parameters`)."""
+
+    @classmethod
+    def of(cls, theta: Array, whole: Array, level: Array, layout: Layout, field: Field) -> list[ErrorsInView]:
+        """Compute those of B cameras (B, n), from the covariances (B, n, n) on any and on level ground."""
+        J, seen, motion = _derivatives_in_view(theta, layout, field)
+        rows = J.reshape(len(J), -1, layout.size)
+        squares, if_level = (np.sum(((rows @ V) * rows).reshape(J.shape), axis=(-2, -1)) for V in (whole, level))
+        each = zip(squares, if_level, seen, motion, strict=True)
+        return [cls(np.maximum(one[k], 0.0), np.maximum(flat[k], 0.0), moved) for one, flat, k, moved in each]
+
+    @property
+    def largest(self) -> float:
+        """Largest root mean square error, metres; NaN where no part of the field is in view."""
+        return float(np.sqrt(np.max(self.squares))) if len(self.squares) else float("nan")
+
+    def probability(self, metres: float, *, level: bool) -> float:
+        """Smallest probability, over the ground points in view, that a point is off by at most `metres`.
+
+        On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The error due to the crown of the
+        field is the same in all frames, an offset with which the distribution is Rice's. NaN where no part of the field
+        is in view.
+        """
+        from scipy.special import chndtr  # a slow import
+
+        if not len(self.squares):
+            return float("nan")
+        whole = self.if_level if level else self.squares
+        by_crown = np.where(np.isfinite(self.if_level), np.maximum(whole - self.if_level, 0.0), 0.0)
+        on_level = np.maximum(self.if_level, LEAST_NOISE * np.maximum(metres**2, by_crown))
+        return float(np.min(chndtr(2.0 * metres**2 / on_level, 2.0, 2.0 * by_crown / on_level)))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:

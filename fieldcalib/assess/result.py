@@ -592,6 +592,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of the `Calibration` of a record; a ValueError as that of `Calibration.from_dict`."""
     with reading(record, "calibration", VERSION):
         size = record["image_size"]
+        field = None if record["field"] is None else field_from_record(record["field"])
         return {
             "camera": None if size is None else camera_from_line(record, size),
             "status": Status(record["status"]),
@@ -608,8 +609,8 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
             "alternatives": tuple(camera_from_line(other, size) for other in record["alternatives"]),
             "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
             "pixel_counts": _pixel_counts_from_record(record),
-            "field": None if record["field"] is None else field_from_record(record["field"]),
-            "errors": _errors_from_record(record),
+            "field": field,
+            "errors": _errors_from_record(record, field),
             "markings": tuple(MarkingInView(**one) for one in record.get("markings", ())),
             "are_annotated": bool(record.get("are_annotated", False)),
             "declared": Declared(record.get("declared", Declared.NOTHING)),
@@ -644,7 +645,7 @@ def _pixel_counts_from_record(record: Mapping[str, Any]) -> dict[str, int]:
     return counts
 
 
-def _errors_from_record(record: Mapping[str, Any]) -> CameraErrors:
+def _errors_from_record(record: Mapping[str, Any], field: Field | None) -> CameraErrors:
     if "errors" in record:
-        return KnownErrors.from_dict(record["errors"])
+        return KnownErrors.from_dict(record["errors"]).on(field)
     return NoErrors() if record["solved"] is None else Solved.from_dict(record["solved"])

@@ -214,7 +214,7 @@ class SequenceCalibration(FrameSequence):
             camera = self.layout.camera(frames.theta[t])
             considered = Considered(self.layout, self.considered)
             covariance = whole_covariance(frames.own[t], frames.following[t], considered)
-            errors = KnownErrors(self.layout, frames.theta[t], covariance)
+            errors = KnownErrors(self.layout, frames.theta[t], covariance, field=self.field)
         labelled = np.flatnonzero(frames.label_counts[t])
         return Calibration(
             camera,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldcalib._checks import expect, listed, whole_number
-from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import Colour, draw_text, text_size
 from fieldcalib.io.image import Image, checked_image
@@ -154,9 +153,7 @@ def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
     if calibration is None or calibration.camera is None:
         return 0, 0.0, 0.0
     off = max((one.offset for one in calibration.markings), default=0.0)
-    error = np.nan
-    if calibration.knows_errors and calibration.field is not None:
-        error = largest_error(calibration.uncertainty, calibration.field)
+    error = np.nan if calibration.field is None else calibration.errors.largest_error(calibration.field)
     return (2 if calibration.accepted else 1), -off, -float(np.nan_to_num(error, nan=np.inf))
 
 

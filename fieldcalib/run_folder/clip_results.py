@@ -37,6 +37,7 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ClipInput, Frame
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
+from fieldcalib.solve.batch import compute_errors
 
 SHEET_FRAMES = 12  # frames in the contact sheet of the worst ones
 
@@ -99,7 +100,7 @@ def _write_frames(
 ) -> tuple[dict[str, Image], str]:
     """Write the results of all frames and the overlay video; returns pictures of the worst frames by caption."""
     path, done = results.out / OVERLAY, results.done
-    calibrations, basis = list(found), found.basis
+    calibrations, basis = compute_errors(list(found)), found.basis
     worst = worst_frames(calibrations, SHEET_FRAMES)
     pictures: dict[int, tuple[str, Image]] = {}
     frames = _drawn(clip, calibrations, options, threads) if options.draws else _listed(clip, calibrations, options)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._checks import expect, listed, several, truth
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.camera_errors import NoErrors, Solved
+from fieldcalib.assess.camera_errors import KnownErrors, NoErrors, Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
@@ -70,15 +70,21 @@ def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     >>> [str(one.verdict) for one in compute_errors(calibrate_batch(soccer(), frames, (960, 540)))]
     ['good', 'good']
     """
-    groups: dict[tuple[int, int], list[Solved]] = {}
+    solved: dict[tuple[int, int], list[Solved]] = {}
+    known: dict[tuple[int, int], list[KnownErrors]] = {}
     for one in listed(calibrations, "calibrations"):
         expect(one, Calibration, "fieldcalib.calibrate_from_segments(...)")
     fields = {id(one.field): one.field for one in calibrations}
-    for one in calibrations:
-        if one.solved is not None and not one.has_errors:
-            groups.setdefault((id(one.solved.evaluation), id(one.field)), []).append(one.solved)
-    for (_, field), members in groups.items():
+    for errors, field in [(one.errors, id(one.field)) for one in calibrations if not one.has_errors]:
+        if isinstance(errors, Solved):
+            solved.setdefault((id(errors.evaluation), field), []).append(errors)
+        elif isinstance(errors, KnownErrors):
+            known.setdefault((id(errors.layout), id(errors.field)), []).append(errors)
+    for (_, field), members in solved.items():
         Solved.compute(members, fields[field])
+    for frames in known.values():
+        for start in range(0, len(frames), CHUNK):
+            KnownErrors.compute(frames[start : start + CHUNK])
     return list(calibrations)
 
 
