@@ -11,6 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, count, islice
 from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
@@ -36,6 +37,7 @@ SOLVING = "solving the clip"  # name of the work between passes
 REPLACED = "the frames are not those that were read before: was the input replaced in the meantime? Run it again"
 MOST_BYTES = 256_000_000  # largest file of an image
 CACHE_BYTES = 64_000_000  # of the images in memory: 10 of 1920 x 1080
+HELD_BYTES = 540_000_000  # of the frames of a clip in memory: the 85 at which its shape is looked at, of 1920 x 1080
 
 T = TypeVar("T")
 
@@ -308,10 +310,15 @@ class VideoFrames(FrameSource):
         self._state = self.files[0].state
         self._rate: float | None = None
         self._announced, self._beyond = 0, ""
+        self._begun: Iterator[Frame] | None = None
 
     def looked_at(self) -> VideoFrames:
-        """Read the first frame: what is wrong with the video shows before anything is written."""
-        next(iter(self))
+        """Read the first frame: what is wrong with the video shows before anything is written.
+
+        The first iteration goes on from there: opening a video that is cut by an edit list decodes what it hides.
+        """
+        reading = self._frames()
+        self._begun = chain([next(reading)], reading)
         if self._beyond:
             self._tell(self._beyond)
         return self
@@ -327,6 +334,10 @@ class VideoFrames(FrameSource):
         return self._announced
 
     def __iter__(self) -> Iterator[Frame]:
+        begun, self._begun = self._begun, None
+        return self._frames() if begun is None else begun
+
+    def _frames(self) -> Iterator[Frame]:
         path, most = self._path, self._one.most_pixels
         if self.files[0].state != self._state:
             raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
@@ -453,7 +464,11 @@ def whole_frame(image: Image) -> Placement:
 
 
 class ClipInput:
-    """The frames of a clip, in which its images lie; they can be read several times, with progress."""
+    """The frames of a clip, in which its images lie; they can be read several times, with progress.
+
+    The last frames, as many as fit into `HELD_BYTES`, stay in memory, so that they are decoded once. A reading that is
+    left before its end is gone on with by the next one.
+    """
 
     def __init__(
         self, source: FrameSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
@@ -462,6 +477,9 @@ class ClipInput:
         self.ids: list[str] = []
         """Ids of all frames, in order; known after the first pass."""
         self._passes = iter(PASSES)
+        self._held: dict[int, Frame] = {}
+        self._newest, self._bytes = -1, 0  # number of the last frame that was held, and size of all that are
+        self._left: tuple[Iterator[Frame], int] | None = None  # a reading that was left, and how many frames it gave
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, from the first one that can be read."""
@@ -475,11 +493,40 @@ class ClipInput:
     @cached_property
     def _first(self) -> Placement | None:
         """Placement of the first image that can be read."""
-        first = next((frame.image for frame in self.source if frame.image is not None), None)
+        first = next((frame.image for frame in self._read() if frame.image is not None), None)
         return None if first is None else self._placement(first)
+
+    def _read(self) -> Iterator[Frame]:
+        """Yield the images as they are, those in memory without reading them again."""
+        (reading, given), self._left = self._left or (iter(self.source), 0), None
+        try:
+            for number in count():
+                frame = self._held.get(number)
+                if frame is None:
+                    if self.ids and number == len(self.ids) and given != number:
+                        return  # the last ones were in memory
+                    if given > number:
+                        reading, given = iter(self.source), 0
+                    frame, given = next(islice(reading, number - given, None), None), number + 1
+                    if frame is None:
+                        return
+                    self._hold(number, frame)
+                yield frame
+        finally:
+            self._left = reading, given
+
+    def _hold(self, number: int, frame: Frame) -> None:
+        """Keep a frame in memory, unless one after it was read already; the first ones make room for it."""
+        if number <= self._newest:
+            return
+        self._held[number], self._newest = frame, number
+        self._bytes += bytes_of(frame)
+        while self._bytes > HELD_BYTES:
+            self._bytes -= bytes_of(self._held.pop(next(iter(self._held))))
 
     def __iter__(self) -> Iterator[Image]:
         """Yield the frames, for the images that can be read."""
+        self.placement()  # it is known from then on
         for frame in self.frames(next(self._passes, AGAIN)):
             if frame.image is not None:
                 yield self._placement(frame.image).image_in_frame(frame.image)
@@ -487,9 +534,9 @@ class ClipInput:
     def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
         """Yield the images as they are, with progress under the name `stage`."""
         ids: list[str] = []
-        count = len(self.ids) or self.source.count or None
-        with progress_bar(desc=stage, total=count, unit="frame", progress=self._progress) as progress:
-            for frame in self.source:
+        total = len(self.ids) or self.source.count or None
+        with progress_bar(desc=stage, total=total, unit="frame", progress=self._progress) as progress:
+            for frame in self._read():
                 if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
                     raise BrokenFileError(REPLACED)
                 ids.append(frame.id)
@@ -549,6 +596,11 @@ def outcomes_of(
         Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
         for frame in frames
     ]
+
+
+def bytes_of(frame: Frame) -> int:
+    """Number of bytes of its image in memory."""
+    return 0 if frame.image is None else frame.image.nbytes
 
 
 def pixels_of(frame: Frame) -> int:

@@ -2,6 +2,7 @@
 
 import os
 from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 
 import av
@@ -105,8 +106,13 @@ def test_names_that_look_like_addresses(tmp_path, monkeypatch):
         writer.write(picture(0))
 
 
+@pytest.fixture
+def without_memory(monkeypatch):
+    monkeypatch.setattr("fieldcalib.run_folder.frame_source.HELD_BYTES", 0)
+
+
 @pytest.mark.parametrize("frames", [3, 5, 9])
-def test_a_clip_that_is_replaced_while_it_is_read(tmp_path, frames):
+def test_a_clip_that_is_replaced_while_it_is_read(tmp_path, frames, without_memory):
     path = tmp_path / "clip.mp4"
 
     def write(count):
@@ -123,16 +129,42 @@ def test_a_clip_that_is_replaced_while_it_is_read(tmp_path, frames):
         list(clip.frames())
 
 
+class Counted:
+    """Frames that count how often each is read."""
+
+    files, frames_per_second, count, broken, loss = (), 25.0, 0, {}, ""
+
+    def __init__(self, numbers):
+        self.numbers, self.read = numbers, []
+
+    def __iter__(self):
+        for number in self.numbers:
+            self.read.append(number)
+            yield Frame(str(number), picture(number))
+
+
+@pytest.mark.parametrize(("held", "again"), [(5, []), (2, [0, 1, 2]), (0, [0, 1, 2, 3, 4])])
+def test_the_last_frames_of_a_clip_are_read_once(monkeypatch, held, again):
+    monkeypatch.setattr("fieldcalib.run_folder.frame_source.HELD_BYTES", held * picture(0).nbytes)
+    clip = ClipInput(source := Counted(range(5)), progress=False)
+    for _ in range(2):
+        frames = list(clip.frames())
+        assert [frame.id for frame in frames] == [*"01234"]
+        assert all(np.array_equal(frame.image, picture(number)) for number, frame in enumerate(frames))
+    assert source.read == [*range(5), *again]
+
+
+def test_a_reading_that_is_left_is_gone_on_with():
+    clip = ClipInput(source := Counted(range(5)), progress=False)
+    assert clip.placement() is not None
+    assert len(list(islice(clip, 3))) == 3
+    assert len(list(clip)) == 5
+    assert source.read == [*range(5)]
+
+
 @pytest.mark.parametrize("frames", [3, 9])
-def test_images_that_come_and_go(frames):
-    class Changing:
-        files, frames_per_second, count, broken, loss = (), 25.0, 0, {}, ""
-        numbers = range(5)
-
-        def __iter__(self):
-            return (Frame(str(number), picture(number)) for number in self.numbers)
-
-    source = Changing()
+def test_images_that_come_and_go(frames, without_memory):
+    source = Counted(range(5))
     clip = ClipInput(source, progress=False)
     assert len(list(clip)) == 5
     source.numbers = range(frames)
