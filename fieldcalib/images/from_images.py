@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Literal
 
 import numpy as np
@@ -145,42 +145,61 @@ class How:
         return on, replace(self, task=on.task(self.task), network=network)
 
 
-def calibrate_from_consensus(task: Task, image: Image, found: PixelTable) -> list[Calibration]:
-    """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
+def calibrate_from_consensus(
+    task: Task, images: Sequence[Image], found: Sequence[PixelTable]
+) -> list[list[Calibration]]:
+    """Calibrate images of one size from subsets of their labelled pixels that are consistent with the lines in them.
 
-    A camera is calibrated from every three of the five heaviest segments. For each of the two cameras with the highest
-    line support, a camera is calibrated from all segments within 12 px of it (in an image of 960x540).
+    A camera is calibrated from every three of the five heaviest segments of an image. For each of the two cameras with
+    the highest line support, a camera is calibrated from all segments within 12 px of it (in an image of 960x540).
 
     Parameters
     ----------
     task : Task
         Calibration object, flags, prior and what is known of the camera.
-    image : (height, width, 3) uint8 array
+    images : sequence of (height, width, 3) uint8 arrays
         Blue, green, red.
-    found : PixelTable
-        Labelled pixels of the image.
+    found : sequence of PixelTable
+        Labelled pixels of each image.
 
     Returns
     -------
-    list of Calibration
-        One per hypothesis, that of the best supported one first; empty if there are too few segments for subsets.
+    list of list of Calibration
+        For each image one per hypothesis, that of the best supported one first; none if it has too few segments for
+        subsets.
 
     References
     ----------
     Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
     """
+    markings, chosen = Markings.of(task.object_segments), list[list[PixelTable]]()
+    for image, part, subsets in zip(
+        images, found, _each_calibrated(task, images, [_subsets(one) for one in found]), strict=True
+    ):
+        cameras = [one.camera for one in subsets if one.camera is not None]
+        share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
+        best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
+        near = near_labels(task.object_segments, best, len(best) * [part], max(SEARCH_RANGES))
+        chosen.append([part.take(np.array(one)[part.label]) for one in dict.fromkeys(map(tuple, near.tolist()))])
+    return _each_calibrated(task, images, chosen)
+
+
+def _subsets(found: PixelTable) -> list[PixelTable]:
+    """The labelled pixels of every three of the heaviest segments of an image; none if there are no more."""
     weight = label_weights(found)
     heaviest = np.argsort(-weight, kind="stable")[: min(HEAVIEST, np.count_nonzero(weight))].tolist()
     if len(heaviest) <= PER_HYPOTHESIS:
         return []
-    size, markings = size_of(image), Markings.of(task.object_segments)
-    parts = [found.take(np.isin(found.label, labels)) for labels in combinations(heaviest, PER_HYPOTHESIS)]
-    cameras = [one.camera for one in calibrate_localized(task, parts, size) if one.camera is not None]
-    share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
-    best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
-    near = near_labels(task.object_segments, best, len(best) * [found], max(SEARCH_RANGES))
-    chosen = dict.fromkeys(map(tuple, near.tolist()))
-    return calibrate_localized(task, [found.take(np.array(is_near)[found.label]) for is_near in chosen], size)
+    return [found.take(np.isin(found.label, labels)) for labels in combinations(heaviest, PER_HYPOTHESIS)]
+
+
+def _each_calibrated(
+    task: Task, images: Sequence[Image], tables: Sequence[Sequence[PixelTable]]
+) -> list[list[Calibration]]:
+    """Calibrate each image from several tables of labelled pixels, all of them together."""
+    every = [table for some in tables for table in some]
+    found = iter(calibrate_localized(task, every, size_of(images[0])) if every else [])
+    return [list(islice(found, len(some))) for some in tables]
 
 
 def label_weights(found: PixelTable) -> Array:
@@ -384,18 +403,21 @@ def _calibrated_size(how: How, images: Sequence[Image], found: Sequence[PixelTab
     """Calibrate images of one size; where a camera is not sure, also from subsets of the segments, the best is kept."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))
-    calibrations = []
     first = _verified(how, markings, images, found, from_labels, LEAST_SUPPORT)
-    for image, part, (calibration, is_sure) in zip(images, found, first, strict=True):
-        best = calibration
-        if not is_sure:
-            others = calibrate_from_consensus(how.task, image, part)
-            count, least_support = len(others), LEAST_SUPPORT_CHOSEN if how.refine else LEAST_SUPPORT
-            second = _verified(how, markings, count * [image], count * [part], others, least_support)
-            best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
-        if how.estimate_size and how.refine and how.task.given.is_empty:
-            best = _with_size_from_labels(how, image, part, best)
-        calibrations.append(best)
+    calibrations = [calibration for calibration, _ in first]
+    unsure = [t for t, (_, is_sure) in enumerate(first) if not is_sure]
+    if unsure:
+        others = calibrate_from_consensus(how.task, [images[t] for t in unsure], [found[t] for t in unsure])
+        owner = [t for t, some in zip(unsure, others, strict=True) for _ in some]
+        least_support = LEAST_SUPPORT_CHOSEN if how.refine else LEAST_SUPPORT
+        every = [one for some in others for one in some]
+        of_owner = [images[t] for t in owner], [found[t] for t in owner]
+        second = iter(_verified(how, markings, *of_owner, every, least_support))
+        for t, some in zip(unsure, others, strict=True):
+            hypotheses = [calibrations[t], *(one for one, _ in islice(second, len(some)))]
+            calibrations[t] = _best_supported(markings, images[t], hypotheses)
+    if how.estimate_size and how.refine and how.task.given.is_empty:
+        return [_with_size_from_labels(how, *one) for one in zip(images, found, calibrations, strict=True)]
     return calibrations
 
 

@@ -36,7 +36,7 @@ def names(table, is_chosen):
 
 def consensus(found, image=None):
     image = picture(TRUTH, seed=None) if image is None else image
-    return calibrate_from_consensus(Task(FIELD, flags=DEFAULT_FLAGS), image, found)
+    return calibrate_from_consensus(Task(FIELD, flags=DEFAULT_FLAGS), [image], [found])[0]
 
 
 @pytest.mark.parametrize("pan", [12, 20])
