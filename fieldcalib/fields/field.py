@@ -410,8 +410,6 @@ class Field(Mapping[str, Segment]):
         """Label -> label of the segment onto which a turn and a move map this one, if there is one."""
         if not self.segments:
             return MappingProxyType({})
-        from scipy.spatial import cKDTree  # a slow import
-
         names, kinds = list(self.segments), [type(segment).__name__ for segment in self.segments.values()]
         samples = [segment.sample(spacing=0.05) for segment in self.segments.values()]
         number = np.unique(kinds, return_inverse=True)[1].ravel()  # as one more coordinate: kinds are far apart
@@ -421,8 +419,9 @@ class Field(Mapping[str, Segment]):
         )
         # the field's own label, if the same segment was added under another one
         places, first = np.unique(np.round(here, ROUNDED), axis=0, return_index=True)
-        _, nearest = cKDTree(places).query(there, p=np.inf, distance_upper_bound=ALIKE)
-        alike = np.flatnonzero(nearest < len(places))
+        distance = np.max(np.abs(there[:, None] - places), axis=-1)
+        nearest = np.argmin(distance, axis=1)
+        alike = np.flatnonzero(distance[np.arange(len(there)), nearest] < ALIKE)
         return MappingProxyType({names[i]: names[first[nearest[i]]] for i in alike.tolist()})
 
     @cached_property
