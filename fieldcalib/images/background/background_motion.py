@@ -254,7 +254,9 @@ def graphics(H: Array, x: Array, y: Array, scale: float) -> BoolArray:
 
 def robust_deviation(r: Array) -> float:
     """Robust standard deviation of residuals: 1.4826 times the median of their absolute values."""
-    return 1.4826 * float(np.median(np.abs(r)))
+    size = np.abs(r).ravel()
+    size.sort()  # np.median spends more time on checks than on computing
+    return 1.4826 * float(0.5 * (size[(len(size) - 1) // 2] + size[len(size) // 2]))
 
 
 def tolerance(scale: float) -> float:
@@ -269,11 +271,13 @@ def shape_change(H: Array, size: tuple[int, int]) -> tuple[float, float, float]:
     if m[2] * np.sign(H[2, 2]) <= 0.0:
         return 0.0, 0.0, np.inf
     A = (H[:2, :2] - np.outer(m[:2] / m[2], H[2, :2])) / m[2]
-    determinant = float(np.linalg.det(A))
-    if determinant <= 0.0:
+    (a, b), (c, d) = A.tolist()
+    determinant = a * d - b * c
+    if not determinant > 0.0:
         return 0.0, 0.0, np.inf
-    large, small = np.linalg.svd(A, compute_uv=False)
-    return float(np.sqrt(determinant)), float(np.arctan2(A[1, 0] - A[0, 1], A[0, 0] + A[1, 1])), float(large / small)
+    mean, difference = 0.5 * np.hypot(a + d, c - b), 0.5 * np.hypot(a - d, c + b)  # of the singular values
+    stretch = float((mean + difference) ** 2 / determinant)
+    return float(np.sqrt(determinant)), float(np.arctan2(c - b, a + d)), stretch
 
 
 def is_plausible(H: Array, size: tuple[int, int]) -> bool:

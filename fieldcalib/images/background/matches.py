@@ -261,8 +261,10 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
 
 def _spread(xy: Array, size: tuple[int, int]) -> bool:
     """Whether points cover enough of the picture to tell its motion from that of one object."""
-    deviation = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(xy.T)), 0.0)) / size[0]
-    cells = np.unique(np.floor(xy / size * GRID).astype(int), axis=0)
+    x, y = (xy - np.mean(xy, axis=0)).T
+    deviation = np.sqrt(np.linalg.eigvalsh([[x @ x, x @ y], [x @ y, y @ y]]).clip(0.0) / (len(xy) - 1)) / size[0]
+    column, row = np.floor(xy / size * GRID).T
+    cells = np.unique(row * GRID[0] + column)
     return bool(deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1] and len(cells) >= LEAST_CELLS)
 
 
