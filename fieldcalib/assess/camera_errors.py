@@ -33,6 +33,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.records import (
     check_covariances,
@@ -258,10 +259,13 @@ class Solved:
 
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
-        # cached: the uncertainty, the one on the last field that was asked for, and the terms of the log odds there
+        # cached: the uncertainty, the one on the last field that was asked for, the terms of the log odds there, what
+        # is unusual, and what the labels said of a part when they were last asked
         self._uncertainty: Uncertainty | None = None
         self._on: Uncertainty | None = None
         self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
+        self._unusual: tuple[Finding, ...] | None = None
+        self._part: tuple[Uncertainty, tuple[float, float, Declared], tuple[Finding, ...]] | None = None
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
@@ -328,12 +332,16 @@ class Solved:
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
-        unusual = surprises(self.uncertainty)
+        if self._unusual is None:
+            self._unusual = surprises(self.uncertainty)
         if picture is None:
-            return unusual
+            return self._unusual
         log_ratio = picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
-        part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)
-        return (*part, *unusual)
+        asked = picture.probability, log_ratio, picture.declared
+        on = self.on(picture.field)
+        if self._part is None or self._part[0] is not on or self._part[1] != asked:
+            self._part = on, asked, seems_part(on, *asked)
+        return (*self._part[2], *self._unusual)
 
     def to_record(self) -> dict[str, Any]:
         """The keys of `Calibration.to_dict` that hold it."""

@@ -147,39 +147,40 @@ class Motion:
         return cls(turn, log_f, float(np.log(zoom)), LENS_PRIOR[0])
 
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
-        """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
+        """``U(q) - K2 R K1^-1 U(p)`` of points (2, n), (2, n), and its negative derivative (6, 2, n).
 
-        Pixels determine the shift of the picture, which is about pan and tilt times focal length. The derivative by log
-        f is therefore taken at constant shift: pan and tilt are divided by the factor that multiplies the focal length,
-        so that the fit converges from far away.
+        The derivative is by rotation, log f, log zoom and lens. Pixels determine the shift of the picture, which is
+        about pan and tilt times focal length. The derivative by log f is therefore taken at constant shift: pan and
+        tilt are divided by the factor that multiplies the focal length, so that the fit converges from far away.
         """
-        pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
+        bend_p, bend_q = (1.0 / (1.0 + self.lens * (z[0] * z[0] + z[1] * z[1])) for z in (p, q))
         R = _rotation(self.turn)
-        u, v = p / (1.0 + self.lens * pp), q / (1.0 + self.lens * qq)
+        u, v = bend_p * p, bend_q * q
         f1, f2 = np.exp(self.log_f), np.exp(self.log_f + self.log_zoom)
-        Y = u @ R[:, :2].T + f1 * R[:, 2]
-        m = f2 * Y[:, :2] / Y[:, 2:]
-        s, t = m[:, 0] / f2, m[:, 1] / f2  # Y = Y3 (s, t, 1)
-        J = np.empty((len(p), 2, 6))
-        J[:, 0, 0], J[:, 0, 1], J[:, 0, 2] = -f2 * s * t, f2 * (1.0 + s * s), -f2 * t  # dY = d_omega x Y
-        J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = -f2 * (1.0 + t * t), f2 * s * t, f2 * s
+        Y = R[:, :2] @ u + f1 * R[:, 2:]
+        scale = f2 / Y[2]  # dm = scale (dY12 - (s, t) dY3)
+        s, t = Y[:2] / Y[2]  # Y = Y3 (s, t, 1)
+        J = np.empty((6, 2, p.shape[1]))
+        m = J[4]
+        m[0], m[1] = f2 * s, f2 * t
+        J[0, 0], J[1, 0], J[2, 0] = -m[0] * t, f2 + m[0] * s, -m[1]  # dY = d_omega x Y
+        J[0, 1], J[1, 1], J[2, 1] = -f2 - m[1] * t, m[1] * s, m[0]
         x, y, z = self.turn
         # (I + W / 2 + W^2 / 6) (x, y, 0), W = [turn]x: left Jacobian of the rotation to second order
-        scaling = np.array(
-            [x - z * y / 2.0 - z * z * x / 6.0, y + z * x / 2.0 - z * z * y / 6.0, z * (x * x + y * y) / 6.0]
-        )
+        a, b, c = x - z * y / 2.0 - z * z * x / 6.0, y + z * x / 2.0 - z * z * y / 6.0, z * (x * x + y * y) / 6.0
         dY_dlog_f = f1 * R[:, 2]
-        dY_dlens = (-u * pp / (1.0 + self.lens * pp)) @ R[:, :2].T
-        scale = f2 / Y[:, 2:]  # dm = scale (dY12 - (s, t) dY3)
-        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :3] @ scaling
-        J[:, :, 4] = m
-        J[:, :, 5] = scale * (dY_dlens[:, :2] - m / f2 * dY_dlens[:, 2:]) + v * qq / (1.0 + self.lens * qq)
+        dY_dlens = R[:, :2] @ (-(p[0] * p[0] + p[1] * p[1]) * bend_p * u)
+        by_lens = (q[0] * q[0] + q[1] * q[1]) * bend_q * v
+        for row, along in enumerate((s, t)):
+            by_focal_length = scale * (dY_dlog_f[row] - along * dY_dlog_f[2])
+            J[3, row] = m[row] + by_focal_length - (a * J[0, row] + b * J[1, row] + c * J[2, row])
+            J[5, row] = scale * (dY_dlens[row] - along * dY_dlens[2]) + by_lens[row]
         return v - m, J
 
     def fitted(self, r: Array, J: Array, noise: float, free_lens: bool) -> Motion:
         """Take a Gauss-Newton step with priors; `noise` is the standard deviation of a coordinate."""
-        J = J.reshape(-1, 6)[:, : 6 if free_lens else 5]
-        A, g = J.T @ J, J.T @ r.reshape(-1)
+        J = J[: 6 if free_lens else 5].reshape(6 if free_lens else 5, -1)
+        A, g = J @ J.T, J @ r.reshape(-1)
         for i, value, (mean, deviation) in ((3, self.log_f, FOCAL_PRIOR), (5, self.lens, LENS_PRIOR)):
             if i < len(g):
                 A[i, i] += (noise / deviation) ** 2
@@ -211,21 +212,21 @@ def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float)
     scale : float
         Robust standard deviation of a coordinate over the inliers, px.
     """
-    keep, scale = inlier, np.inf
+    p, q, keep, scale = np.ascontiguousarray(p.T), np.ascontiguousarray(q.T), inlier, np.inf
     for i in range(ITERATIONS + 1):
         r, J = motion.residuals(p, q)
-        distance = np.linalg.norm(r, axis=1) * unit
+        distance = np.hypot(*r) * unit
         if i >= FIXED_ITERATIONS:
             keep = distance < tolerance(scale)
             if np.sum(keep) < LEAST_POINTS:
                 return None
-        before, scale = scale, robust_deviation(r[keep]) * unit
+        before, scale = scale, robust_deviation(r[:, keep]) * unit
         if i == ITERATIONS or (i > FIXED_ITERATIONS and abs(scale - before) < CONVERGED * scale):
             break
-        motion = motion.fitted(r[keep], J[keep], PRIOR_NOISE / unit, True)
+        motion = motion.fitted(r[:, keep], J[..., keep], PRIOR_NOISE / unit, True)
     plain = replace(motion, lens=0.0)
     some = np.flatnonzero(keep)[:: 1 + np.sum(keep) // PLAIN_POINTS]
-    p, q = p[some], q[some]
+    p, q = p[:, some], q[:, some]
     for _ in range(PLAIN_ITERATIONS):
         plain = plain.fitted(*plain.residuals(p, q), PRIOR_NOISE / unit, False)
     return plain, distance, scale

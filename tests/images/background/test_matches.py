@@ -87,7 +87,7 @@ def test_matches_follow_a_turn_and_a_zoom(motion):
 def test_jacobian_of_the_motion(turn):
     """Against central differences; that by the focal length is exact to second order of the turn, 6e-4 without it."""
     motion = Motion(np.array(turn), 1.3, 0.1, 0.03)
-    p, q = np.random.default_rng(0).uniform(-0.7, 0.7, size=(2, 50, 2))
+    p, q = np.random.default_rng(0).uniform(-0.7, 0.7, size=(2, 2, 50))
     J = motion.residuals(p, q)[1]
 
     def moved(step):
@@ -98,7 +98,7 @@ def test_jacobian_of_the_motion(turn):
 
     for i, tolerance in enumerate((1e-7, 1e-7, 1e-7, 5e-4 * np.linalg.norm(turn) + 1e-7, 1e-7, 1e-7)):
         h = 1e-6 * np.eye(6)[i]
-        np.testing.assert_allclose(J[:, :, i], (moved(-h) - moved(h)) / 2e-6, atol=tolerance, err_msg=str(i))
+        np.testing.assert_allclose(J[i], (moved(-h) - moved(h)) / 2e-6, atol=tolerance, err_msg=str(i))
 
 
 def test_without_a_start_a_tenth_of_the_width_is_bridged():
