@@ -51,7 +51,6 @@ from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
-from fieldcalib.web.report import write_report
 
 SAMPLE = 40  # images of one field from which its size is estimated
 ROUNDS = 2  # of calibrating these images and estimating the size
@@ -131,6 +130,8 @@ def _run(request: RunRequest) -> int:
     """Calibrate one video or stream, or images, and write the report."""
     code = _calibrate(request)
     if request.report:
+        from fieldcalib.web.report import write_report  # a slow import
+
         write_report(read(request.run.out), request.run.out / REPORT)
     return code
 

@@ -88,8 +88,8 @@ def blobs_on_ground(image: Image) -> Image:
     _, label, boxes, _ = cv2.connectedComponentsWithStats(thick, connectivity=8)
     stands = _are_small(boxes, ground.shape) & (_ground_around(boxes, ground) > LEAST_GROUND)
     stands[0] = False  # the ground
-    is_blob = _are_compact(np.where(stands[label], label, 0), len(boxes))
-    return np.asarray(cv2.dilate(is_blob[label].astype(np.uint8), np.ones((MARGIN, MARGIN), np.uint8)))
+    is_blob = _are_compact(label, stands).astype(np.uint8)
+    return np.asarray(cv2.dilate(is_blob[label], np.ones((MARGIN, MARGIN), np.uint8)))
 
 
 def _is_ground(lab: Any) -> Any:
@@ -115,10 +115,10 @@ def _are_small(boxes: IntArray, shape: tuple[int, ...]) -> BoolArray:
     return np.asarray(fits & np.all(boxes[:, 2:4] < sides, axis=1))
 
 
-def _are_compact(label: Array, count: int) -> BoolArray:
-    """Whether the pixels of each label but 0 have similar standard deviations along and across: blobs, not lines."""
-    y, x = np.nonzero(label)
-    one = label[y, x]
+def _are_compact(label: Array, some: BoolArray) -> BoolArray:
+    """Whether the pixels of some labels have similar standard deviations along and across: blobs, not lines."""
+    y, x = np.nonzero(some[label])
+    one, count = label[y, x], len(some)
     n = np.maximum(np.bincount(one, minlength=count), 1)
     mx, my, xx, yy, xy = (np.bincount(one, z, count) / n for z in (x, y, x * x, y * y, x * y))
     a, b, c = xx - mx * mx + 1.0 / 12.0, yy - my * my + 1.0 / 12.0, xy - mx * my  # a pixel is a square
