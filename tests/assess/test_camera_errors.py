@@ -12,6 +12,8 @@ from strategies import bounded, moved
 from tripods import SIZE, operated
 
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.probability import ground_in_view
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.lens import Pinhole
 from fieldcalib.problem.layout import LOG_F, Layout, Role, SizeBlock, ZoomLaw
 
@@ -19,6 +21,8 @@ LAW = ZoomLaw(np.log(1400.0))
 SIZE_BLOCK = SizeBlock(np.array([105.0, 68.0]), np.array([3.0, 3.0]), np.array([[90.0, 45.0], [120.0, 90.0]]))
 LAYOUT = Layout.of(SIZE, zoom_law=LAW)
 WITH_SIZE = Layout.of(SIZE, field_size=SIZE_BLOCK, zoom_law=LAW)
+CROWNED = Layout.of(SIZE, field_size=SIZE_BLOCK._replace(crown=soccer().size_model.crown), zoom_law=LAW)
+FIELD = soccer()
 # pan, tilt, roll, log f, centre, principal point, log aspect, a1, b2, zoom law, size
 STEPS = np.array([1e-6] * 3 + [1e-6] + [1e-4] * 3 + [1e-3] * 2 + [1e-6] * 3 + [1e-3] * 2 + [1e-5] * 2 + [1e-4])
 
@@ -103,6 +107,27 @@ def test_ground_errors_follow_the_zoom_law(share, data, layout):
     expected = J @ covariance @ np.swapaxes(J, 1, 2)
     np.testing.assert_allclose(errors.at_image(xy).covariance, expected, rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(errors.at_field(X).covariance, expected, rtol=1e-4, atol=1e-9)
+
+
+@given(st.lists(shares, min_size=2, max_size=3), st.data(), st.sampled_from([LAYOUT, CROWNED]))
+def test_errors_in_view_are_those_of_each_point_alone(each, data, layout):
+    """Computed for all frames at once; on level ground the probability follows from the largest one."""
+    covariance = covariance_of(data.draw(moved(np.eye(layout.size), 1.0)), layout)
+    frames = [KnownErrors(layout, theta_at(share, layout), covariance, field=FIELD) for share in each]
+    KnownErrors.compute(frames)
+    for one in frames:
+        assert one.are_computed
+        X = ground_in_view(one.camera, FIELD)
+        alone = KnownErrors(layout, one.theta, covariance, field=FIELD)
+        np.testing.assert_allclose(one.motion_of_markings, alone.motion_of_markings, atol=1e-9)
+        if not len(X):
+            assert np.isnan([one.largest_error(FIELD), one.probability(FIELD, 1.0, size_known=False, level=True)]).all()
+            continue
+        largest, on_level = (np.max(errors.at_field(X).rms) for errors in (alone, alone.if_level))
+        np.testing.assert_allclose(one.largest_error(FIELD), largest, rtol=1e-6)
+        probability = one.probability(FIELD, largest, size_known=False, level=True)
+        np.testing.assert_allclose(probability, 1.0 - np.exp(-np.square(largest / on_level)), rtol=1e-6)
+        assert not alone.are_computed
 
 
 def through_json(errors):
