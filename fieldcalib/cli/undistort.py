@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         type=Path,
         metavar="PATH",
-        help=f"a folder for <id>{PICTURE}; of a video a video ({VIDEO})",
+        help=f"a folder for <id>{PICTURE}; of one picture a picture, of a video a video ({VIDEO})",
     )
     add_most_bytes(parser)
 
@@ -57,15 +57,15 @@ def run(options: argparse.Namespace) -> int:
 
 def _pictures(inputs: Sequence[Path], cameras: Cameras, out: Path, most_bytes: float) -> tuple[int, int]:
     """Write the pictures that have a camera; counts them, and the others."""
-    if out.suffix:
-        raise ValueError(f"{out}: expected a folder, for pictures are written as <id>{PICTURE}")
     accepted, files = set(cameras.accepted), IMAGES.find(inputs)
+    if out.suffix and len(files) > 1:
+        raise ValueError(f"{out}: expected a folder, for {len(files)} pictures are written as <id>{PICTURE}")
     chosen = [file for file in files if file.id in accepted]
     if not chosen:
         raise ValueError(f"no image that is given has an accepted camera in {cameras.path}")
-    targets = {out / f"{file.id}{PICTURE}": file for file in chosen}
+    targets = {out if out.suffix else out / f"{file.id}{PICTURE}": file for file in chosen}
     check_targets(targets, files_read(inputs), remedy=INTERRUPTED)
-    out.mkdir(parents=True, exist_ok=True)
+    next(iter(targets)).parent.mkdir(parents=True, exist_ok=True)
     for path, file in targets.items():
         with named_in_errors(file.path):
             image = IMAGES.read(file.read(most_bytes))

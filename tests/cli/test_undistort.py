@@ -63,6 +63,20 @@ def test_a_picture_becomes_that_of_the_pinhole(tmp_path, capsys):
     )
 
 
+def test_a_single_picture_is_written_as_one(tmp_path, capsys):
+    for id in ("a", "b"):
+        cv2.imwrite(str(tmp_path / f"{id}.png"), rendered(BENT))
+    cameras = ["--cameras", results(tmp_path / "out", {"a": BENT, "b": BENT})]
+    flat = tmp_path / "new" / "flat.jpg"
+    assert main(["undistort", str(tmp_path / "a.png"), *cameras, "--out", str(flat)]) == 0
+    assert cv2.imread(str(flat)).shape == (360, 640, 3)
+    assert main(["undistort", str(tmp_path / "a.png"), *cameras, "--out", str(tmp_path / "flat.txt")]) == 2
+    assert "as .txt" in capsys.readouterr().err
+    both = [str(tmp_path / "a.png"), str(tmp_path / "b.png")]
+    assert main(["undistort", *both, *cameras, "--out", str(tmp_path / "flat.png")]) == 2
+    assert "expected a folder, for 2 pictures are written as <id>.png" in capsys.readouterr().err
+
+
 def test_a_fisheye_picture_becomes_that_of_the_pinhole(tmp_path):
     bent = Camera.from_angles(
         0.1, np.radians(75), 0.01, 330.0, (0.0, 50.0, -18.0), SIZE, k=(0.05, 0.0, 0.0, 0.0), fisheye=True
