@@ -90,6 +90,8 @@ class Ridges:
     """Pixels (n, k, 2) of the ridges in each profile, NaN for none."""
     may_be_line: BoolArray
     """Whether each ridge has the same ground on both sides, (n, k)."""
+    raised: Profiles
+    """Profiles across what is above the ground: the tape of a net, a crossbar, posts."""
     unit: float
     """Pixels of the image per pixel of a 960 x 540 image."""
 
@@ -106,7 +108,8 @@ class Ridges:
         offset, may_be_line = strips.ridges(BAND, PEAKS)
         shown = np.flatnonzero(~strips.is_black)
         xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
-        return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], strips.unit)
+        raised = wide.profiles.take(np.flatnonzero(~wide.profiles.on_ground))
+        return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], raised, strips.unit)
 
     @property
     def offset(self) -> Array:
@@ -116,7 +119,7 @@ class Ridges:
     def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
         """Relate the ridges to the markings that another camera projects; ridges far from all of them are dropped."""
         old, new = self.profiles, profiles_along(camera, markings)
-        new = new.take(np.flatnonzero(new.on_ground))
+        raised, new = (new.take(np.flatnonzero(new.on_ground == is_on)) for is_on in (False, True))
         pairs = [np.zeros((2, 0), dtype=np.intp)]
         for k in np.intersect1d(old.member, new.member):
             here, there = np.flatnonzero(old.member == k), np.flatnonzero(new.member == k)
@@ -124,7 +127,7 @@ class Ridges:
             near = np.min(distance, axis=1) < (BAND + SPACING) * self.unit
             pairs.append(np.stack([here[near], there[np.argmin(distance, axis=1)][near]]))
         kept, at = np.concatenate(pairs, axis=1)
-        return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept])
+        return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept], raised=raised)
 
 
 def wide_strips(image: Image, profiles: Profiles) -> Strips:
@@ -167,13 +170,14 @@ def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.
     for k in np.unique(profiles.member):
         if markings.painted[k] < LEAST_PAINTED:
             continue
-        # ridges on the paint of other markings are excluded; a bent line is only tried if no straight one is found
+        # ridges on the paint of other markings, and on what is above the ground, are excluded: from low behind a court
+        # the tape of the net is near the far lines; a bent line is only tried if no straight one is found
         at = np.flatnonzero(profiles.member == k)
         on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
         if len(at) >= LEAST_PLACES and on <= min(LOOKED_AT * len(at), len(at) - MORE):
-            others = np.flatnonzero(is_on & (profiles.member != k))
-            free = ridges.may_be_line[at] & np.isfinite(offset[at])
-            free[free] = ~_is_paint_of(profiles, others, ridges.xy[at][free].astype(float), unit)
+            free, xy = ridges.may_be_line[at] & np.isfinite(offset[at]), ridges.xy[at].astype(float)
+            for others in (profiles.take(np.flatnonzero(is_on & (profiles.member != k))), ridges.raised):
+                free[free] = ~_is_paint_of(others, xy[free], unit)
             may_be = np.where(free, offset[at], np.nan)
             off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
             skew = 0.5 * float(np.median(np.abs(profiles.normal[at] @ np.asarray(motion)))) / unit
@@ -231,9 +235,9 @@ def _along(count: int, *, bent: bool = False) -> Array:
     return np.column_stack([np.ones(count), t, t * t][: 2 + bent])
 
 
-def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
-    """Whether pixels (N, 2) lie on a marking in one of the profiles `others` (m,), which show paint where projected."""
-    (x, y), (nx, ny) = profiles.xy[others].T, profiles.normal[others].T
+def _is_paint_of(others: Profiles, xy: Array, unit: float) -> BoolArray:
+    """Whether pixels (N, 2) lie on a marking in one of the profiles `others`."""
+    (x, y), (nx, ny) = others.xy.T, others.normal.T
     dx, dy = xy[:, :1] - x, xy[:, 1:] - y
     across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
     return np.asarray(np.any((across < ON_PAINT * unit) & (along < SPACING * unit), axis=-1))

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -136,6 +137,19 @@ def test_distance_of_paint_is_that_of_the_projections(tilt):
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
     distance = np.abs(np.sum((true[seen] - at[seen]) * normal, axis=1))
     assert found.offset == pytest.approx(np.max(distance), abs=1.5)
+
+
+def test_the_tape_of_a_net_is_no_paint_of_the_line_behind_it():
+    """From low behind a court it is nearly parallel to the far lines, which may be hidden or worn."""
+    court, behind = tennis(), camera(90, 82, 800, (-21, 1, -2.2))
+    worn = replace(court, segments={label: one for label, one in court.items() if label != "Service line right"})
+    shown = picture(behind, worn)
+    tape = np.rint(behind.project(court["Net top"].sample(0.5))).astype(np.int32)
+    cv2.polylines(shown, [tape], isClosed=False, color=(235, 240, 235), thickness=2)
+    assert not any(one.is_beside for one in paint_evidence(shown, behind, Markings.of(court)).markings)
+    without_net = replace(court, segments={label: one for label, one in court.items() if not label.startswith("Net")})
+    beside = [one.label for one in paint_evidence(shown, behind, Markings.of(without_net)).markings if one.is_beside]
+    assert beside == ["Service line right"]
 
 
 @examples(10)
