@@ -1,6 +1,6 @@
 """Verdicts on pictures that were changed without saying so: parts of frames, wrong image sizes.
 
-    python -m data_tools.undeclared ANNOTATIONS --size WxH
+    python -m data_tools.undeclared ANNOTATIONS --size WxH [--shapes]
     python -m data_tools.undeclared --images FOLDER
     python -m data_tools.undeclared --basketball CAMERAS.json
 
@@ -9,6 +9,9 @@ may change a picture without saying so: the left or right half, a corner of thre
 stated size that is a third larger or smaller than the true one, squashed to a square or to 3:2. One line of JSON for
 each kind says how many frames keep three labels, which share of all is good, and which share is good although it is off
 by more than 1 m somewhere in view.
+
+`--shapes` draws the labels of pictures of other shapes from these cameras: whole ones, which see more above and below,
+parts of frames, and frames that were squashed. Whether a picture was squashed is estimated.
 
 `--images` does the same with pictures, from which cameras are calibrated on a field of the given size: parts of them,
 squashed pictures, and pictures between black bars. Changed pictures are not stored.
@@ -31,7 +34,8 @@ from typing import Any
 import numpy as np
 
 from data_tools.probability import largest_true_error
-from fieldcalib.assess.findings import Verdict
+from data_tools.random_frames import NOISE_SPREAD, noisy_pixels
+from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration
 from fieldcalib.console.arguments import image_size
 from fieldcalib.console.program import run_command
@@ -46,6 +50,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch, compute_errors
+from fieldcalib.solve.likelier_shape import with_likely_aspect
 
 LEAST_LABELS = 3
 CORNER = 0.75  # of width and height
@@ -57,6 +62,9 @@ NOISE, SPACING = 1.5, 0.5  # px, metres
 BAR = 1.0 / 6.0  # of the height, on each side: 540 rows in a picture of 720
 LARGEST_HEIGHT_ERROR = 0.1  # share of the camera's height
 SUFFIXES = (".jpg", ".png")
+CUT = {"4:3": 4.0 / 3.0, "3:2": 1.5}  # width by height
+SHAPES = {**CUT, "16:10": 1.6}
+KEPT = (0.6, 1.0)  # share of the markings in view that is labelled in drawn pictures
 SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5, "squashed to 4:3": 4.0 / 3.0}  # width by height
 
 
@@ -128,22 +136,22 @@ def counts(pictures: Sequence[ChangedPicture], found: Sequence[Calibration], fie
     }
 
 
-def calibrated(pictures: Sequence[ChangedPicture], field: Field) -> list[Calibration]:
-    """The calibrations of pictures of any sizes."""
+def calibrated(pictures: Sequence[ChangedPicture], field: Field, *, estimated: bool = False) -> list[Calibration]:
+    """The calibrations of pictures of any sizes; whether they were squashed is `estimated`, or they were not."""
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, picture in enumerate(pictures):
         by_size.setdefault(picture.image_size, []).append(index)
     found: dict[int, Calibration] = {}
     for size, members in by_size.items():
         frames = [pictures[index].pixels for index in members]
-        calibrations = calibrate_batch(field, frames, size)
+        calibrations = with_likely_aspect(field, partial(calibrate_batch, field), frames, size, estimated=estimated)
         compute_errors([one for one in calibrations if one.accepted])
         found.update(zip(members, calibrations, strict=True))
     return [found[index] for index in range(len(pictures))]
 
 
 def judge_annotations(options: argparse.Namespace) -> int:
-    """Judge annotated frames, each changed in every way."""
+    """Judge annotated frames, each changed in every way, or pictures of other shapes drawn from their cameras."""
     rng, field = np.random.default_rng(options.seed), soccer()
     frames = list(read_frames([options.annotations], field, options.size).values())
     by_kind: dict[str, list[ChangedPicture]] = {}
@@ -152,15 +160,41 @@ def judge_annotations(options: argparse.Namespace) -> int:
     for pixels, one in zip(frames, truths, strict=True):
         if one.verdict is not Verdict.GOOD or one.camera is None:
             continue
-        for kind, picture in changed(pixels, one.camera, rng).items():
+        made = drawn(one.camera, field, rng) if options.shapes else changed(pixels, one.camera, rng)
+        for kind, picture in made.items():
             by_kind.setdefault(kind, []).append(picture)
-    print(json.dumps({"frames": len(frames), "good": len(by_kind.get("as they are", []))}))
+    print(json.dumps({"frames": len(frames), "good": max(map(len, by_kind.values()), default=0)}))
     for kind, pictures in by_kind.items():
         enough = [
             picture for picture in pictures if len(picture.pixels) >= LEAST_LABELS and _is_possible(field, picture)
         ]
-        _print_counts(kind, enough, field)
+        _print_counts(kind, enough, field, estimated=options.shapes)
     return 0
+
+
+def drawn(camera: Camera, field: Field, rng: np.random.Generator) -> dict[str, ChangedPicture]:
+    """Pictures of other shapes, by the name of what they are, with labels drawn from a camera of a whole frame.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> pictures = drawn(camera, soccer(), np.random.default_rng(0))
+    >>> [pictures[f"{kind} 4:3"].image_size for kind in ("whole", "cut to", "squashed to")]
+    [(960, 720), (720, 540), (720, 540)]
+    """
+    width, height = camera.image_size
+    cameras = {"as they are": camera}
+    for name, shape in SHAPES.items():
+        taller, narrower = round(width / shape), round(shape * height)
+        left = int(rng.integers(width - narrower, endpoint=True))
+        cameras[f"whole {name}"] = camera.cropped((0, (height - taller) // 2), (width, taller))
+        cameras[f"cut to {name}"] = camera.cropped((left, 0), (narrower, height))
+        cameras[f"squashed to {name}"] = camera.scaled((narrower, height))
+    found = {}
+    for kind, one in cameras.items():
+        noise, kept = float(np.exp(rng.normal(0.0, NOISE_SPREAD))), float(rng.uniform(*KEPT))
+        found[kind] = ChangedPicture(noisy_pixels(one, field, rng, noise, kept), one.image_size, one)
+    return found
 
 
 def _is_possible(field: Field, picture: ChangedPicture) -> bool:
@@ -172,8 +206,9 @@ def _is_possible(field: Field, picture: ChangedPicture) -> bool:
     return True
 
 
-def _print_counts(kind: str, pictures: Sequence[ChangedPicture], field: Field) -> None:
-    print(json.dumps({"pictures": kind, **counts(pictures, calibrated(pictures, field), field)}), flush=True)
+def _print_counts(kind: str, pictures: Sequence[ChangedPicture], field: Field, *, estimated: bool = False) -> None:
+    found = calibrated(pictures, field, estimated=estimated)
+    print(json.dumps({"pictures": kind, **counts(pictures, found, field)}), flush=True)
 
 
 def judge_images(options: argparse.Namespace) -> int:
@@ -196,7 +231,7 @@ def judge_images(options: argparse.Namespace) -> int:
         heights = [
             abs(one.camera.C[2] / truth.C[2] - 1.0) > LARGEST_HEIGHT_ERROR
             for one, (_, truth) in zip(found, made, strict=True)
-            if one.verdict is Verdict.GOOD and one.camera is not None
+            if one.verdict is Verdict.GOOD and one.camera is not None and not one.has_finding(What.GROUND_ONLY)
         ]
         row = {**counts(pictures, found, field), "good_and_height_wrong": int(sum(heights))}
         print(json.dumps({"pictures": kind, **row}), flush=True)
@@ -223,6 +258,9 @@ def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera
         "right two thirds": (width - two, 0, two, height),
         "upright": ((width - upright) // 2, 0, upright, height),
     }
+    for name, shape in CUT.items():
+        w = round(shape * height)
+        parts |= {f"left {name}": (0, 0, w, height), f"right {name}": (width - w, 0, w, height)}
     columns, rows = round(STRIP * width), round(STRIP * height)
     parts |= {
         "without a strip above": (0, rows, width, height - rows),
@@ -288,6 +326,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, nargs="?", help="folder or zip of <id>.json")
     parser.add_argument("--size", type=image_size, metavar="WxH", help="of the images")
+    parser.add_argument("--shapes", action="store_true", help="draw pictures of other shapes from their cameras")
     parser.add_argument("--basketball", type=Path, metavar="FILE", help="cameras of basketball games, instead")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--images", type=Path, metavar="FOLDER", help="pictures, instead")

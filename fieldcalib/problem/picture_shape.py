@@ -49,9 +49,9 @@ PART_SIGMA = 0.5  # standard deviation, in shares of what is missing: a part may
 ENLARGED_SHARE = 0.15  # of the width: standard deviation of the principal point in a part that was enlarged
 LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
 
-# Share of a frame's width or height. Where more is missing, the cameras of a picture as it is and as squashed may agree
-# and be wrong: of 47 real pictures cut to two thirds 2 would be good and more than 1 m off.
-STRIP = 0.125
+# Share of a frame's width or height; 4:3 and 2.35:1 lack a quarter. Where more is missing, the cameras of a picture as
+# it is and as squashed may agree and be wrong: of 47 real pictures cut to two thirds 2 would be good and over 1 m off.
+MOST_MISSING = 0.26
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 LEAST_RATIO = 0.2  # of width and height: no picture is shown narrower
@@ -315,15 +315,15 @@ def is_whole_shape(image_size: tuple[int, int]) -> bool:
     return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
 
 
-def lacks_strip(image_size: tuple[int, int]) -> bool:
-    """Whether a picture is at most a strip of `STRIP` smaller than a frame of 16:9, as screenshots are.
+def lacks_little(image_size: tuple[int, int]) -> bool:
+    """Whether a picture lacks at most `MOST_MISSING` of a frame of 16:9, as screenshots do and pictures of 3:2 or 4:3.
 
     Examples
     --------
-    >>> lacks_strip((1047, 536)), lacks_strip((640, 480))
-    (True, False)
+    >>> lacks_little((1047, 536)), lacks_little((640, 480)), lacks_little((640, 540))
+    (True, True, False)
     """
-    return bool(np.min(np.divide(image_size, frame_around(image_size))) > 1.0 - STRIP)
+    return bool(np.min(np.divide(image_size, frame_around(image_size))) > 1.0 - MOST_MISSING)
 
 
 def may_be_squashed(image_size: tuple[int, int]) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, What
+from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, Verdict, What
 from fieldcalib.assess.probability import largest_move
 from fieldcalib.assess.result import Calibration, found_of, in_picture, with_findings
 from fieldcalib.fields.segments import ObjectSegments
@@ -18,7 +18,7 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 from fieldcalib.problem.picture_shape import (
     Declared,
     Placement,
-    lacks_strip,
+    lacks_little,
     log_evidence,
     may_be_squashed,
     other_border,
@@ -27,6 +27,7 @@ from fieldcalib.problem.picture_shape import (
 from fieldcalib.solve.solver_options import CERTAIN
 
 MOST_MOVED = 0.5  # share of the field's tolerance: the rest is left to the errors of the camera itself
+MOST_RAISED = 0.1  # share of a camera's height, from which on another one that fits as well leaves the height open
 
 
 def with_border_complaint(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
@@ -51,8 +52,11 @@ def evidence_of(calibration: Calibration) -> float:
 def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
     """The more likely of two calibrations of a picture: as it is, and stretched as if it had been squashed.
 
-    It is doubted if the other one is nearly as likely; a picture that lacks but a strip of a frame, and was rather not
-    squashed, only if the other would move a place in view by more than half the field's tolerance.
+    It is doubted if the other one is nearly as likely. A picture that lacks at most a quarter of a frame is then taken
+    as it is, if it is good and both agree: the other camera moves no place in view by more than half the field's
+    tolerance. If they differ in height, only the ground is known. Whether the picture is whole or a part is open there
+    too: the prior of its principal point allows for both, and its camera must be as sure as that of any picture of
+    another shape.
 
     Parameters
     ----------
@@ -69,8 +73,13 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
     squashed = in_picture(shown, Placement.whole(image_size).squashed, WAS_SQUASHED)
     is_squashed = shown.camera is not None and (shown.accepted if only_one else log_odds > 0.0)
     found = squashed if is_squashed else as_it_is
-    if lacks_strip(image_size) and not is_squashed and (is_sure or _move_little(found, squashed)):
-        return replace(found, declared=Declared.COMPARED)
+    compared, is_near = replace(as_it_is, declared=Declared.COMPARED), lacks_little(image_size)
+    if is_near and is_sure and not is_squashed:
+        return compared
+    both_agree = is_near and not is_sure and _move_little(as_it_is, squashed)
+    if both_agree and compared.verdict is Verdict.GOOD:
+        is_raised = _is_raised(as_it_is, squashed)
+        return in_picture(compared, Placement.whole(image_size), Finding(What.GROUND_ONLY)) if is_raised else compared
     if is_sure or not found.accepted or found.has_finding(What.SHAPE):
         return found
     return with_findings(found, SHAPE)
@@ -78,9 +87,15 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
 
 def _move_little(found: Calibration, other: Calibration) -> bool:
     """Whether another camera of a picture moves no place in view by more than half the field's tolerance."""
-    if found.camera is None or other.camera is None or found.field is None:
+    if not found.accepted or found.camera is None or other.camera is None or found.field is None:
         return False
     return largest_move(found.camera, other.camera, found.field) <= MOST_MOVED * found.field.tolerance
+
+
+def _is_raised(found: Calibration, other: Calibration) -> bool:
+    """Whether another camera of a picture stands higher or lower."""
+    z, other_z = (one.required_camera.C[2] for one in (found, other))
+    return bool(abs(other_z - z) > MOST_RAISED * abs(z))
 
 
 def with_likely_aspect(

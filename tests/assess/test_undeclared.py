@@ -40,6 +40,7 @@ from fieldcalib.solve.solver_options import DEFAULT_FLAGS, CalibrationFlags
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
 GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
 CAMERA = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)
+OVERVIEW = Camera.from_angles(0.45, 1.33, 0.0, 900.0, (0.0, 65.0, -16.0), SIZE)  # its labels tell the shape
 
 
 def frame_of(camera=CAMERA, noise=1.0, seed=0):
@@ -307,12 +308,12 @@ def test_cameras_of_basketball_games_are_read():
 
 @pytest.mark.parametrize("shape", [(540, 540), (810, 540), (960, 720)])
 def test_a_squashed_picture_is_told_by_its_labels(shape):
-    pixels = {label: xy * np.divide(shape, SIZE) for label, xy in frame_of(noise=0.5).items()}
+    pixels = {label: xy * np.divide(shape, SIZE) for label, xy in frame_of(OVERVIEW, noise=0.5).items()}
     found = calibrate_from_segments(FIELD, pixels, shape, estimate_aspect=True)
     assert found.has_finding(What.WAS_SQUASHED)
     aspect = found.camera.K[1, 1] / found.camera.K[0, 0]
     assert aspect == pytest.approx(SIZE[0] / SIZE[1] * shape[1] / shape[0], rel=0.01)
-    assert found.camera.C[2] == pytest.approx(CAMERA.C[2], rel=0.1)
+    assert found.camera.C[2] == pytest.approx(OVERVIEW.C[2], rel=0.1)
     (again,) = calibrate_batch(FIELD, [pixels], shape, estimate_aspect=True)
     assert again.camera.C[2] == pytest.approx(found.camera.C[2], rel=0.01)
 
@@ -345,16 +346,16 @@ def test_of_two_ways_the_likelier_one_counts_and_doubt_is_said():
     assert likelier(found, found, -1.0, (640, 640)).verdict is Verdict.CHECK
 
 
-@pytest.mark.parametrize(("size", "is_strip"), [((880, 540), True), ((720, 540), False)])
-def test_a_strip_that_moves_no_place_in_view_is_not_asked_for(size, is_strip):
+@pytest.mark.parametrize(("size", "lacks_little"), [((880, 540), True), ((720, 540), True), ((640, 540), False)])
+@pytest.mark.parametrize("log_ratio", [-1.0, 1.0])
+def test_a_shape_that_moves_no_place_in_view_is_not_asked_for(size, lacks_little, log_ratio):
     found = calibrate_from_segments(KNOWN, frame_of(), SIZE)
     moved = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (3.0, 62.0, -15.0), SIZE)
     same, other = (  # as in a picture whose pixels are not square
         in_picture(one, Placement(size, SIZE)) for one in (found, calibrate_from_segments(KNOWN, frame_of(moved), SIZE))
     )
-    assert (SHAPE in likelier(same, found, -1.0, size).findings) is not is_strip
-    assert SHAPE in likelier(other, found, -1.0, size).findings
-    assert SHAPE in likelier(same, found, 1.0, size).findings  # it is rather squashed
+    assert (SHAPE in likelier(same, found, log_ratio, size).findings) is not lacks_little
+    assert SHAPE in likelier(other, found, log_ratio, size).findings
 
 
 def bordered(image, border, noise=0):
