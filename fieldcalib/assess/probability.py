@@ -63,7 +63,7 @@ NAMES = {  # of parameters that may be unusual: as what they are told
     **dict.fromkeys(("cx", "cy"), "principal point"),
     **dict.fromkeys(("a1", "b2"), "lens"),
 }
-EVIDENT = ("a1", "b2")  # what may be far out in its prior, if the labels determine it
+EVIDENT = ("a1", "b2", "x", "y", "pan")  # what may be far out in its prior, if the labels determine it
 
 GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field

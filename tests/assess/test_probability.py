@@ -11,6 +11,7 @@ from data_tools.random_frames import random_frame
 from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
+from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.batch import calibrate_batch, compute_errors
@@ -119,6 +120,21 @@ def test_a_strong_lens_is_a_surprise_unless_many_labels_lie_on_it(a1, spacing, n
     found = calibrate_from_segments(FIELD, frame, SIZE, flags=LENS_FLAGS[lens])
     assert found.camera.corner_distortion[0] == pytest.approx(a1, abs=0.03)
     assert (Finding(What.UNUSUAL, "lens") in found.findings) == is_surprise
+
+
+@pytest.mark.parametrize(("spacing", "noise", "is_surprise"), [(0.2, 1.0, False), (0.2, 2.5, True), (30.0, 1.0, True)])
+def test_a_place_far_from_all_stands_is_a_surprise_unless_many_labels_tell_it(spacing, noise, is_surprise):
+    """Off the corner of a court, between the stands beside it and behind it."""
+    court, camera = tennis(), Camera.from_angles(0.9, 1.36, 0.0, 800.0, (-22.0, 14.0, -4.0), SIZE)
+    rng, frame = np.random.default_rng(0), {}
+    for label, segment in court.markings.items():
+        xy = camera.project(segment.sample(spacing))
+        xy = xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)]
+        if len(xy) > 1:
+            frame[label] = xy + rng.normal(0.0, noise, xy.shape)
+    found = calibrate_from_segments(court, frame, SIZE)
+    assert np.linalg.norm(found.camera.C - camera.C) < 2.0
+    assert (Finding(What.UNUSUAL, "place") in found.findings) == is_surprise
 
 
 def test_errors():
