@@ -46,6 +46,7 @@ from fieldcalib.images.shape.shape_of_picture import (
     Step,
     with_aspect_estimated,
     with_enlarged_parts,
+    with_shape_compared,
     without_borders,
 )
 from fieldcalib.images.shape.why_no_camera import said_plainly
@@ -349,6 +350,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
         (how.estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
+        (how.estimate_aspect and not by_network and task.prior is not None, partial(with_shape_compared, task=task)),
     )
     of_part: Method = partial(calibrate_alone, how)
     for applies, step in reversed(steps):

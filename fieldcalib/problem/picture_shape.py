@@ -59,6 +59,7 @@ LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 SQUARE_LOG_ODDS = 1.5  # of a square that was squashed: networks are trained with squares, cameras do not film them
 # Of a squashed clip that is higher than wide, as most were cut out for phones, or wider than a frame: most lack rows.
 CUT_LOG_ODDS = -3.0
+NEITHER_SIGMAS = 2.0  # standard deviations by which it must be off to be that of no picture
 SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
 
 PART_SCALE = 10.0  # offset from the middle in parts, relative to whole frames: a fifth of the width
@@ -430,6 +431,19 @@ def has_square_pixels(image_size: tuple[int, int], log_aspect: tuple[float, floa
     squash = np.log(BROADCAST_SHAPE * height / width)  # log aspect of a picture squashed from 16:9
     offset, sigma = log_aspect
     return bool(abs(offset) < abs(offset - squash) and SQUASH_SIGMAS * sigma < abs(squash))
+
+
+def wants_neither_shape(image_size: tuple[int, int], log_aspect: tuple[float, float]) -> bool:
+    """Whether labels want pixels farther from square than those of a picture squashed from 16:9: something is wrong.
+
+    Examples
+    --------
+    >>> [wants_neither_shape((960, 640), offset) for offset in ((0.1, 0.02), (0.5, 0.4), (0.5, 0.1))]
+    [False, False, True]
+    """
+    width, height = image_size
+    offset, sigma = log_aspect
+    return bool(abs(offset) > max(abs(np.log(BROADCAST_SHAPE * height / width)), NEITHER_SIGMAS * sigma))
 
 
 def log_ratio_of_cut(object_segments: ObjectSegments, pixels: Pixels, camera: Camera) -> float:

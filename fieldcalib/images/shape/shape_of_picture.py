@@ -3,7 +3,8 @@
 Black borders are taken off. If a picture shows a frame in a window, or several views, the windows are calibrated, and
 the camera that is most probably right is taken; with several windows, the user is told to check which view it is. A
 picture of another shape than 16:9 is calibrated as it is and as it would be shown if it had been squashed, and the one
-is kept that the lines in it make more likely.
+is kept that the lines in it make more likely. Pictures of courts that are searched for are taken as they are; the lines
+that were found tell whether it matters.
 
 An enlarged part of a frame has the shape of a frame, but its principal point may lie anywhere, and the labels often
 hardly determine it. It also lacks detail (`fieldcalib.images.shape.enlarged`). As whole frames may be as soft, detail
@@ -35,9 +36,11 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.picture_shape import (
     ENLARGED_SHARE,
     SURE_ANYWHERE,
+    Declared,
     Placement,
     is_whole_shape,
     may_be_squashed,
+    wants_neither_shape,
 )
 from fieldcalib.solve.likelier_shape import evidence_of, likelier
 from fieldcalib.solve.request import Task
@@ -86,6 +89,26 @@ def with_aspect_estimated(calibrate: Method, images: Sequence[Image], *, task: T
     for index, shown in zip(odd, calibrate(unsquashed) if odd else (), strict=True):
         log_ratio = log_ratio_of_squash(task, found[index], shown)
         found[index] = likelier(found[index], shown, log_ratio, size_of(images[index]))
+    return found
+
+
+def with_shape_compared(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
+    """Calibrate pictures by search; their shape stays open only where it matters.
+
+    They are not searched again as squashed ones: the lines that were found tell what another shape would change.
+    """
+    found = calibrate(images)
+    for index, one in enumerate(found):
+        if one.accepted and one.solved is not None and may_be_squashed(one.required_camera.image_size):
+            size = one.required_camera.image_size
+            if wants_neither_shape(size, one.solved.uncertainty.offsets.get("log aspect", (0.0, 1.0))):
+                continue
+            as_it_is, shown = (
+                calibrate_on_lines(task, [one.solved.pixels.scaled(np.divide(shape, size))], shape)[0]
+                for shape in (size, Placement.whole(size).squashed.frame_size)
+            )
+            compared = likelier(one, shown, evidence_of(shown) - evidence_of(as_it_is), size)
+            found[index] = compared if compared.declared is Declared.COMPARED else one
     return found
 
 
