@@ -106,6 +106,7 @@ def motion_in_view(projection: Projection, field: Field) -> Array:
     xy, has_pixel = pixels_of_points(projection, places.X[None])
     size = np.array(projection.layout.image_size)
     in_view = (has_pixel & np.all((xy >= -0.5) & (xy < size - 0.5), axis=-1)).astype(float)
+    in_view = in_view[:, None]  # a product for each camera, which does not depend on how many there are
     normal = (in_view @ places.normal).reshape(-1, 2, 2)
     return np.asarray(np.linalg.solve(normal + FAINT * np.eye(2), (in_view @ places.moving).reshape(-1, 2, 2)))
 

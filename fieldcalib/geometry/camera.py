@@ -431,10 +431,12 @@ class Camera:
         Raises
         ------
         ValueError
-            If the picture has not the camera's size.
+            If it is no picture, or has not the camera's size.
         """
         import cv2
 
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim not in (2, 3):
+            raise ValueError(f"image must be (height, width, 3) or (height, width), uint8, got {short(image)}")
         height, width = image.shape[:2]
         if (width, height) != self.image_size:
             expected, rows = self.image_size

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import assume, given
+from hypothesis import strategies as st
 from numdiff import central_differences
 from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, observe
@@ -70,6 +71,13 @@ def test_the_motion_in_view_is_the_translation_that_fits_best_across_the_marking
     assume(values[0] > 100.0)
     expected = np.linalg.solve(information, np.einsum("ni,nj,njk->ik", normals, normals, moves))
     np.testing.assert_allclose(seen_by(camera)[0], expected, atol=0.04)
+
+
+@given(st.lists(numbers(-0.6, 0.6), min_size=2, max_size=9))
+def test_the_motion_of_many_cameras_is_that_of_each_to_the_last_bit(pans):
+    """What is written of a frame must not depend on those that are computed with it."""
+    some = [Camera.from_angles(pan, 1.31, 0.0, 1600.0, (0.0, 66.0, -17.0), SIZE) for pan in pans]
+    np.testing.assert_array_equal(seen_by(*some), np.concatenate([seen_by(one) for one in some]))
 
 
 def test_one_end_moves_with_half_the_length_and_both_not_at_all():

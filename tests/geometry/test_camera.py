@@ -278,6 +278,9 @@ def test_an_undistorted_picture_is_that_of_the_pinhole(k):
     assert np.linalg.norm(camera.project(X) - expected) > 3.0
     with pytest.raises(ValueError, match="960x540 pixels, and its camera is of 1920x1080"):
         camera.undistort(image[:540, :960])
+    for other in (None, "frame.png", image.astype(float), image[None]):
+        with pytest.raises(ValueError, match="image must be"):
+            camera.undistort(other)
 
 
 def test_to_opencv_has_the_shapes_of_opencv_and_hands_out_copies():
