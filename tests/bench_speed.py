@@ -3,6 +3,7 @@
 Frames are synthetic, or SoccerNet's annotations where they lie beside the checkout.
 """
 
+import resource
 import subprocess
 import sys
 import time
@@ -121,6 +122,27 @@ def test_command_line(frames, count, jobs, tmp_path, say):
     taken, peak = 1e3 * (time.perf_counter() - start) / count, float(done.stdout.splitlines()[-1])
     say(f"{taken:.2f} ms a frame, {peak:.0f} MiB")
     assert peak < 500.0
+
+
+@pytest.mark.parametrize("draws", [False, True], ids=["", "drawn"])
+@pytest.mark.parametrize(
+    ("source", "count"),
+    [
+        ("clips/city-united.mp4", 268),  # 1280x720
+        ("clips/roma.mp4", 211),  # 1920x1080
+        ("sncalib-images", 47),  # 960x540
+        ("offside-stills", 51),  # 1920x1080
+    ],
+)
+def test_run_command(shared_data, source, count, draws, tmp_path, say):
+    """Time and processor time of a frame with `run`, from a cold start of Python to the last file."""
+    options = ["--out", str(tmp_path / "out"), *([] if draws else ["--no-pictures"])]
+    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [sys.executable, "-m", "fieldcalib", "run", str(shared_data / source), *options]
+    subprocess.run(command, capture_output=True, check=True, cwd=Path(__file__).parents[1])
+    taken, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    say(f"{1e3 * taken / count:.0f} ms a frame, {1e3 * processor / count:.0f} ms of a processor")
 
 
 def test_one_cold_frame(benchmark, frames):
