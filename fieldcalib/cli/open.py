@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fieldcalib._extras import imported
 from fieldcalib._progress import say
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.console.field_options import add_named_field
 from fieldcalib.results.entry import read
+
+if TYPE_CHECKING:
+    from fieldcalib.editor.editor import Editor
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,10 +67,15 @@ def run(options: argparse.Namespace) -> int:
         editor = Editor(options.source, options.field, **given)
     for one in told:
         say(str(one.message))
-    if said := editor.claim():
-        say(f"{said}; until then frames can be looked at, and changes are refused")
+    _claim(editor)
     serve(editor, host=options.host, port=options.port, browser=not options.no_browser)
     return 0
+
+
+def _claim(editor: Editor) -> None:
+    """Claim the folder of the results for this page, or say why it cannot be."""
+    if said := editor.claim():
+        say(f"{said}; until then frames can be looked at, and changes are refused")
 
 
 def check_page(what: str) -> None:
@@ -88,4 +97,5 @@ def open_at_first_doubt(out: Path) -> None:
 
     editor, verdicts = Editor(out), read(out).verdicts
     doubtful = (number for number, id in enumerate(editor.ids) if verdicts.get(id) is not Verdict.GOOD)
+    _claim(editor)
     serve(editor, frame=next(doubtful, 0))

@@ -176,10 +176,9 @@ def curves_of(camera: Camera, field: Field, markings: Sequence[MarkingInView] = 
     paint, and "plain" if paint was not looked for. The halves of a circle, drawn on top of it, have its state.
     """
     states = {one.label: "beside" if one.is_beside else "unseen" if one.is_unseen else "paint" for one in markings}
-    for circle, halves in field.halves.items():
-        states = {half: states[circle] for half in (halves.left, halves.right) if circle in states} | states
+    of_circles = {half: states.get(circle, "plain") for circle, halves in field.halves.items() for half in halves[:2]}
     return [
-        {"label": label, "points": _rounded(curve, 1), "state": states.get(label, "plain")}
+        {"label": label, "points": _rounded(curve, 1), "state": states.get(label, of_circles.get(label, "plain"))}
         for label, curves in zip(
             field.markings, image_curves_of(camera, field.markings.values(), field.terrain), strict=True
         )

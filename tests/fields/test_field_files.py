@@ -136,9 +136,14 @@ def test_a_court_of_ones_own(tmp_path):
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, old, new, message):
+    assert_refused(tmp_path, COURT, old, new, message)
+
+
+def assert_refused(tmp_path, court, old, new, message):
+    """A file in which `new` stands for `old` is refused with a message, which begins with its path."""
     path = tmp_path / "court.yaml"
-    assert old in COURT
-    path.write_text(COURT.replace(old, new, 1))
+    assert old in court
+    path.write_text(court.replace(old, new, 1))
     with pytest.raises(BrokenFileError, match=message) as raised:
         read_field(path)
     assert str(raised.value).startswith(f"{path}: ")
@@ -187,11 +192,7 @@ def test_a_quarter_of_a_court_and_stands_around_it(tmp_path):
     ],
 )
 def test_what_is_wrong_of_stands_is_said(tmp_path, old, new, message):
-    path = tmp_path / "court.yaml"
-    assert old in SHORT
-    path.write_text(SHORT.replace(old, new, 1))
-    with pytest.raises(BrokenFileError, match=message):
-        read_field(path)
+    assert_refused(tmp_path, SHORT, old, new, message)
 
 
 @pytest.mark.parametrize(("name", "content"), [("a.yaml", ""), ("a.yaml", "- 1"), ("a.json", "[1]"), ("a.json", "{")])
