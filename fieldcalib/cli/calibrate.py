@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from fieldcalib.assess.result import Calibration, doubted, in_picture
-from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
+from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.arguments import (
     add_camera,
     add_input_and_output,
@@ -50,7 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "summary.json."
     )
     add_input_and_output(parser)
-    add_options(parser, DeclaredPictures)
     add_field(parser)
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
     add_options(parser, KnownCamera)
@@ -63,10 +62,10 @@ def run(options: argparse.Namespace) -> int:
     if all(IMAGES.recognises(path) or VIDEOS.recognises(path) for path in options.input):
         raise ValueError(f"{options.input[0]} has no labels: fieldcalib run finds cameras in pictures and videos")
     free = _free_field_size(options)
-    known, pictures = given(KnownCamera, options), given(DeclaredPictures, options)
+    known = given(KnownCamera, options)
     if options.size is not None:
         try:
-            known.check(pictures.placement(options.size).frame_size)
+            known.check(known.placement(options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
     if known.is_any and free is not None:
@@ -76,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else None
     prior = prior_of(options) if types is None else None
-    method = _Method(field, pictures, prior, types, known, free, options.tau, options.least_probability)
+    method = _Method(field, prior, types, known, free, options.tau, options.least_probability)
     reader = annotation_reader(options, field)
     at_once = SEE_ONE_PITCH.get(free or "")
     return calibrate_folder(run_options(options), options.input, reader, method, at_once=at_once, more=types or {})
@@ -103,7 +102,6 @@ class _Method:
     """Calibrates labelled pixels of pictures."""
 
     field: Field
-    pictures: DeclaredPictures
     prior: Prior
     types: Mapping[str, str] | None
     """Types of the frames' cameras, where these determine the prior."""
@@ -119,7 +117,7 @@ class _Method:
     )
 
     def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        placement = self.pictures.placement(size)
+        placement = self.known.placement(size)
         frames = {id: {label: placement.to_frame(xy) for label, xy in one.items()} for id, one in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(pictures, frames, placement)
@@ -127,7 +125,7 @@ class _Method:
         def of_prior(prior: Prior, ids: Sequence[str]) -> list[Calibration]:
             task = Task(self.field, self.known.given, self.known.flags, prior=prior, tau=self.tau)
             some, method = [frames[id] for id in ids], partial(calibrate_labels, task)
-            is_estimated = self.pictures.is_aspect_estimated
+            is_estimated = self.known.is_aspect_estimated
             return with_likely_aspect(self.field, method, some, placement.frame_size, estimated=is_estimated)
 
         found = in_groups(list(frames), self._prior_of, of_prior)
@@ -157,8 +155,8 @@ class _Method:
         ]
 
     def _in_picture(self, calibration: Calibration, placement: Placement, labels: Pixels) -> Calibration:
-        calibration = replace(calibration, declared=self.pictures.declared)
-        if self.pictures.crop_of is not None:  # labels of a part stop short of the whole frame
+        calibration = replace(calibration, declared=self.known.declared)
+        if self.known.crop_of is not None:  # labels of a part stop short of the whole frame
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
             calibration = doubted(calibration, self.least_probability)

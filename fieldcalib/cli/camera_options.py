@@ -60,89 +60,11 @@ def aspect(text: str) -> str | float:
     return ratio
 
 
-@dataclass(frozen=True)
-class DeclaredPictures:
-    """Options that say how pictures lie in whole frames with square pixels."""
-
-    display_size: tuple[int, int] | None = option(
-        "at which the pictures are shown, if their pixels are not square: 1920x1080 for a broadcast that was squashed "
-        "to 640x640 (that of the pictures)",
-        exclusive="pixels",
-        type=image_size,
-        metavar="WxH",
-    )
-    aspect: str | float = option(
-        "estimated: pictures of another shape than 16:9 were squashed from it where their lines say so (default); "
-        "square: their pixels are square; 16:9: they are shown like that",
-        default=ESTIMATED,
-        exclusive="pixels",
-        type=aspect,
-        metavar="estimated|square|W:H",
-    )
-    """`ESTIMATED`, `SQUARE`, or width / height as shown."""
-    crop_of: Crop | None = option(
-        "the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
-        "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
-        type=crop,
-        metavar="WxH+X+Y",
-    )
-    intrinsics: Intrinsics | None = None
-    """Known intrinsics of the camera."""
-
-    @property
-    def is_aspect_estimated(self) -> bool:
-        """Whether nothing is declared that says how pixels are shown."""
-        return self.aspect == ESTIMATED and not self._are_placed
-
-    @property
-    def may_be_enlarged(self) -> bool:
-        """Whether pictures may be enlarged parts of frames: not if they are placed in one, or resized."""
-        return isinstance(self.aspect, str) and not self._are_placed
-
-    @property
-    def _are_placed(self) -> bool:
-        """Whether it is declared where they lie in frames, how large they are shown, or what their camera is."""
-        return self.display_size is not None or self.crop_of is not None or self.intrinsics is not None
-
-    @property
-    def declared(self) -> Declared:
-        """Whether the frame, its pixels or nothing is declared."""
-        if self.crop_of is not None:
-            return Declared.FRAME
-        return Declared.NOTHING if self.is_aspect_estimated else Declared.PIXELS
-
-    def placement(self, size: tuple[int, int]) -> Placement:
-        """Placement of pictures of a size in their frames.
-
-        Raises
-        ------
-        BrokenFileError
-            If they cannot be a part of the frame, or are wide and said to be shown upright.
-        """
-        shown = Placement.whole(size) if isinstance(self.aspect, str) else Placement.shown_as(size, self.aspect)
-        display_size, part = self.display_size or shown.display_size, self.crop_of
-        if self.display_size is not None and size[0] > size[1] and display_size[0] < display_size[1]:
-            raise BrokenFileError(
-                f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
-                f"it is width x height (--aspect says that upright pictures were stretched)"
-            )
-        if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
-            width, height = display_size
-            raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
-        return Placement(size, display_size, part)
-
-
 def _intrinsics(text: str) -> Intrinsics:
     found = read_intrinsics(text)
     try:
-        Camera(
-            found.camera_matrix,
-            np.eye(3),
-            np.zeros(3),
-            found.image_size or (1, 1),
-            found.dist_coeffs,
-            fisheye=found.fisheye,
-        )
+        pose, size = (np.eye(3), np.zeros(3)), found.image_size or (1, 1)
+        Camera(found.camera_matrix, *pose, size, found.dist_coeffs, fisheye=found.fisheye)
     except ValueError as error:
         raise ValueError(f"{text}: {error}") from None
     return found
@@ -171,10 +93,32 @@ def _three(text: str, what: str) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class KnownCamera:
-    """Parameters of the camera that the user knows."""
+    """What the user knows of the camera, and of how the pictures lie in its whole frames with square pixels."""
 
     lens: str
     """Name of what is estimated of the lens, see `LENS_FLAGS`."""
+    display_size: tuple[int, int] | None = option(
+        "at which the pictures are shown, if their pixels are not square: 1920x1080 for a broadcast that was squashed "
+        "to 640x640 (that of the pictures)",
+        exclusive="pixels",
+        type=image_size,
+        metavar="WxH",
+    )
+    aspect: str | float = option(
+        "estimated: pictures of another shape than 16:9 were squashed from it where their lines say so (default); "
+        "square: their pixels are square; 16:9: they are shown like that",
+        default=ESTIMATED,
+        exclusive="pixels",
+        type=aspect,
+        metavar="estimated|square|W:H",
+    )
+    """`ESTIMATED`, `SQUARE`, or width / height as shown."""
+    crop_of: Crop | None = option(
+        "the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
+        "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
+        type=crop,
+        metavar="WxH+X+Y",
+    )
     intrinsics: Intrinsics | None = option(
         "known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
         "camera_<id>.json; of whole frames as shown, scaled to their size",
@@ -201,7 +145,7 @@ class KnownCamera:
 
     @property
     def is_any(self) -> bool:
-        """Whether any parameter is known."""
+        """Whether any parameter of the camera is known."""
         return any(part is not None for part in (self.intrinsics, self.position, self.rotation))
 
     @property
@@ -247,3 +191,45 @@ class KnownCamera:
                 f"has {width} x {height} pixels, and --intrinsics is of images of {own[0]} x {own[1]}: of another "
                 "shape, so they are no scaled copies; see --display-size and --crop-of"
             )
+
+    @property
+    def is_aspect_estimated(self) -> bool:
+        """Whether nothing is declared that says how pixels are shown."""
+        return self.aspect == ESTIMATED and not self._are_placed
+
+    @property
+    def may_be_enlarged(self) -> bool:
+        """Whether pictures may be enlarged parts of frames: not if they are placed in one, or resized."""
+        return isinstance(self.aspect, str) and not self._are_placed
+
+    @property
+    def _are_placed(self) -> bool:
+        """Whether it is declared where they lie in frames, how large they are shown, or what their camera is."""
+        return self.display_size is not None or self.crop_of is not None or self.intrinsics is not None
+
+    @property
+    def declared(self) -> Declared:
+        """Whether the frame, its pixels or nothing is declared."""
+        if self.crop_of is not None:
+            return Declared.FRAME
+        return Declared.NOTHING if self.is_aspect_estimated else Declared.PIXELS
+
+    def placement(self, size: tuple[int, int]) -> Placement:
+        """Placement of pictures of a size in their frames.
+
+        Raises
+        ------
+        BrokenFileError
+            If they cannot be a part of the frame, or are wide and said to be shown upright.
+        """
+        shown = Placement.whole(size) if isinstance(self.aspect, str) else Placement.shown_as(size, self.aspect)
+        display_size, part = self.display_size or shown.display_size, self.crop_of
+        if self.display_size is not None and size[0] > size[1] and display_size[0] < display_size[1]:
+            raise BrokenFileError(
+                f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
+                f"it is width x height (--aspect says that upright pictures were stretched)"
+            )
+        if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
+            width, height = display_size
+            raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
+        return Placement(size, display_size, part)

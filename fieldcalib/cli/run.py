@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
+from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.cli.clips import run_clip, run_several, run_stream
 from fieldcalib.cli.open import check_page, open_at_first_doubt
 from fieldcalib.cli.run_options import RunRequest, split_request
@@ -80,7 +80,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_format(parser)
     add_cut(parser)
     add_options(parser, NetworkOptions)
-    add_options(parser, DeclaredPictures)
     add_field(parser, ESTIMATED, auto=True)
     add_camera(parser)
     add_options(parser, KnownCamera)

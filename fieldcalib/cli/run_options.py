@@ -10,7 +10,7 @@ from typing import Any, cast, get_args
 
 from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.camera_options import DeclaredPictures, KnownCamera
+from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.arguments import cut_of, run_options
 from fieldcalib.console.field_options import NetworkOptions, field_of, prior_of
 from fieldcalib.console.options import given, option, switch
@@ -44,7 +44,6 @@ class RunRequest:
     field: Field
     prior: Prior
     known: KnownCamera
-    pictures: DeclaredPictures
     network: NetworkOptions
     most_bytes: float
     most_pixels: float
@@ -106,7 +105,6 @@ class RunRequest:
             field=field_of(options),
             prior=prior_of(options),
             known=given(KnownCamera, options),
-            pictures=given(DeclaredPictures, options),
             network=NetworkOptions.of(options),
             estimate_size=options.field_size == ESTIMATED,
         )
@@ -118,12 +116,12 @@ class RunRequest:
             network,
             self.side,
             refine=self.refine,
-            take_off_borders=self.pictures.crop_of is None,
-            estimate_aspect=self.pictures.is_aspect_estimated,
+            take_off_borders=self.known.crop_of is None,
+            estimate_aspect=self.known.is_aspect_estimated,
             estimate_size=self.estimate_size,
-            may_be_enlarged=self.pictures.may_be_enlarged,
+            may_be_enlarged=self.known.may_be_enlarged,
             camera=self.camera,
-            declared=self.pictures.declared,
+            declared=self.known.declared,
         )
 
     @property
@@ -133,7 +131,7 @@ class RunRequest:
 
     def placement(self, image: Image) -> Placement:
         """Placement of an image in its frame; a BrokenFileError if that is not possible."""
-        placement = self.pictures.placement(size_of(image))
+        placement = self.known.placement(size_of(image))
         check_pixels(placement.frame_size, self.most_pixels)
         self.known.check(placement.frame_size)
         return placement

@@ -15,6 +15,7 @@ from fieldcalib._checks import is_number, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Placement
+from fieldcalib.solve.request import NOTHING_GIVEN, GivenCamera, Task
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
 
 State = TypeVar("State")
@@ -163,21 +164,21 @@ class Known:
         """Placement of a picture in a frame with square pixels: the picture itself unless the aspect is known."""
         return Placement.whole(image_size) if self.aspect is None else Placement.shown_as(image_size, self.aspect)
 
-    def arguments(self, placement: Placement) -> dict[str, Any]:
-        """Keyword arguments of `calibrate_from_segments` for pixels of the frame in which a picture lies."""
+    def task(self, field: Field, placement: Placement) -> Task:
+        """Describe what is to be solved, in pixels of the frame in which a picture lies."""
         F = CalibrationFlags
-        flags, found = LENS_FLAGS[self.lens], dict[str, Any]()
+        flags, given = LENS_FLAGS[self.lens], NOTHING_GIVEN
         if self.focal_length is not None:
-            middle = np.divide(placement.frame_size, 2.0)
+            cx, cy = np.divide(placement.frame_size, 2.0)
             f = self.focal_length * float(placement.scale[0])  # along rows, as `Camera.focal_length`
-            found["camera_matrix"] = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
+            given = GivenCamera(np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]))
             flags |= F.CALIB_FIX_FOCAL_LENGTH
         if self.position is not None:
-            found["rvec"], found["tvec"] = np.zeros(3), -np.array(self.position)
+            given = given._replace(rvec=np.zeros(3), tvec=-np.array(self.position))
             flags |= F.CALIB_FIX_POSITION
         if self.principal_point:
             flags |= F.CALIB_FIX_PRINCIPAL_POINT
-        return {"flags": flags, **found}
+        return Task(field, given, flags)
 
 
 @dataclass(frozen=True)

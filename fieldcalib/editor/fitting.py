@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -28,8 +27,9 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.request import Task
+from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit
 
 WEIGHT_OF_NETWORK = 0.3  # weight of a mark that a network set; one that a person set has 1
 MOST_MARKS = 6  # largest number of marks taken over from a network for each label
@@ -91,34 +91,31 @@ def network_marks(field: Field, image: Image, network: Network) -> Marks:
     return Marks.of(pixels, by_hand=False)
 
 
-def fitted(field: Field, image: Image, marks: Marks, arguments: Mapping[str, Any]) -> Calibration:
+def fitted(task: Task, image: Image, marks: Marks) -> Calibration:
     """Calibrate a frame from marks, refined on the image if the result agrees with the marks of the person.
 
     Parameters
     ----------
-    field : Field
+    task : Task
+        What is known of the camera; its field.
     image : (height, width, 3) uint8 array
         Blue, green, red.
     marks : Marks
         Marks of a network count less than marks of a person.
-    arguments : mapping
-        Keyword arguments of `calibrate_from_segments`.
     """
-    size = size_of(image)
+    size, field = size_of(image), task.field
+    assert field is not None
     pixels, weights = marks.pixels, _weights(marks, size)
-    prior: Prior = ALL if field.stands else None
-    flags = arguments["flags"]
-    if prior is None:  # without a prior the principal point would be unconstrained
-        flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    arguments = {**arguments, "flags": flags, "prior": prior}
+    if not field.stands:  # without a prior the principal point would be unconstrained
+        task = replace(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), prior=None)
     try:
         # agrees with calibrate_from_segments to 1e-6, and saves the time of its second solver
-        several = None if weights is None else [weights]
-        (by_marks,) = calibrate_batch(field, [pixels], size, weights=several, **arguments)
+        (by_marks,) = calibrate_labels(task, [pixels], size, None if weights is None else [weights])
     except ValueError as error:  # marks that cannot be used yet, e.g. only in a corner: more marks may help
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, str(error).removeprefix("frame 0: "))
     if not by_marks.accepted:
         return by_marks
+    flags, prior = task.chosen_flags, task.prior
     refined = refine_on_image(field, image, by_marks, pixels, weights=weights, flags=flags, prior=prior, quick=True)
     return _agreeing(field, marks.only_by_hand, by_marks, refined)
 
@@ -128,12 +125,9 @@ def _agreeing(field: Field, by_hand: Marks, by_marks: Calibration, refined: Cali
 
     Findings are added for marks of the person that lie far from their markings.
     """
-    if refined is by_marks:
-        (errors,) = mark_errors(field, by_hand, [by_marks.required_camera])
-        return _with_strays(by_hand, by_marks, errors)
     errors, after = mark_errors(field, by_hand, [by_marks.required_camera, refined.required_camera])
     farther = max(FARTHER * pixel_unit(refined.required_camera.image_size), FARTHER_CLICKS)
-    if len(by_hand) and _rms(after) > _rms(errors) + farther:
+    if refined is by_marks or (len(by_hand) and _rms(after) > _rms(errors) + farther):
         return _with_strays(by_hand, by_marks, errors)
     return _with_strays(by_hand, replace(refined, suspect_labels=by_marks.suspect_labels), after)
 

@@ -47,7 +47,7 @@ from fieldcalib.io.image_files import at_most_wide, encode_image
 from fieldcalib.problem.labelled_pixels import nearest_label
 from fieldcalib.problem.picture_shape import Declared, Placement, may_be_squashed
 from fieldcalib.solve.likelier_shape import likelier
-from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit
 
 REACH = 8.0  # px of a 960 x 540 image: largest distance from a click to the line it snaps to
@@ -155,30 +155,25 @@ def fitted_in_shape(field: Field, image: Image, marks: Marks, known: Known) -> C
     """
     size = size_of(image)
     placement = known.placement(size)
-    found = _fitted_in_frame(field, image, marks, known, placement)
+    task = known.task(field, placement)
+    found = _fitted_in_frame(task, image, marks, placement)
     if known.aspect is not None:
         return replace(in_picture(found, placement), declared=Declared.PIXELS)
     if not (field.stands and may_be_squashed(size)):  # without a prior the shapes cannot be compared
         return found
     squashed = placement.squashed
-    shown = _fitted_in_frame(field, image, marks, known, squashed)
+    task_of_squashed = known.task(field, squashed)
+    shown = _fitted_in_frame(task_of_squashed, image, marks, squashed)
     if found.solved is None and shown.solved is None:
         return found
-    ratio = log_ratio_of_squash(_task(field, known, placement), found, shown, _task(field, known, squashed))
-    return likelier(found, shown, ratio, size)
+    return likelier(found, shown, log_ratio_of_squash(task, found, shown, task_of_squashed), size)
 
 
-def _fitted_in_frame(field: Field, image: Image, marks: Marks, known: Known, placement: Placement) -> Calibration:
+def _fitted_in_frame(task: Task, image: Image, marks: Marks, placement: Placement) -> Calibration:
     """Calibrate the frame with square pixels in which a picture lies."""
     if not placement.is_whole:
         image, marks = placement.image_in_frame(image), marks.scaled(placement.scale)
-    return fitted(field, image, marks, known.arguments(placement))
-
-
-def _task(field: Field, known: Known, placement: Placement) -> Task:
-    arguments = known.arguments(placement)
-    flags = arguments.pop("flags")
-    return Task(field, GivenCamera(**arguments), flags)
+    return fitted(task, image, marks)
 
 
 @dataclass(frozen=True, eq=False)

@@ -202,7 +202,7 @@ def test_a_fisheye_lens_is_one(tmp_path):
     found = read_intrinsics(tmp_path / "cam.yml")
     assert found.fisheye
     np.testing.assert_array_equal(found.dist_coeffs, wide.dist[0])
-    known = KnownCamera(Default("k1"), found)
+    known = KnownCamera(Default("k1"), intrinsics=found)
     assert known.flags & F.CALIB_FISHEYE
     width, height = WIDE.image_size
     given = known.given.of_size((width // 2, height // 2))

@@ -13,7 +13,7 @@ from data_tools.pictures_in_pictures import WAYS, View, arranged, is_wrong
 from data_tools.probability import largest_true_error
 from fieldcalib import Calibration, Camera, calibrate_from_images
 from fieldcalib.assess.findings import CUT, ENLARGED, WHICH_PART, Verdict
-from fieldcalib.cli.camera_options import DeclaredPictures
+from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.options import add_options
 from fieldcalib.images.shape import shape_of_picture
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, softness
@@ -94,5 +94,5 @@ def test_a_small_picture_that_was_stretched_is_no_enlarged_part():
 )
 def test_pictures_that_are_placed_or_resized_are_not_doubted(options, expected):
     parser = argparse.ArgumentParser()
-    add_options(parser, DeclaredPictures)
-    assert DeclaredPictures(**vars(parser.parse_args(options))).may_be_enlarged is expected
+    add_options(parser, KnownCamera)
+    assert KnownCamera("k1", **vars(parser.parse_args(options))).may_be_enlarged is expected
