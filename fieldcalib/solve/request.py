@@ -22,8 +22,7 @@ from fieldcalib.fields.sides import Side
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_with
-from fieldcalib.geometry.lens.fisheye import fisheye_vector
-from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients, opencv_vector
+from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.layout import (
     ANGLES,
@@ -284,16 +283,13 @@ def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlag
         known[layout.crown_block] = layout.field_size.height
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
+    if given.camera_matrix is None and given.rvec is None:
+        return known
+    theta = layout.theta(given.camera(layout.image_size, isinstance(layout.lens, FisheyeLens)))
     if given.camera_matrix is not None:
-        pose, fisheye = (np.eye(3), np.zeros(3)), isinstance(layout.lens, FisheyeLens)
-        dist = fisheye_vector(given.dist_coeffs) if fisheye else opencv_vector(given.dist_coeffs)
-        theta = layout.theta(Camera(given.camera_matrix, *pose, layout.image_size, dist, fisheye=fisheye))
         known[LOG_F], known[LOG_ASPECT] = theta[LOG_F], theta[LOG_ASPECT]
         known[PRINCIPAL_POINT], known[layout.lens_block] = theta[PRINCIPAL_POINT], theta[layout.lens_block]
     if given.rvec is not None:
-        tvec = np.zeros(3) if given.tvec is None else given.tvec
-        fisheye = isinstance(layout.lens, FisheyeLens)
-        theta = layout.theta(Camera.from_opencv(given.rvec, tvec, np.eye(3), None, layout.image_size, fisheye))
         if flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_ROTATION):
             known[ANGLES] = theta[ANGLES]
         elif flags & F.CALIB_FIX_ROLL:

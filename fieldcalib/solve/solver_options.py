@@ -102,45 +102,36 @@ class CalibrationFlags(IntFlag):
     """Keep the rotation of `rvec`, as of a tripod head that measures it."""
 
 
+F = CalibrationFlags
+
 # Blocks of the layout that each flag keeps at their known values.
 BLOCKS_OF_FLAGS: Mapping[CalibrationFlags, tuple[str, ...]] = {
-    CalibrationFlags.CALIB_FIX_ASPECT_RATIO: ("aspect",),
-    CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT: ("principal point",),
-    CalibrationFlags.CALIB_FIX_FOCAL_LENGTH: ("focal length",),
-    CalibrationFlags.CALIB_FIX_K1: ("k1",),
-    CalibrationFlags.CALIB_FIX_K2: ("k2",),
-    CalibrationFlags.CALIB_FIX_K3: ("k3", "k4"),
-    CalibrationFlags.CALIB_FIX_TANGENT_DIST: ("p1", "p2"),
-    CalibrationFlags.CALIB_FIX_POSITION: ("centre",),
-    CalibrationFlags.CALIB_FIX_ROLL: ("roll",),
-    CalibrationFlags.CALIB_FIX_ROTATION: ("angles",),
+    F.CALIB_FIX_ASPECT_RATIO: ("aspect",),
+    F.CALIB_FIX_PRINCIPAL_POINT: ("principal point",),
+    F.CALIB_FIX_FOCAL_LENGTH: ("focal length",),
+    F.CALIB_FIX_K1: ("k1",),
+    F.CALIB_FIX_K2: ("k2",),
+    F.CALIB_FIX_K3: ("k3", "k4"),
+    F.CALIB_FIX_TANGENT_DIST: ("p1", "p2"),
+    F.CALIB_FIX_POSITION: ("centre",),
+    F.CALIB_FIX_ROLL: ("roll",),
+    F.CALIB_FIX_ROTATION: ("angles",),
 }
-DEFAULT_FLAGS = (
-    CalibrationFlags.CALIB_FIX_ASPECT_RATIO
-    | CalibrationFlags.CALIB_FIX_K2
-    | CalibrationFlags.CALIB_FIX_K3
-    | CalibrationFlags.CALIB_FIX_TANGENT_DIST
-)
-PINHOLE_FLAGS = (
-    DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-)  # f is the only intrinsic parameter that is estimated
-KNOWN_INTRINSICS_FLAGS = PINHOLE_FLAGS | CalibrationFlags.CALIB_FIX_FOCAL_LENGTH  # K and dist are known
-GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
-WHOLE_LENS = (
-    CalibrationFlags.CALIB_FIX_K1
-    | CalibrationFlags.CALIB_FIX_K2
-    | CalibrationFlags.CALIB_FIX_K3
-    | CalibrationFlags.CALIB_FIX_TANGENT_DIST
-)
-FISHEYE_FLAGS = (DEFAULT_FLAGS & ~WHOLE_LENS) | CalibrationFlags.CALIB_FISHEYE  # all of cv2.fisheye's lens is estimated
+WHOLE_LENS = F.CALIB_FIX_K1 | F.CALIB_FIX_K2 | F.CALIB_FIX_K3 | F.CALIB_FIX_TANGENT_DIST
+DEFAULT_FLAGS = (WHOLE_LENS & ~F.CALIB_FIX_K1) | F.CALIB_FIX_ASPECT_RATIO
+# f is the only intrinsic parameter that is estimated
+PINHOLE_FLAGS = DEFAULT_FLAGS | F.CALIB_FIX_K1 | F.CALIB_FIX_PRINCIPAL_POINT
+KNOWN_INTRINSICS_FLAGS = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH  # K and dist are known
+GUESS = F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+FISHEYE_FLAGS = (DEFAULT_FLAGS & ~WHOLE_LENS) | F.CALIB_FISHEYE  # all of cv2.fisheye's lens is estimated
 
 LENS_FLAGS: Mapping[str, CalibrationFlags] = {
-    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
+    "none": DEFAULT_FLAGS | F.CALIB_FIX_K1,
     "k1": DEFAULT_FLAGS,
-    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
-    "opencv": DEFAULT_FLAGS & ~(WHOLE_LENS & ~CalibrationFlags.CALIB_FIX_K1),
+    "k1k2": DEFAULT_FLAGS & ~F.CALIB_FIX_K2,
+    "opencv": DEFAULT_FLAGS & ~(WHOLE_LENS & ~F.CALIB_FIX_K1),
     "fisheye": FISHEYE_FLAGS,
-    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
+    "auto": DEFAULT_FLAGS | F.CALIB_AUTO_LENS,
 }
 """Flags by the name of what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's five, cv2.fisheye's four, or as
 much as is required."""
@@ -186,7 +177,7 @@ class Options:
     @property
     def auto_lens(self) -> bool:
         """Whether further lens coefficients are freed where the labels require them."""
-        return bool(self.flags & CalibrationFlags.CALIB_AUTO_LENS)
+        return bool(self.flags & F.CALIB_AUTO_LENS)
 
     @property
     def motion(self) -> Array | None:
@@ -270,16 +261,16 @@ def checked_flags(flags: int) -> CalibrationFlags:
             f"flags {flags & ~supported:#x} are not supported: expected a combination of "
             f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
         )
-    if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FIX_K1:
+    if flags & F.CALIB_AUTO_LENS and flags & F.CALIB_FIX_K1:
         raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
-    if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FISHEYE:
+    if flags & F.CALIB_AUTO_LENS and flags & F.CALIB_FISHEYE:
         raise ValueError("CALIB_FISHEYE and CALIB_AUTO_LENS contradict each other: one says which lens it is")
     return CalibrationFlags(flags)
 
 
 def default_flags(prior: Prior) -> CalibrationFlags:
     """The default flags: the principal point is estimated only under a prior."""
-    return DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    return DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | F.CALIB_FIX_PRINCIPAL_POINT
 
 
 def checked_prior(
