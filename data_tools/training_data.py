@@ -21,12 +21,12 @@ from data_tools.network import STRIDE
 from data_tools.onnx_model import MEAN, STD
 from data_tools.synthetic import SIZE, Mask, frame
 from data_tools.synthetic.cache import read_frame
+from data_tools.synthetic.degraded import degraded
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, markings_mask
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.pictures import degraded
 
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.synthetic.cameras import is_behind_goal, random_camera
+from data_tools.synthetic.degraded import degraded, random_picture
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
 from fieldcalib._types import BoolArray
@@ -15,7 +16,7 @@ from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.pictures import add_graphics, degraded, random_picture
+from fieldcalib.synthetic.pictures import add_graphics
 from fieldcalib.synthetic.surroundings import GroundView
 
 SIZE = (512, 288)

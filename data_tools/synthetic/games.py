@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
@@ -22,7 +22,18 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.objects import Sun, add_far_to_near, add_objects, players, random_suns
+from fieldcalib.synthetic.objects import (
+    TEAM_SHARES,
+    Drawable,
+    Person,
+    Sun,
+    add_far_to_near,
+    add_person,
+    random_goals,
+    random_kit,
+    random_suns,
+    soccer_goals,
+)
 from fieldcalib.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
@@ -147,3 +158,43 @@ def _positions(look: Look, field: Field, rng: np.random.Generator) -> list[Array
         who = np.flatnonzero(away)
         X[who, side[who]] = np.copysign(half[side[who]] + rng.uniform(*AWAY, size=len(who)), X[who, side[who]])
     return [np.array([x, y, 0.0]) for x, y in X]
+
+
+def add_objects(image: Image, light: Float32, camera: Camera, field: Field, rng: np.random.Generator) -> None:
+    """Draw goals and people onto an image, in place; `light` is that of the ground, (3, height, width)."""
+    goals = soccer_goals(image, camera, field, *random_goals(rng))
+    people = players(image, light, camera, rng, lambda rng: random_positions(field, rng))
+    add_far_to_near(camera, [*people, *goals])
+
+
+def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:
+    """Positions of people, (3,) each: most near the play, some anywhere, some around the field."""
+    half = np.array([field.length, field.width]) / 2.0
+    play = rng.uniform(-0.9, 0.9, size=2) * half
+    near = play + rng.normal(size=(rng.integers(0, 16), 2)) * rng.uniform(4.0, 18.0)
+    anywhere = rng.uniform(-1.0, 1.0, size=(rng.integers(0, 12), 2)) * half
+    around = rng.uniform(-1.0, 1.0, size=(rng.integers(0, 10), 2)) * half
+    who, side = np.arange(len(around)), rng.integers(2, size=len(around))
+    around[who, side] = np.copysign(half[side] + rng.uniform(0.5, 4.0), around[who, side])
+    return [np.array([x, y, 0.0]) for x, y in np.concatenate([near, anywhere, around])]
+
+
+def players(
+    image: Image,
+    light: Float32,
+    camera: Camera,
+    rng: np.random.Generator,
+    positions: Callable[[np.random.Generator], Iterable[Array]],
+    shadows: Callable[[np.random.Generator], list[Sun]] = random_suns,
+) -> list[Drawable]:
+    """Players of two teams and referees, to be drawn onto an image."""
+    kits, suns = [random_kit(rng) for _ in TEAM_SHARES], shadows(rng)
+
+    def standing(X: Array) -> Drawable:
+        def draw() -> None:
+            person, kit = Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)]
+            add_person(image, light, camera, X, person, kit, suns)
+
+        return Drawable(X, draw)
+
+    return [standing(X) for X in positions(rng)]

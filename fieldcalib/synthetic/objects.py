@@ -7,7 +7,7 @@ Players and referees on a synthetic field, with their shadows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -111,18 +111,6 @@ def mix_bars(
     covered = share * cv2.resize(mask, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA).astype(np.float32)[..., None]
     patch = image[y0:y1, x0:x1]
     patch[:] = (patch + covered * (np.array(colour, np.float32) - patch)).astype(np.uint8)
-
-
-def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:
-    """Positions of people, (3,) each: most near the play, some anywhere, some around the field."""
-    half = np.array([field.length, field.width]) / 2.0
-    play = rng.uniform(-0.9, 0.9, size=2) * half
-    near = play + rng.normal(size=(rng.integers(0, 16), 2)) * rng.uniform(4.0, 18.0)
-    anywhere = rng.uniform(-1.0, 1.0, size=(rng.integers(0, 12), 2)) * half
-    around = rng.uniform(-1.0, 1.0, size=(rng.integers(0, 10), 2)) * half
-    who, side = np.arange(len(around)), rng.integers(2, size=len(around))
-    around[who, side] = np.copysign(half[side] + rng.uniform(0.5, 4.0), around[who, side])
-    return [np.array([x, y, 0.0]) for x, y in np.concatenate([near, anywhere, around])]
 
 
 def random_kit(rng: np.random.Generator) -> Kit:
@@ -250,34 +238,6 @@ class Drawable(NamedTuple):
     """Position in metres, (3,)."""
     draw: Callable[[], object]
     """Draws it onto the image."""
-
-
-def add_objects(image: Image, light: Float32, camera: Camera, field: Field, rng: np.random.Generator) -> None:
-    """Draw goals and people onto an image, in place; `light` is that of the ground, (3, height, width)."""
-    goals = soccer_goals(image, camera, field, *random_goals(rng))
-    people = players(image, light, camera, rng, lambda rng: random_positions(field, rng))
-    add_far_to_near(camera, [*people, *goals])
-
-
-def players(
-    image: Image,
-    light: Float32,
-    camera: Camera,
-    rng: np.random.Generator,
-    positions: Callable[[np.random.Generator], Iterable[Array]],
-    shadows: Callable[[np.random.Generator], list[Sun]] = random_suns,
-) -> list[Drawable]:
-    """Players of two teams and referees, to be drawn onto an image."""
-    kits, suns = [random_kit(rng) for _ in TEAM_SHARES], shadows(rng)
-
-    def standing(X: Array) -> Drawable:
-        def draw() -> None:
-            person, kit = Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)]
-            add_person(image, light, camera, X, person, kit, suns)
-
-        return Drawable(X, draw)
-
-    return [standing(X) for X in positions(rng)]
 
 
 def random_goals(rng: np.random.Generator) -> tuple[tuple[Colour, float], tuple[float, float]]:
