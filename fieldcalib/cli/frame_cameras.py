@@ -97,7 +97,7 @@ class Cameras:
 
     def _calibration(self, id: str) -> Calibration | None:
         number = self._numbers[id]
-        if number in self._file.broken:
+        if number in self._file.unreadable:
             return None
         found = self._file.calibration(number)
         return found if found.camera is not None else None

@@ -216,7 +216,7 @@ class Stored:
     def calibration(self, id: str) -> Calibration | None:
         """The calibration of a frame; None if there is none."""
         number = self._numbers.get(id)
-        if self._file is None or number is None or number in self._file.broken:
+        if self._file is None or number is None or number in self._file.unreadable:
             return None
         return self._file.calibration(number)
 

@@ -202,7 +202,7 @@ class ResultFile:
         self._solver = _Lines(path.with_name(SOLVER))
         self.ids: list[str] = []
         """Ids of all frames, in order."""
-        self.broken: set[int] = set()
+        self.unreadable: set[int] = set()
         """Numbers of the frames whose files could not be read."""
         self._numbers: dict[str, int] = {}
         begins = [0]
@@ -236,7 +236,7 @@ class ResultFile:
                 raise BrokenFileError(f"frame {id!r} is there already, in line {first + 1}")
         self.ids.append(id)
         if status == BROKEN:
-            self.broken.add(number)
+            self.unreadable.add(number)
 
     def main(self, number: int) -> dict[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
@@ -287,7 +287,7 @@ class ResultFile:
         if main.get("version") == WITHOUT_SOLVER:
             return {}
         text = self._texts[number][1] if self._texts is not None else self._solver.text(number)
-        if not text and number in self.broken:
+        if not text and number in self.unreadable:
             return {}
         if not text:
             raise BrokenFileError(

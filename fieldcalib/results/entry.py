@@ -22,7 +22,7 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image import Image
-from fieldcalib.io.results import ResultFile, lines_file
+from fieldcalib.io.results import lines_file
 from fieldcalib.localize import Network
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import StoredFrames
@@ -199,7 +199,7 @@ def read(folder: str | os.PathLike[str]) -> Results:
     path = file_path(folder, "a folder of results")
     if path.is_dir():
         path = lines_file(path)
-    frames = StoredFrames(ResultFile(path))
+    frames = StoredFrames(path)
     home = path.parent
     record, clip = RunRecord.read(home), home / CLIP
     options: Mapping[str, Any] = {} if record is None else record.options

@@ -6,11 +6,11 @@ import json
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
@@ -23,33 +23,6 @@ SHOWN, MOST_COMPARED = 3, 2000  # number of ids that errors list, and that are c
 CACHED = 256  # calibrations that are cached once they were computed or parsed: up to 100 kB each
 
 Value = TypeVar("Value")
-
-
-class FrameStore(Protocol):
-    """Access to the data of frames by their numbers."""
-
-    @property
-    def ids(self) -> Sequence[str]:
-        """Ids of all frames in order, broken ones included."""
-
-    @property
-    def broken(self) -> Mapping[str, str]:
-        """Problems of frames that could not be read, by id."""
-
-    def main(self, number: int) -> Mapping[str, Any]:
-        """The line of a frame in ``cameras.jsonl``."""
-
-    def mains(self) -> Iterator[Mapping[str, Any]]:
-        """The lines of all frames in ``cameras.jsonl``, in order."""
-
-    def line(self, number: int) -> Mapping[str, Any]:
-        """Everything that is kept of a frame."""
-
-    def calibration(self, number: int) -> Calibration:
-        """The calibration of a frame that is not broken."""
-
-    def camera(self, number: int) -> Camera | None:
-        """Best camera of a frame that is not broken; None if there is none."""
 
 
 class Cached(Generic[Value]):
@@ -167,37 +140,24 @@ class Collected:
         return KeptFrames(self.ids, self._calibrations, self.broken, self._details)
 
 
-class StoredFrames:
+class StoredFrames(ResultFile):
     """Frames in the files of a run, parsed when they are accessed."""
 
-    def __init__(self, file: ResultFile) -> None:
-        self.file, self.ids = file, file.ids
-        self._calibration = Cached(file.calibration)
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._calibration = Cached(partial(ResultFile.calibration, self))
 
     @cached_property
     def broken(self) -> Mapping[str, str]:
         """Problems of frames that could not be read, by id."""
-        return {self.ids[number]: self.main(number)["message"] for number in sorted(self.file.broken)}
-
-    def main(self, number: int) -> Mapping[str, Any]:
-        """The line of a frame in ``cameras.jsonl``."""
-        return self.file.main(number)
-
-    def mains(self) -> Iterator[Mapping[str, Any]]:
-        """The lines of all frames in ``cameras.jsonl``, in order."""
-        return self.file.mains()
-
-    def line(self, number: int) -> Mapping[str, Any]:
-        """Everything that is kept of a frame."""
-        return self.file.line(number)
+        return {self.ids[number]: self.main(number)["message"] for number in sorted(self.unreadable)}
 
     def calibration(self, number: int) -> Calibration:
         """The calibration of a frame that is not broken."""
         return self._calibration(number)
 
-    def camera(self, number: int) -> Camera | None:
-        """The best camera of such a frame; None where there is none."""
-        return self.file.camera(number)
+
+FrameStore: TypeAlias = KeptFrames | StoredFrames  # frames by their numbers
 
 
 class NoFrameError(KeyError):

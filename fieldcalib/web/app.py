@@ -79,10 +79,6 @@ def apply(editor: Editor, number: int, body: Mapping[str, Any]) -> None:
     editor.put(number, changed, revision)
 
 
-def _mark(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
-    return editor.begun(number).mark(_label(body), _points(body.get("xy")), snap=_snap(body))
-
-
 def _move(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
     to = body.get("to")
     if not isinstance(to, dict) or not all(isinstance(key, str) and key.isdecimal() and len(key) < 8 for key in to):
@@ -90,23 +86,11 @@ def _move(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
     return editor.begun(number).move({int(key): _points([xy])[0] for key, xy in to.items()}, snap=_snap(body))
 
 
-def _relabel(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
-    return editor.begun(number).relabel(_numbers(body), _label(body))
-
-
-def _remove(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
-    return editor.begun(number).remove(_numbers(body))
-
-
 def _know(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
     values = body.get("values")
     if not isinstance(values, dict) or not values.keys() <= set(KNOWN):
         raise ValueError(f"expected values of {', '.join(KNOWN)}")
     return editor.begun(number).know(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
-
-
-def _automatic(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
-    return editor.automatic(number)
 
 
 def _copy(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
@@ -117,15 +101,15 @@ def _copy(editor: Editor, number: int, body: Mapping[str, Any]) -> FrameEditor:
 
 
 EDITS: Mapping[str, Callable[[Editor, int, Mapping[str, Any]], FrameEditor]] = {
-    "mark": _mark,
+    "mark": lambda editor, n, body: editor.begun(n).mark(_label(body), _points(body.get("xy")), snap=_snap(body)),
     "move": _move,
-    "relabel": _relabel,
-    "remove": _remove,
+    "relabel": lambda editor, n, body: editor.begun(n).relabel(_numbers(body), _label(body)),
+    "remove": lambda editor, n, body: editor.begun(n).remove(_numbers(body)),
     "know": _know,
-    "undo": lambda editor, number, body: editor[number].undo(),
-    "redo": lambda editor, number, body: editor[number].redo(),
-    "clear": lambda editor, number, body: editor.begun(number).clear(),
-    "automatic": _automatic,
+    "undo": lambda editor, n, body: editor[n].undo(),
+    "redo": lambda editor, n, body: editor[n].redo(),
+    "clear": lambda editor, n, body: editor.begun(n).clear(),
+    "automatic": lambda editor, n, body: editor.automatic(n),
     "copy": _copy,
 }
 
@@ -213,12 +197,12 @@ class Page:
             get("/api/clip/job", answered(self.job_report)),
             get("/api/clip/proposed/{n}", answered(self.proposed)),
             get("/api/clip/next", answered(self.next_to_mend)),
-            post("/api/clip/solve", answered(self.solve)),
-            post("/api/clip/draw", answered(self.draw)),
-            post("/api/clip/cancel", answered(self.cancel)),
+            post("/api/clip/solve", answered(self._told(self.job.start))),
+            post("/api/clip/draw", answered(self._told(self.job.draw))),
+            post("/api/clip/cancel", answered(self._told(self.job.cancel))),
             post("/api/clip/keep", answered(self.keep)),
-            post("/api/clip/undo_keep", answered(self.undo_keep)),
-            post("/api/clip/discard", answered(self.cancel)),
+            post("/api/clip/undo_keep", answered(self._told(self.job.undo_keep))),
+            post("/api/clip/discard", answered(self._told(self.job.cancel))),
             post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
             get("/image/{n}/crop", answered(self.crop)),
@@ -378,36 +362,20 @@ class Page:
         """The camera of a frame in the solution that is not kept yet."""
         return Json(await run_in_threadpool(self.job.proposed, self._number(request)))
 
-    async def solve(self, request: Request) -> Response:
-        """Begin to solve the clip."""
-        await _body(request)
-        if not self.editor.is_clip:
-            raise ValueError("expected a clip: pictures are mended one by one")
-        self.job.start()
-        return Json(self.job.report())
+    def _told(self, change: Callable[[], None]) -> Answer:
+        """Answer with the report of the job, after a change of it."""
 
-    async def cancel(self, request: Request) -> Response:
-        """Cancel the solution of the clip, or discard it."""
-        await _body(request)
-        self.job.cancel()
-        return Json(self.job.report())
+        async def answer(request: Request) -> Response:
+            await _body(request)
+            await run_in_threadpool(change)
+            return await self.job_report(request)
 
-    async def draw(self, request: Request) -> Response:
-        """Begin to redraw the files that show older cameras."""
-        await _body(request)
-        self.job.draw()
-        return Json(self.job.report())
+        return answer
 
     async def keep(self, request: Request) -> Response:
         """Keep the solution."""
         await _body(request)
         return Json({"saved": await run_in_threadpool(self.job.keep)})
-
-    async def undo_keep(self, request: Request) -> Response:
-        """Undo the last `keep`."""
-        await _body(request)
-        await run_in_threadpool(self.job.undo_keep)
-        return Json(await run_in_threadpool(self.job.report))
 
     async def cuts(self, request: Request) -> Response:
         """Set the first frames of the shots."""
@@ -441,6 +409,18 @@ class NoSuchFrame(ValueError):
     """Raised if a frame does not exist."""
 
 
+# HTTP statuses by the class of an error, the first one that it is of
+STATUSES: Mapping[type[Exception], int] = {
+    NoSuchFrame: 404,
+    TooLargeError: 413,
+    StaleEdit: 409,
+    ChangedFileError: 409,
+    UnfinishedSaveError: 507,
+    BrokenFileError: 422,
+    ValueError: 400,
+}
+
+
 def answered(answer: Answer) -> Answer:
     """Turn errors of a request into answers with the status and the message."""
 
@@ -449,18 +429,8 @@ def answered(answer: Answer) -> Answer:
             return await answer(request)
         except ClientDisconnect:
             return problem(400, "the request has no end")  # the client is gone and will not read it
-        except NoSuchFrame as error:
-            return problem(404, str(error))
-        except TooLargeError as error:
-            return problem(413, str(error))
-        except (StaleEdit, ChangedFileError) as error:
-            return problem(409, str(error))
-        except UnfinishedSaveError as error:
-            return problem(507, str(error))
-        except BrokenFileError as error:
-            return problem(422, str(error))
-        except ValueError as error:
-            return problem(400, str(error))
+        except (ValueError, UnfinishedSaveError) as error:
+            return problem(next(status for kind, status in STATUSES.items() if isinstance(error, kind)), str(error))
         except OSError as error:
             return problem(507, f"nothing was written: {error.strerror or error}")
 

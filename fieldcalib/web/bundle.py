@@ -82,14 +82,10 @@ def _taken(found: re.Match[str]) -> str:
 def styles(*names: str) -> str:
     """Join style sheets of the page, with their pictures inlined."""
     text = "\n".join((STATIC / f"{name}.css").read_text(encoding="utf-8") for name in names)
-    return PICTURE.sub(_inlined, text)
+    return PICTURE.sub(lambda found: f'url("{_inlined(found[1])}")', text)
 
 
-def _inlined(found: re.Match[str]) -> str:
-    return f'url("{_inlined_address(found[1])}")'
-
-
-def _inlined_address(svg: str) -> str:
+def _inlined(svg: str) -> str:
     content = base64.b64encode((STATIC / svg).read_bytes()).decode()
     return f"data:image/svg+xml;base64,{content}"
 
@@ -124,7 +120,7 @@ def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> st
     return PAGE.format(
         policy=policy,
         title=escape(escaped(title)),
-        icon=_inlined_address("icon.svg"),
+        icon=_inlined("icon.svg"),
         style=style.replace("</", "<\\/"),
         data="\n".join(elements),
         script=script,

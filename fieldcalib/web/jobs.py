@@ -66,7 +66,9 @@ class ClipJob:
         self._thread: Thread | None = None  # while there is something to do
 
     def start(self) -> None:
-        """Begin to solve; a ValueError if it is being solved already."""
+        """Begin to solve; a ValueError for pictures, or if the clip is being solved already."""
+        if not self._editor.is_clip:
+            raise ValueError("expected a clip: pictures are mended one by one")
         self._start(self._editor.solve, "solving the clip")
 
     def draw(self) -> None:

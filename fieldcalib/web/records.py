@@ -37,7 +37,6 @@ BEYOND = 1e6  # m: points of the ground this far off lie on the horizon
 AZIMUTHS = 721  # directions in which the horizon is traced
 
 ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
-NOTHING: dict[str, Any] = {"camera": None, "probability": None, "curves": [], "view": [], "horizon": None}
 
 
 def field_record(field: Field) -> dict[str, Any]:
@@ -262,17 +261,10 @@ def frame_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: float = 0.0) -> dict[str, Any]:
     """Part of the state of a frame that the page draws over its picture, before the verdict is known."""
-    width, height = size_of(one.image)
     return {
-        "number": number,
-        "id": editor.ids[number],
-        "revision": editor.revision(number),
-        "width": width,
-        "height": height,
+        **_state_of(editor, number, size_of(one.image), one.known),
         "problem": None,
         "marks": _marks(one),
-        "known": asdict(one.known),
-        "lenses": list(LENS_FLAGS),
         "can_undo": one.history.can_undo,
         "can_redo": one.history.can_redo,
         "automatic": one.is_automatic,
@@ -286,34 +278,25 @@ def drawn_state(editor: Editor, number: int, one: FrameEditor, milliseconds: flo
 
 def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
     """State of a frame whose image cannot be read."""
-    said = {
-        "status": "broken file",
-        "message": problem,
-        "verdict": "",
-        "reason": problem,
-        "remedy": "",
-        "here": "",
-        "basis": "",
-    }
     return {
-        "number": number,
-        "id": editor.ids[number],
-        "revision": editor.revision(number),
-        "width": 0,
-        "height": 0,
-        "problem": problem,
-        "judged": True,
-        "marks": [],
-        "known": asdict(Known()),
-        "lenses": list(LENS_FLAGS),
+        **_state_of(editor, number, (0, 0), Known()),
+        **dict.fromkeys(("problem", "message", "reason"), problem),
+        "status": "broken file",
+        **dict.fromkeys(("verdict", "remedy", "here", "basis"), ""),
         **dict.fromkeys(("can_undo", "can_redo", "by_hand", "gets_marks"), False),
-        "automatic": True,
-        **said,
-        **dict.fromkeys(("remedy", "here"), ""),
-        **NOTHING,
-        "next": None,
+        **dict.fromkeys(("automatic", "judged"), True),
+        "marks": [],
+        "curves": [],
+        "view": [],
+        **dict.fromkeys(("camera", "probability", "horizon", "next")),
         "milliseconds": 0.0,
     }
+
+
+def _state_of(editor: Editor, number: int, size: tuple[int, int], known: Known) -> dict[str, Any]:
+    """Part of the state of a frame that it has with and without a picture."""
+    place = {"number": number, "id": editor.ids[number], "revision": editor.revision(number)}
+    return {**place, "width": size[0], "height": size[1], "known": asdict(known), "lenses": list(LENS_FLAGS)}
 
 
 def _marks(one: FrameEditor) -> list[dict[str, Any]]:

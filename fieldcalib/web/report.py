@@ -264,12 +264,7 @@ class ReportTable:
 
     @classmethod
     def of(
-        cls,
-        lines: Iterable[Mapping[str, Any]],
-        field: Field,
-        commands: Commands = OF_ANY,
-        *,
-        with_views: bool = True,
+        cls, lines: Iterable[Mapping[str, Any]], field: Field, commands: Commands = OF_ANY, *, with_views: bool = True
     ) -> ReportTable:
         """Make the table from the lines of ``cameras.jsonl``, optionally with the ground that each frame shows."""
         seen = field if with_views else None
