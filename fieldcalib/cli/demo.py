@@ -100,8 +100,8 @@ def _table(results: Results, truths: Sequence[TrueFrame]) -> str:
     lines = [
         "\nErrors against the true cameras, medians of each shot; the last column is the largest of all its frames",
         "",
+        "  ".join(["shot", "frames", "cameras", *TITLES, "largest"]),
     ]
-    lines.append("  ".join(["shot", "frames", "cameras", *TITLES, "largest"]))
     shots = np.array([truth.shot for truth in truths])
     for shot in range(shots[-1] + 1):
         of_shot = errors[shots == shot]

@@ -26,11 +26,8 @@ from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.work_units import executor_of
 
 PERCENT = 100.0
-RATIOS = {
-    "AC": "accuracy",
-    "precision": "precision",
-    "recall": "recall",
-}  # keys of a report, and attributes of an evaluation
+# keys of a report, and attributes of an evaluation
+RATIOS = {"AC": "accuracy", "precision": "precision", "recall": "recall"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

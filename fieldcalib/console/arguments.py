@@ -6,7 +6,7 @@ INPUT of a command line: paths, lists of paths in text files, streams.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -198,36 +198,34 @@ def _format(text: str) -> str:
     return text
 
 
+RUN_OPTIONS: Mapping[str, Mapping[str, Any]] = {
+    "jobs": {
+        "type": count,
+        "default": 1,
+        "metavar": "N",
+        "help": "processes, each with one thread; the results are the same (1)",
+    },
+    "shard": {
+        "type": told_by(Shard.parse),
+        "metavar": "K/N",
+        "help": "do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together "
+        "(all)",
+    },
+    "resume": {
+        "action": "store_true",
+        "help": "go on with the run in DIR where it stopped; the files are the same then",
+    },
+    "overwrite": {"action": "store_true", "help": "remove the results of an earlier run in DIR first"},
+}
+
+
 def add_run_options(parser: argparse.ArgumentParser, *names: str) -> None:
     """--jobs, --shard, --resume and --overwrite, or some of them."""
-    names = names or ("jobs", "shard", "resume", "overwrite")
+    names = names or tuple(RUN_OPTIONS)
     again = parser.add_mutually_exclusive_group() if {"resume", "overwrite"} & set(names) else parser
-    added: dict[str, Callable[[], object]] = {
-        "jobs": lambda: parser.add_argument(
-            "--jobs",
-            type=count,
-            default=1,
-            metavar="N",
-            help="processes, each with one thread; the results are the same (1)",
-        ),
-        "shard": lambda: parser.add_argument(
-            "--shard",
-            type=told_by(Shard.parse),
-            metavar="K/N",
-            help="do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together "
-            "(all)",
-        ),
-        "resume": lambda: again.add_argument(
-            "--resume",
-            action="store_true",
-            help="go on with the run in DIR where it stopped; the files are the same then",
-        ),
-        "overwrite": lambda: again.add_argument(
-            "--overwrite", action="store_true", help="remove the results of an earlier run in DIR first"
-        ),
-    }
     for name in names:
-        added[name]()
+        group = again if name in ("resume", "overwrite") else parser
+        group.add_argument(f"--{name}", **RUN_OPTIONS[name])
 
 
 def run_options(options: argparse.Namespace) -> RunOptions:
@@ -241,13 +239,9 @@ def run_options(options: argparse.Namespace) -> RunOptions:
 
 def add_image_limits(parser: argparse.ArgumentParser) -> None:
     """--max-megabytes and --max-megapixels, of `ReadImage`."""
-    limits = {
-        "megabytes": ("most_bytes", MOST_BYTES_OF_IMAGE, "image files are broken, unpacked if they lie in a zip"),
-        "megapixels": ("most_pixels", MOST_PIXELS, "images are broken"),
-    }
-    for name, (dest, most, what) in limits.items():
-        help = f"larger {what} ({most / 1e6:g})"
-        parser.add_argument(f"--max-{name}", dest=dest, type=millions, default=most, metavar="N", help=help)
+    add_most_bytes(parser, "image files", MOST_BYTES_OF_IMAGE)
+    help, most = f"larger images are broken ({MOST_PIXELS / 1e6:g})", MOST_PIXELS
+    parser.add_argument("--max-megapixels", dest="most_pixels", type=millions, default=most, metavar="N", help=help)
 
 
 def annotation_reader(options: argparse.Namespace, field: Field) -> AnnotationReader:
@@ -268,16 +262,10 @@ def cut_of(options: argparse.Namespace) -> Cut:
     return Cut(options.start or Position(frame=0), options.end, options.step)
 
 
-def add_most_bytes(parser: argparse.ArgumentParser, files: str = "files") -> None:
+def add_most_bytes(parser: argparse.ArgumentParser, files: str = "files", most: float = MOST_BYTES) -> None:
     """--max-megabytes, the limit for files that are read into memory as a whole."""
-    parser.add_argument(
-        "--max-megabytes",
-        dest="most_bytes",
-        type=millions,
-        default=MOST_BYTES,
-        metavar="N",
-        help=f"larger {files} are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
-    )
+    help = f"larger {files} are broken, unpacked if they lie in a zip ({most / 1e6:g})"
+    parser.add_argument("--max-megabytes", dest="most_bytes", type=millions, default=most, metavar="N", help=help)
 
 
 def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:

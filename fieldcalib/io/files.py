@@ -450,11 +450,7 @@ def read_json_or_yaml(path: Path) -> Any:
         If it cannot be read, or is neither.
     """
     content = read_regular_file(path)
-    if path.suffix.lower() not in YAML:
-        return parse_json(content)
-    from fieldcalib.io.files import parse_yaml  # imports PyYAML
-
-    return parse_yaml(content)
+    return parse_yaml(content) if path.suffix.lower() in YAML else parse_json(content)
 
 
 def without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -57,6 +57,10 @@ class Solution:
         """Cost of each frame, (B,)."""
         return self.evaluation.cost
 
+    def take(self, index: IntArray) -> Solution:
+        """The solutions of some frames."""
+        return Solution(self.evaluation.take(index), self.converged[index], self.iterations[index])
+
 
 @dataclass(frozen=True, eq=False)
 class Groups:

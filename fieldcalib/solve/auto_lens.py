@@ -133,6 +133,5 @@ def _with_ends_anew(part: Part) -> Part:
 
 
 def _take(part: Part, index: IntArray) -> Part:
-    solution = part.solution
-    solution = Solution(solution.evaluation.take(index), solution.converged[index], solution.iterations[index])
-    return replace(part, frames=part.frames[index], solution=solution, prior=part.prior.take(index))
+    solution, prior = part.solution.take(index), part.prior.take(index)
+    return replace(part, frames=part.frames[index], solution=solution, prior=prior)

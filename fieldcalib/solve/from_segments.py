@@ -349,10 +349,9 @@ class _Frames:
 
     def take(self, index: IntArray) -> _Frames:
         """Some of the frames."""
-        found = self.solution
-        solution = Solution(found.evaluation.take(index), found.converged[index], found.iterations[index])
         relabelled = self.relabelled.take(index, self.relabelled.prior.take(index))
-        return replace(self, observations=self.observations.take(index), relabelled=relabelled, solution=solution)
+        observations, solution = self.observations.take(index), self.solution.take(index)
+        return replace(self, observations=observations, relabelled=relabelled, solution=solution)
 
 
 def _judged(frames: _Frames) -> list[Calibration]:
