@@ -189,10 +189,7 @@ def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
 
 def _by_processes(requests: Sequence[RunRequest], run: RunFunction, jobs: int) -> list[int]:
     codes = []
-    with (
-        Processes(min(jobs, len(requests))) as executor,
-        progress_bar(total=len(requests), unit="video") as progress,
-    ):
+    with Processes(min(jobs, len(requests))) as executor, progress_bar(total=len(requests), unit="video") as progress:
         own = [one.in_one_thread() for one in requests]
         for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):
             sys.stdout.write(ended.out)

@@ -241,12 +241,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
         colours = {one.label: ORANGE if one.is_beside else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
-            image,
-            camera,
-            field,
-            thickness=thickness,
-            dashed=not accepted,
-            colours=colours if show_paint else {},
+            image, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
         )
         if accepted:
             inset_map(picture, camera, field)

@@ -22,14 +22,7 @@ from fieldcalib.editor.edit import Edit, History
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, basis_of, is_by_hand
 from fieldcalib.editor.journal import NOTHING_WRITTEN, FrameHistory, Journal, Replayed, Unfinished, nothing
-from fieldcalib.editor.label_files import (
-    SOCCERNET,
-    GivenLabels,
-    label_file,
-    label_files,
-    saved_files,
-    soccernet_file,
-)
+from fieldcalib.editor.label_files import SOCCERNET, GivenLabels, label_file, label_files, saved_files, soccernet_file
 from fieldcalib.editor.label_versions import Announce, Announced
 from fieldcalib.editor.saved_files import LastSave, NewRun, Saved, Stored, source_of
 from fieldcalib.fields.catalogue import FIELDS

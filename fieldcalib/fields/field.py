@@ -530,11 +530,7 @@ class Field(Mapping[str, Segment]):
 
 @lru_cache(maxsize=64)
 def built(
-    build: Callable[[float, float], Field],
-    length: float,
-    width: float,
-    size_known: bool,
-    ground: Ground | None = None,
+    build: Callable[[float, float], Field], length: float, width: float, size_known: bool, ground: Ground | None = None
 ) -> Field:
     """The field of a size, cached: fields are immutable."""
     return replace(build(length, width), size_known=size_known, ground=ground)

@@ -130,12 +130,7 @@ def refine_on_image(
 
 
 def refine_homography_on_image(
-    object_segments: ObjectSegments,
-    image: Image,
-    H: ArrayLike,
-    *,
-    flags: int = DEFAULT_FLAGS,
-    prior: Prior = ALL,
+    object_segments: ObjectSegments, image: Image, H: ArrayLike, *, flags: int = DEFAULT_FLAGS, prior: Prior = ALL
 ) -> Calibration:
     """Calibrate a camera, lens included, from any homography and its image.
 

@@ -201,10 +201,7 @@ def parse_frame(
 
 
 def read_annotations(
-    path: str | Path,
-    image_size: tuple[int, int] | None = None,
-    *,
-    labels: Labels | str | Path = MappingProxyType({}),
+    path: str | Path, image_size: tuple[int, int] | None = None, *, labels: Labels | str | Path = MappingProxyType({})
 ) -> dict[str, Annotation]:
     """Read labelled pixels from annotations of SoccerNet, CVAT, labelme, Label Studio or COCO.
 

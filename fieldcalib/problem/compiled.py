@@ -414,14 +414,7 @@ def on_raised(
 
 @inlined
 def at_point(
-    view: CameraView,
-    C: Vector,
-    ground: Raised,
-    xy: Array,
-    geometry: Array,
-    b: int,
-    i: int,
-    normal: tuple[float, float],
+    view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]
 ) -> Foot:
     """The residual of a world point along a direction of the image."""
     nx, ny = normal

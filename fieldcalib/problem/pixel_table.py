@@ -30,10 +30,7 @@ class PixelTable:
 
     @classmethod
     def of(
-        cls,
-        labels: Iterable[str],
-        frames: Sequence[Pixels],
-        weights: Sequence[PixelWeights | None] | None = None,
+        cls, labels: Iterable[str], frames: Sequence[Pixels], weights: Sequence[PixelWeights | None] | None = None
     ) -> PixelTable:
         """Make a table of checked frames and their weights, as `check_weights` returns them.
 

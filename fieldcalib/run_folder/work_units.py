@@ -67,9 +67,7 @@ def grouped(items: Iterable[Member], key: Callable[[Member], Key]) -> dict[Key, 
 
 
 def in_groups(
-    items: Sequence[Member],
-    key: Callable[[Member], Key],
-    function: Callable[[Key, list[Member]], Sequence[Result]],
+    items: Sequence[Member], key: Callable[[Member], Key], function: Callable[[Key, list[Member]], Sequence[Result]]
 ) -> list[Result]:
     """Apply a function to the items of each key together; the results are in the order of the items.
 

@@ -23,12 +23,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.labelled_pixels import (
-    ImageSegments,
-    Pixels,
-    PixelWeights,
-    Weights,
-)
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
@@ -36,13 +31,7 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.request import GivenCamera, Task, as_fixed
-from fieldcalib.solve.solver_options import (
-    DEFAULT_CRITERIA,
-    GUESS,
-    Criteria,
-    Options,
-    Prior,
-)
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, GUESS, Criteria, Options, Prior
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames

@@ -169,8 +169,7 @@ def _with_cuts(keyframes: Keyframes, cuts: Sequence[int] | None) -> Keyframes:
     number = np.searchsorted(sorted({cut for cut in cuts if 0 < cut < count}), np.arange(count), side="right")
     matches = {(i, j): cells for (i, j), cells in shots.matches.items() if number[i] == number[j]}
     return replace(
-        keyframes,
-        shots=replace(shots, pieces=Pieces(number), loose=np.zeros(count, dtype=bool), matches=matches),
+        keyframes, shots=replace(shots, pieces=Pieces(number), loose=np.zeros(count, dtype=bool), matches=matches)
     )
 
 

@@ -113,10 +113,7 @@ def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
 
 
 def _pulled(
-    maps: StripeMaps,
-    cameras: Cameras,
-    field: Field,
-    are_possible: Callable[[Cameras, Field], BoolArray] = stands,
+    maps: StripeMaps, cameras: Cameras, field: Field, are_possible: Callable[[Cameras, Field], BoolArray] = stands
 ) -> tuple[Cameras, Array]:
     """Add copies of the best cameras, pulled onto stripes; returns all in the order of their scores, and the scores."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))

@@ -8,13 +8,7 @@ from __future__ import annotations
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.model import nonzero_coefficients
-from fieldcalib.io.exports.frames import (
-    IMAGE_NAMES,
-    FrameCameras,
-    image_name,
-    lens_coefficients,
-    with_cameras,
-)
+from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, image_name, lens_coefficients, with_cameras
 from fieldcalib.io.files import escaped
 
 # Coefficients of COLMAP's models in its order, smallest model first.

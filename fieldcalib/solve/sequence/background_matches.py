@@ -186,12 +186,7 @@ def cell_means(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, 
 
 
 def with_tied(
-    options: Options,
-    ties: Ties,
-    theta: Array,
-    known: BoolArray,
-    wanted: IntArray,
-    layout: Layout,
+    options: Options, ties: Ties, theta: Array, known: BoolArray, wanted: IntArray, layout: Layout
 ) -> tuple[Array, BoolArray]:
     """Add cameras of frames that are tied, directly or through other frames, to frames with known cameras.
 

@@ -28,11 +28,7 @@ CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"
 
 
 def joint_evaluation(
-    problem: Problem,
-    object_segments: ObjectSegments,
-    pixels: PixelTable,
-    theta: Array,
-    once: BoolArray,
+    problem: Problem, object_segments: ObjectSegments, pixels: PixelTable, theta: Array, once: BoolArray
 ) -> Evaluation:
     """Evaluate the labelled pixels of T frames as one group at the cameras theta (T, n).
 

@@ -17,14 +17,7 @@ import numpy as np
 
 from fieldcalib._checks import several
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.frame_table import (
-    ACCEPTED,
-    BASES,
-    IMPROBABLE,
-    STATUSES,
-    Basis,
-    FrameTable,
-)
+from fieldcalib.assess.frame_table import ACCEPTED, BASES, IMPROBABLE, STATUSES, Basis, FrameTable
 from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.result import Calibration

@@ -213,10 +213,7 @@ def solve_sequence(problem: SequenceProblem, before: SequenceCalibration | None 
 
 
 def solve_from_cameras(
-    problem: SequenceProblem,
-    layout: Layout,
-    cameras: Mapping[int, Array],
-    before: SequenceCalibration | None = None,
+    problem: SequenceProblem, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
 ) -> SolvedSequence:
     """Calibrate all frames from cameras (n,) of some of them in the layout of an earlier solution; labels are trusted.
 
