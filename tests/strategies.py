@@ -16,7 +16,7 @@ from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.layout import theta_from_camera
 
-DEFAULT_EXAMPLES = settings.get_profile("same").max_examples  # the profiles are in conftest.py
+MOST_EXAMPLES = settings.get_profile("random").max_examples  # the profiles are in conftest.py
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
 
@@ -25,8 +25,8 @@ CHARACTERS = "aZ09 _-.,:;/\\'\"<>&%#@[]{}éßλж漢あ한ع🏀\u0301\u00a0"
 
 
 def examples(count):
-    """Settings of a property: `count` examples by default, more or fewer in proportion under other profiles."""
-    return settings(max_examples=max(1, count * settings().max_examples // DEFAULT_EXAMPLES))
+    """Settings of a property: `count` examples at random, a share of them where they are the same on every run."""
+    return settings(max_examples=max(1, count * settings().max_examples // MOST_EXAMPLES))
 
 
 def texts(**limits):

@@ -218,6 +218,7 @@ def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, 
     assert content_of(tmp_path / "1") == content_of(tmp_path / "2")
 
 
+@pytest.mark.slow
 @one_quickly
 def test_modules_that_are_run_have_jobs_too(name, folder, tmp_path):
     """What they ask other processes for must not be of the script."""

@@ -43,7 +43,7 @@ def test_closed_streams_are_no_fault(frames, tmp_path, redirection):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("redirection", [">/dev/full", "| true"])
+@pytest.mark.parametrize("redirection", [pytest.param(">/dev/full", marks=pytest.mark.slow), "| true"])
 def test_a_finished_run_is_not_to_be_resumed(frames, tmp_path, redirection):
     out = tmp_path / "out"
     _, error = in_shell(redirection, "calibrate", frames, "--size", "960x540", "--out", out, cwd=tmp_path)

@@ -42,7 +42,7 @@ def exported(folder, out, format, *options):
 
 
 @pytest.mark.parametrize(  # of those that hold the whole camera others tell by default
-    "format", [*(pytest.param(name, marks=pytest.mark.slow) for name in EXACT), "gsr", "blender", "freed"]
+    "format", [*(pytest.param(name, marks=pytest.mark.slow) for name in (*EXACT, "blender", "freed")), "gsr"]
 )
 def test_a_hundred_real_frames(real_folder, tmp_path, format):
     results = read(real_folder)

@@ -356,6 +356,7 @@ def test_a_video(know, tmp_path):
         assert [image.shape for image in overlay] == [(540, 960, 3)] * 2
 
 
+@pytest.mark.slow
 def test_a_video_without_pictures_has_the_same_cameras(know, tmp_path):
     truths = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (22, 23)]
     write_video(tmp_path / "match.mp4", [picture(truth) for truth in truths])
@@ -473,6 +474,7 @@ def test_a_folder_that_cannot_be_written_to(know, tmp_path, capsys):
         assert "/proc/self" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
     write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (2 * IMAGES_AT_ONCE + 1))
     network = know([None] * (2 * IMAGES_AT_ONCE + 1))

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from synthetic import random_frames
 
 from data_tools.ground_errors import left_out_on_ground, main
@@ -26,6 +27,7 @@ def test_errors_are_as_large_as_expected():
     assert np.all(located > 0.0)
 
 
+@pytest.mark.slow
 def test_a_marking_out_of_place_is_far_off():
     (frame,) = frames(1, noise=0.5)
     label = next(label for label in frame if label.startswith("Side line"))

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.leave_one_out import left_out_errors, main
@@ -35,6 +36,7 @@ def test_a_free_field_size_fits_a_small_pitch_better():
     assert np.median(free) < 0.5 * np.median(fixed)
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path, capsys):
     frames, _ = random_frames(2, seed=1, noise=0.5, least_segments=7, stands=("main center",))
     frames.append(observe(whole_circle_markings(soccer()), BENT, np.random.default_rng(0), noise=0.5))

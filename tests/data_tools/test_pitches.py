@@ -72,7 +72,7 @@ def test_bins_compare_probabilities_with_shares():
 
 
 @pytest.mark.parametrize(
-    "what", [pytest.param(("clips", "--clips", "2"), marks=pytest.mark.slow), ("pictures", "--frames", "2")]
+    "what", [pytest.param(("clips", "--clips", "2"), marks=pytest.mark.slow), ("pictures", "--frames", "1")]
 )
 def test_the_command_prints_what_it_measured(what, capsys):
     assert pitches.main([*what, "--seed", "3"]) == 0

@@ -74,7 +74,7 @@ def test_few_labels_leave_the_shape_open_until_it_is_said(image):
     assert SHAPE not in said.findings
 
 
-@pytest.mark.parametrize("aspect", [None, 16 / 9])
+@pytest.mark.parametrize("aspect", [pytest.param(None, marks=pytest.mark.slow), 16 / 9])
 @pytest.mark.parametrize("labels", [("Side line left", "Big rect. left main"), ("Side line top", "Big rect. left top")])
 def test_wrong_labels_do_not_become_good_by_the_shape(image, aspect, labels):
     picture, pixels = squashed(image, SIZES[0])

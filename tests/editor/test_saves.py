@@ -636,6 +636,7 @@ def check_kills(pictures, out, count, rng):
         editor.close()
 
 
+@pytest.mark.slow
 def test_kills_while_saving(pictures, tmp_path):
     import uvicorn  # noqa: F401 - the server needs it
 

@@ -32,7 +32,13 @@ def court(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("text", files("more-courts"), ids=["squash", "table tennis", "netball", "track"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(text, id=name, marks=pytest.mark.slow if name == "track" else ())
+        for name, text in zip(("squash", "table tennis", "netball", "track"), files("more-courts"), strict=True)
+    ],
+)
 def test_further_courts_are_fields_whose_labels_give_back_their_cameras(tmp_path, text):
     path = tmp_path / "court.yaml"
     path.write_text(text, encoding="utf-8")

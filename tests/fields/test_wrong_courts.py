@@ -53,7 +53,10 @@ def test_of_two_courts_beside_each_other_one_is_found_or_none():
     assert refused(found) or is_right(found.camera) or is_right(found.camera, moved=APART)
 
 
-@pytest.mark.parametrize("singles", [True, False], ids=["a court of singles", "half a court"])
+@pytest.mark.parametrize(
+    "singles",
+    [pytest.param(True, id="a court of singles"), pytest.param(False, id="half a court", marks=pytest.mark.slow)],
+)
 def test_a_court_that_lacks_lines_is_right_or_refused(singles):
     def is_there(label, segment):
         if singles:

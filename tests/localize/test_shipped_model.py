@@ -45,6 +45,7 @@ def test_no_field_no_camera(network, seed):
     assert not calibration.accepted
 
 
+@pytest.mark.slow
 def test_real_frames_agree_with_their_labelled_points(network, shared_data, capsys):
     assert score_images.main(["keypoints", str(shared_data / "pitch-keypoints" / "valid")]) == 0
     row = json.loads(capsys.readouterr().out)

@@ -50,6 +50,7 @@ def test_shards_together_are_the_whole(images, whole, tmp_path):
     assert content_of(tmp_path / "joined") == content_of(whole)
 
 
+@pytest.mark.slow
 def test_localize(images, tmp_path, capsys):
     for name, options in (
         ("whole", []),

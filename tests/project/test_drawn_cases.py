@@ -43,20 +43,18 @@ def test_cases_are_the_same_each_time_whatever_is_imported(drawn):
     assert drawn() == first
     assert drawn(imported="import numbers_of_the_checkout") == first
     assert drawn("--hypothesis-seed=1") != first
-    assert len(first.splitlines()) >= 20
+    assert 8 <= len(first.splitlines()) < 20
 
 
+@pytest.mark.slow
 def test_a_seed_names_cases_that_it_repeats(drawn):
     first = drawn("--hypothesis-seed=1")
+    assert len(first.splitlines()) >= 20
     assert drawn("--hypothesis-seed=1", imported="import numbers_of_the_checkout") == first
     assert first != drawn("--hypothesis-seed=2")
 
 
 @pytest.mark.slow
-def test_profiles_draw_at_random_or_few(drawn, monkeypatch):
+def test_a_profile_draws_at_random(drawn, monkeypatch):
     monkeypatch.setenv("HYPOTHESIS_PROFILE", "random")
     assert drawn() != drawn()
-    monkeypatch.setenv("HYPOTHESIS_PROFILE", "few")
-    few = drawn()
-    assert drawn() == few
-    assert len(few.splitlines()) == 5

@@ -116,8 +116,10 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     ("clip", "lines"),
     [
         ("--clip", 0),
-        ("--independent", 3),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("--clip", 3), ("--independent", 0))),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("--clip", 3), ("--independent", 0), ("--independent", 3))
+        ),
     ],
 )
 def test_a_finished_video_whose_lines_are_gone_is_calibrated_again(short, know, tmp_path, clip, lines):

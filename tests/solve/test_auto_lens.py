@@ -105,6 +105,13 @@ def test_auto_takes_a_fisheye_where_it_explains_the_labels_better(degrees):
     assert found.camera.fisheye
     assert "a fisheye lens estimated too" in found.message
     assert off(found.camera, truth).max() < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [90.0, 120.0, 150.0])
+def test_swapped_labels_are_named_through_a_fisheye(degrees):
+    truth, rng = wide_camera(degrees), np.random.default_rng(3)
+    pixels = seen(truth, rng, 1.0)
     swapped = {**pixels, "Middle line": pixels["Side line top"], "Side line top": pixels["Middle line"]}
     mended = calibrate_from_segments(FIELD, swapped, SIZE, flags=AUTO)
     assert {one.label for one in mended.suspect_labels} == {"Middle line", "Side line top"}

@@ -103,7 +103,7 @@ def test_a_pickled_result_of_a_batch_is_the_same(batch):
         assert dict(back.field) == dict(one.field)
 
 
-@pytest.mark.parametrize("executor", [Processes, ThreadPoolExecutor])
+@pytest.mark.parametrize("executor", [pytest.param(Processes, marks=pytest.mark.slow), ThreadPoolExecutor])
 def test_frames_come_back_from_an_executor_as_they_are(executor, monkeypatch):
     monkeypatch.setattr("fieldcalib.solve.batch.CHUNK", 4)
     frames, _ = random_frames(10, seed=7, noise=1.0)

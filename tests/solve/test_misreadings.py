@@ -180,7 +180,7 @@ def test_distances_of_a_guessed_rectangle_are_checked_by_nothing(reported):
 @pytest.mark.parametrize(
     "name", ["left", *(pytest.param(name, marks=pytest.mark.slow) for name in CAMERAS if name != "left")]
 )
-@pytest.mark.parametrize("signs", [Z_OVER, Y_OVER, X_OVER])
+@pytest.mark.parametrize("signs", [Z_OVER, *(pytest.param(one, marks=pytest.mark.slow) for one in (Y_OVER, X_OVER))])
 @pytest.mark.parametrize("prior", [None, "all"])
 def test_points_of_a_field_with_an_axis_turned_over(name, signs, prior):
     X, xy = seen(CAMERAS[name])

@@ -164,6 +164,7 @@ def test_a_turned_network_names_the_ends_the_other_way_round():
     assert {FIELD.symmetric[label] for label in turned.pixels} == set(found.pixels)
 
 
+@pytest.mark.slow
 def test_a_court_that_is_searched_for_is_on_the_side_that_is_said():
     truth = camera(88, 75, 1400.0, (-32.0, 1.0, -9.0))
     image = render_field(truth, tennis())

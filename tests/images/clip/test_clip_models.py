@@ -272,6 +272,7 @@ def test_alternating_places_make_two_tripods():
     assert sum(far_off(frames[t], camera) < 1.0 for t, camera in enumerate(cameras)) >= 15
 
 
+@pytest.mark.slow
 def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypatch):
     """Whatever the places of the pieces say."""
     monkeypatch.setattr("fieldcalib.images.clip.solved_shots.grouped_by_tripod", lambda shots: [sorted(shots)])
@@ -335,6 +336,7 @@ def test_a_zoom_off_the_middle_is_found_out():
     assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.3
 
 
+@pytest.mark.slow
 def test_a_principal_point_that_its_prior_holds_back_is_to_be_checked(monkeypatch):
     monkeypatch.setattr("fieldcalib.images.clip.solved_shots._cut_out", lambda solved, piece: solved)
     cameras = [one.cropped((0, 0), (720, 405)).scaled(SIZE) for one in panned(12, -0.4, 0.4)]

@@ -175,6 +175,7 @@ def tracked(pictures, network, **options):
         return [tracker.update(picture) for picture in pictures]
 
 
+@pytest.mark.slow
 def test_a_live_video_between_borders(clip):
     cameras, pictures = (some[: EVERY + 3] for some in clip)
     plain = tracked(pictures, Asked(cameras[::EVERY]))
@@ -185,6 +186,7 @@ def test_a_live_video_between_borders(clip):
         assert one.camera.image_size == LETTERBOXED
 
 
+@pytest.mark.slow
 def test_a_live_video_begins_anew_where_borders_are_none(clip):
     """What was taken for a border shows a score: it is part of the picture."""
     cameras, pictures = clip

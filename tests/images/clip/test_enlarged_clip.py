@@ -77,6 +77,7 @@ def camera_at(pan, focal_length):
     return Camera.from_angles(pan, 1.34, 0.003, focal_length, (1.0, 66.0, -17.0), SIZE)
 
 
+@pytest.mark.slow
 def test_a_shot_that_does_not_show_its_middle_is_not_trusted_if_it_looks_enlarged():
     (_, trusted), (_, found) = (short_shot(-0.38, 2000.0, (240, 0), is_soft=one) for one in (False, True))
     assert {one.verdict for one in trusted} == {Verdict.GOOD}
@@ -95,6 +96,7 @@ def test_an_enlarged_shot_is_right_with_a_free_principal_point_if_it_is_sure():
     assert off[1] < 0.5 * off[0]  # its height is hardly known: a turn of the camera compensates it
 
 
+@pytest.mark.slow
 def test_a_whole_shot_keeps_its_cameras_however_soft_it_is():
     (_, sharp), (_, soft) = (short_shot(-0.3, 1300.0, is_soft=one) for one in (False, True))
     assert {one.verdict for one in soft} == {Verdict.GOOD}

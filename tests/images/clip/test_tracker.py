@@ -213,6 +213,7 @@ def test_a_closed_tracker(clip, wait):
         tracker.update(pictures[1])
 
 
+@pytest.mark.slow
 def test_another_process_goes_on_for_one_that_is_killed(clip, caplog):
     """As the system kills one when memory is short."""
     cameras, pictures = clip

@@ -64,6 +64,7 @@ def test_a_file_that_is_cut_off(tmp_path, capfd):
         assert len(calibrate_video(FIELD, path, KnownCameras([None] * 12))) < 6
 
 
+@pytest.mark.slow
 def test_a_folder(pictures, tmp_path):
     for number, picture in enumerate(pictures[:2], 9):
         cv2.imwrite(str(tmp_path / f"frame {number}.png"), picture)

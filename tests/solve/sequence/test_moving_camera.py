@@ -118,6 +118,7 @@ def test_a_frame_of_another_place_is_off_the_path(cameras):
     assert max(np.linalg.norm(found[t].camera.C - cameras[t].C) for t in others) < 2.0
 
 
+@pytest.mark.slow
 def test_a_path_goes_on_between_frames_with_cameras(cameras, frames, matches):
     known = calibrate_sequence(FIELD, frames, SIZE, shared=SHARED_IN_MOTION, matches=matches)
     columns = known.frames

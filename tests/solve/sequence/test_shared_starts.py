@@ -53,6 +53,7 @@ def test_a_few_frames_that_are_sure_of_a_wrong_place_do_not_decide(seed):
     assert "px off" in found[0].reason
 
 
+@pytest.mark.slow
 def test_a_line_that_is_turned_against_every_crown_is_not_explained_by_one():
     found = calibrate_sequence(soccer(), frames_of_tripod(0, turned=3.6), SIZE, trust_labels=True)
     assert found.field.ground is None
