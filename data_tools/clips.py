@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.synthetic.paths import seen_far_away
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import region_radius
 from fieldcalib.assess.frame_table import Basis
@@ -46,7 +47,6 @@ from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
-from fieldcalib.synthetic.paths import seen_far_away
 
 GRID = (9, 7)  # columns and rows of the pixels at which field points are compared
 UNIT = 1280.0  # columns

@@ -24,8 +24,8 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.samples import read_cameras
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.synthetic.film import read_cameras
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

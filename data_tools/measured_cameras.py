@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.simulated import observe
+from data_tools.synthetic.paths import SIZE, MeasuredZoom
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
@@ -31,7 +32,6 @@ from fieldcalib.geometry.lens import FisheyeLens
 from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import LENS_FLAGS, CalibrationFlags
-from fieldcalib.synthetic.paths import SIZE, MeasuredZoom
 
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT

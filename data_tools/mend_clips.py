@@ -22,6 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
+from data_tools.synthetic.film import CAMERAS, CLIP_SIZE, LEAST_PATH, PAINTED, Scene, write_clip
+from data_tools.synthetic.paths import camera_path, with_displaced_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
@@ -34,20 +36,10 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.keyframes import KeyframeLabels, are_consistent
+from fieldcalib.io.samples import TrueFrame, read_cameras
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.frame_source import FrameSource, VideoFrames
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.synthetic.film import (
-    CAMERAS,
-    CLIP_SIZE,
-    LEAST_PATH,
-    PAINTED,
-    Scene,
-    TrueFrame,
-    read_cameras,
-    write_clip,
-)
-from fieldcalib.synthetic.paths import camera_path, with_displaced_lines
 
 SHARE = 1.0 / 3.0  # of the keyframes
 SHIFT = 40.0  # px of labels that are moved

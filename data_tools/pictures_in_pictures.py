@@ -32,6 +32,8 @@ import numpy as np
 
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.probability import largest_true_error
+from data_tools.synthetic.film import PAINTED, Scene, clip_frames, filmed
+from data_tools.synthetic.paths import with_displaced_lines
 from data_tools.truth import UNIT, points_in_view
 from fieldcalib.assess.findings import Verdict, What
 from fieldcalib.assess.result import Calibration
@@ -45,8 +47,6 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.synthetic.film import PAINTED, Scene, clip_frames, filmed
-from fieldcalib.synthetic.paths import with_displaced_lines
 
 LARGEST_ERROR, RIGHT = 1.0, 5.0  # metres; px of `UNIT`
 SUFFIXES = (".jpg", ".png")

@@ -32,6 +32,8 @@ from data_tools.synthetic.cameras import random_camera
 from data_tools.synthetic.clips import labelled
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
+from data_tools.synthetic.paths import camera_path, with_displaced_lines
+from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count
@@ -47,8 +49,6 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
-from fieldcalib.synthetic.paths import camera_path, with_displaced_lines
-from fieldcalib.synthetic.surroundings import GroundView
 
 SIZE = (960, 540)
 # Ranges of length and width, m: the usual size, those of international matches, and others that law 1 allows

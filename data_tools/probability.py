@@ -39,6 +39,7 @@ import numpy as np
 from data_tools.crown import on_crown
 from data_tools.measured_cameras import camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
+from data_tools.synthetic.paths import SIZE
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import motion_in_view
 from fieldcalib.assess.probability import ground_in_view, odds_terms
@@ -57,7 +58,6 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import pixel_unit
-from fieldcalib.synthetic.paths import SIZE
 
 TOLERANCES = (0.5, 1.0)  # limits of a right camera's error, in shares of the field's tolerance
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)

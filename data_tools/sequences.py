@@ -3,7 +3,7 @@
     python -m data_tools.sequences CAMERAS [--count N] [--matches] [--flies] [--paint METRES]
 
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
-its zoom and lens are calibrated (`fieldcalib.synthetic.paths`), on a pitch whose lines are painted some centimetres
+its zoom and lens are calibrated (`data_tools.synthetic.paths`), on a pitch whose lines are painted some centimetres
 off. With `--matches` half of the frames have no labels, and static points tie each frame to others as
 `fieldcalib.images.background.keyframe_tracking` does. With `--flies` the camera moves, and static points are on the
 ground. Printed are, for each basis of frames, the median errors of focal length (percent), centre and field in view
@@ -22,6 +22,7 @@ import numpy as np
 
 from data_tools.measured_cameras import camera_files, read_zoom
 from data_tools.synthetic.clips import background_matches, background_points, labelled
+from data_tools.synthetic.paths import SIZE, camera_path, flight, with_displaced_lines
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import count, positive
@@ -33,7 +34,6 @@ from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
 from fieldcalib.solve.solver_options import paint_sigma
-from fieldcalib.synthetic.paths import SIZE, camera_path, flight, with_displaced_lines
 
 FRAMES = 300  # of a clip
 KEY_EVERY = 3  # every third frame that is calibrated is a keyframe

@@ -24,6 +24,8 @@ import numpy as np
 
 from data_tools.command_parser import add_made_frames, parser_of
 from data_tools.pictures_in_pictures import SUFFIXES
+from data_tools.synthetic.film import PAINTED, Scene, clip_frames, filmed
+from data_tools.synthetic.paths import with_displaced_lines
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import paint_is_too_wide, paint_width
 from fieldcalib.assess.result import Calibration
@@ -36,8 +38,6 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.synthetic.film import PAINTED, Scene, clip_frames, filmed
-from fieldcalib.synthetic.paths import with_displaced_lines
 
 SHARES = (1.0, 0.8, 0.7, 0.6)
 SIZE = (1920, 1080)

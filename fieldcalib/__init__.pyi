@@ -31,6 +31,7 @@ from .geometry.camera import Camera as Camera
 from .images.clip.from_video import calibrate_video as calibrate_video
 from .images.clip.tracker import Tracker as Tracker
 from .images.from_images import calibrate_from_images as calibrate_from_images
+from .io.samples import sample as sample
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
@@ -45,6 +46,5 @@ from .solve.solver_options import FISHEYE_FLAGS as FISHEYE_FLAGS
 from .solve.solver_options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
 from .solve.solver_options import PINHOLE_FLAGS as PINHOLE_FLAGS
 from .solve.solver_options import CalibrationFlags as CalibrationFlags
-from .synthetic.samples import sample as sample
 
 __version__: str

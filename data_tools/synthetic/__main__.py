@@ -16,15 +16,16 @@ import numpy as np
 from data_tools.measured_cameras import read_zoom
 from data_tools.synthetic import SIZE, frame
 from data_tools.synthetic.cache import write_cache
+from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
 from data_tools.synthetic.games import game_named
+from data_tools.synthetic.paths import with_displaced_lines
+from data_tools.synthetic.samples import write_samples
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.field_options import SOCCER, add_named_field
 from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
-from fieldcalib.synthetic.paths import with_displaced_lines
 
 COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200
@@ -62,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--bench", action="store_true", help="measure frames a second")
     parser.add_argument("--processes", type=int, default=2, help="of the cache and of the bench (2)")
     parser.add_argument("--clip", type=Path, metavar="OUT.mp4", help="film a clip, its cameras beside it in OUT.jsonl")
+    parser.add_argument("--samples", type=Path, metavar="DIR", help="write the files of fieldcalib.sample")
     parser.add_argument("--frames", type=count, default=300, help="of the clip, 30 a second (300)")
     parser.add_argument("--size", type=image_size, default=CLIP_SIZE, metavar="WxH", help="of the clip (960x540)")
     parser.add_argument("--cuts", type=int, default=0, help="between the main camera and one beside it (0)")
@@ -84,6 +86,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.bench:
         speed = frames_per_second(options.processes, options.field)
         print(json.dumps({"processes": options.processes, "frames_per_second": round(speed, 1)}))
+    if options.samples:
+        write_samples(options.samples)
     if options.clip:
         measured = options.measured and read_zoom(options.measured)
         frames = clip_frames(options.seed, options.frames, options.cuts, measured, options.size, flies=options.flies)

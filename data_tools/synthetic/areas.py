@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data_tools.synthetic.colours import Hsv
 from fieldcalib._types import Float32
 from fieldcalib.draw.ground import Ground
-from fieldcalib.synthetic.colours import Hsv
 
 Corner = tuple[float, float]
 

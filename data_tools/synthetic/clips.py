@@ -1,4 +1,4 @@
-"""Labelled pixels and background matches along paths of cameras (`fieldcalib.synthetic.paths`), without pictures."""
+"""Labelled pixels and background matches along paths of cameras (`data_tools.synthetic.paths`), without pictures."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def labelled(
     Examples
     --------
     >>> from fieldcalib.fields.sports.soccer import soccer
-    >>> from fieldcalib.synthetic.paths import camera_path
+    >>> from data_tools.synthetic.paths import camera_path
     >>> rng = np.random.default_rng(0)
     >>> frames = labelled(camera_path(rng, 20), soccer(), rng, empty_share=0.5)
     >>> sum(not frame.pixels for frame in frames)

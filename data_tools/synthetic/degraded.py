@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from data_tools.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 from fieldcalib._types import Float32
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 
 
 def degraded(image: Image, rng: np.random.Generator) -> Image:

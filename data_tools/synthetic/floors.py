@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.synthetic.areas import Area
+from data_tools.synthetic.colours import Hsv, noise_at, one_of, random_colour, vivid_colour
 from data_tools.synthetic.looks import DARK, Look, Surface
 from data_tools.synthetic.paint import coverage, paint_areas, paint_lines
+from data_tools.synthetic.surroundings import FADES, grass, surround
 from fieldcalib._types import Float32
 from fieldcalib.draw.ground import Ground, mix
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
-from fieldcalib.synthetic.colours import Hsv, noise_at, one_of, random_colour, vivid_colour
-from fieldcalib.synthetic.surroundings import FADES, grass, surround
 
 SURFACES: dict[Surface, tuple[Hsv, ...]] = {
     "wood": (((24.0, 38.0), (0.35, 0.65), (0.5, 0.8)),),

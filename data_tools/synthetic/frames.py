@@ -10,14 +10,14 @@ from data_tools.synthetic.cameras import is_behind_goal, random_camera
 from data_tools.synthetic.degraded import degraded, random_picture
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
+from data_tools.synthetic.pictures import add_graphics
+from data_tools.synthetic.surroundings import GroundView
 from fieldcalib._types import BoolArray
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.pictures import add_graphics
-from fieldcalib.synthetic.surroundings import GroundView
 
 SIZE = (512, 288)
 EMPTY_SHARE = 0.05  # share of frames without a field

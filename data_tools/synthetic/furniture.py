@@ -9,15 +9,15 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from data_tools.synthetic.colours import random_colour
 from data_tools.synthetic.looks import DARK, STEEL, WHITE, Look
+from data_tools.synthetic.objects import FARTHEST, Drawable, GoalFrame, add_goal, mix_bars, random_goals
 from fieldcalib._types import Array
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.colours import random_colour
-from fieldcalib.synthetic.objects import FARTHEST, Drawable, GoalFrame, add_goal, mix_bars, random_goals
 
 PIECE, STRIPE = 1.5, 0.2  # m: lengths of the pieces that bars are drawn in, each with its own thickness; of stripes
 BAR = 0.06  # m: thickness of bars by default

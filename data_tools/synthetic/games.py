@@ -13,16 +13,7 @@ from data_tools.synthetic.floors import hall_light, random_floor
 from data_tools.synthetic.furniture import furniture
 from data_tools.synthetic.looks import Look, look_of
 from data_tools.synthetic.masks import Mask, classes_of, mirrored_values
-from data_tools.synthetic.rink import add_boards
-from fieldcalib._types import Array, BoolArray, Float32
-from fieldcalib.console.field_options import SOCCER, named_field
-from fieldcalib.draw.ground import Ground
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import CameraDistribution, stands_around
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
-from fieldcalib.synthetic.objects import (
+from data_tools.synthetic.objects import (
     TEAM_SHARES,
     Drawable,
     Person,
@@ -34,7 +25,16 @@ from fieldcalib.synthetic.objects import (
     random_suns,
     soccer_goals,
 )
-from fieldcalib.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
+from data_tools.synthetic.rink import add_boards
+from data_tools.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
+from fieldcalib._types import Array, BoolArray, Float32
+from fieldcalib.console.field_options import SOCCER, named_field
+from fieldcalib.draw.ground import Ground
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.fields.stands import CameraDistribution, stands_around
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size

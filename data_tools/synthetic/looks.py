@@ -14,13 +14,13 @@ from typing import Literal, TypeVar, get_args
 
 from data_tools.synthetic import marks
 from data_tools.synthetic.areas import Area, Fill
+from data_tools.synthetic.colours import Hsv
+from data_tools.synthetic.surroundings import Around
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports import american_football as football
 from fieldcalib.fields.sports import ice_hockey as rink
 from fieldcalib.fields.sports.handball import POST as HANDBALL_POST
-from fieldcalib.synthetic.colours import Hsv
-from fieldcalib.synthetic.surroundings import Around
 
 Surface = Literal["wood", "floor", "ice", "hard court", "clay", "sand", "turf", "blue turf", "grass"]
 V = TypeVar("V")

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from data_tools.synthetic.colours import Hsv, noise_at, one_of, random_colour
 from data_tools.synthetic.looks import Look
+from data_tools.synthetic.surroundings import reaches
 from fieldcalib._types import Float32
 from fieldcalib.draw.ground import Ground, bgr, mix, painted
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import WHITE
-from fieldcalib.synthetic.colours import Hsv, noise_at, one_of, random_colour
-from fieldcalib.synthetic.surroundings import reaches
 
 HUE, SHADE = 8.0, 0.12  # largest deviations of paint from its colour: hue in degrees; saturation and value
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from data_tools.synthetic.colours import BOARD_SCALE, boards_texture, random_colour, vivid_colour, wrapped
+from data_tools.synthetic.surroundings import SIDES, Wall, cover
 from fieldcalib._types import BoolArray, Float32
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.synthetic.colours import BOARD_SCALE, boards_texture, random_colour, vivid_colour, wrapped
-from fieldcalib.synthetic.surroundings import SIDES, Wall, cover
 
 KICK_PLATE, RAIL = 0.2, 0.06  # m: at the foot, usually yellow, and at the top
 

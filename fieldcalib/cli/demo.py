@@ -1,7 +1,7 @@
 """The demonstration: what the package does with a clip, on a rendered one whose true cameras and players are known.
 
-It gives the commands that a user would give, and shows them; what they write lies in one folder. Frames are rendered,
-cameras are found from their pictures.
+It gives the commands that a user would give, and shows them; what they write lies in one folder. Cameras are found from
+the pictures.
 """
 
 from __future__ import annotations
@@ -24,13 +24,11 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.players import read_players
+from fieldcalib.io.samples import PLAYERS, TRUTH, TrueFrame, read_cameras, read_positions, sample
 from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
 from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT
-from fieldcalib.synthetic.film import TrueFrame, read_cameras
-from fieldcalib.synthetic.sample_files import PLAYERS, TRUTH, read_positions
-from fieldcalib.synthetic.samples import sample
 
 CAMERAS, PLACES, MAP = "cameras", "players_in_metres.csv", "map.mp4"
 TRAIL = "15"  # frames
@@ -40,7 +38,7 @@ TITLES = ("focal length [%]", "position [m]", "pan [°]", "tilt [°]", "roll [°
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
-        "Render a clip of a match with known cameras, find the cameras from its pictures, print their errors, and "
+        "Take a rendered clip of a match with known cameras, find them from its pictures, print their errors, and "
         "write an overlay video, a report, the players in metres and a map with them. Needs no data and no download."
     )
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where all of it goes")

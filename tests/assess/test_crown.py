@@ -11,6 +11,7 @@ from strategies import cameras, numbers
 from data_tools.crown import crowned
 from data_tools.probability import largest_true_error
 from data_tools.synthetic.clips import labelled
+from data_tools.synthetic.paths import camera_path
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
@@ -25,7 +26,6 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 from fieldcalib.solve.field_size import estimate_field_size
-from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -1,8 +1,6 @@
-"""The demo runs the product on a sample; samples are rendered once, whole or not at all."""
+"""The demo runs the product on a sample; samples show what their truth says."""
 
 import json
-import os
-import shutil
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,44 +9,47 @@ import pytest
 import fieldcalib
 from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.cli.main import main
+from fieldcalib.io import samples
+from fieldcalib.io.samples import read_cameras, read_positions
 from fieldcalib.io.soccernet import parse_camera
-from fieldcalib.io.videos import VideoReader
+from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.metrics.distance import camera_difference
-from fieldcalib.synthetic import sample_files, samples
-from fieldcalib.synthetic.film import read_cameras
-from fieldcalib.synthetic.sample_files import read_positions
+
+SHOWN = (0, 1, 2, 30, 31, 32)
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    """An empty cache, and a clip that is short: it is cut after some frames."""
-    folder = tmp_path_factory.mktemp("cache")
+def clip(tmp_path_factory):
+    """The clip, cut short: of either shot some frames, which `fieldcalib.sample` then gives."""
+    whole, folder = fieldcalib.sample("clip"), tmp_path_factory.mktemp("samples")
+    with VideoReader(whole) as video, VideoWriter(folder / whole.name, 30.0) as short:
+        for number, image in enumerate(video):
+            if number in SHOWN:
+                short.write(image)
+    lines = whole.with_suffix(samples.TRUTH).read_text().splitlines(keepends=True)
+    (folder / whole.name).with_suffix(samples.TRUTH).write_text("".join(lines[number] for number in SHOWN))
+    title, *rows = whole.with_name(samples.PLAYERS).read_text().splitlines(keepends=True)
+    rows = [row.split(",", 1) for row in rows]
+    kept = [f"{SHOWN.index(int(frame))},{rest}" for frame, rest in rows if int(frame) in SHOWN]
+    (folder / samples.PLAYERS).write_text("".join([title, *kept]))
     with pytest.MonkeyPatch.context() as patched:
-        patched.setenv("XDG_CACHE_HOME", str(folder))
-        patched.setattr(sample_files, "STRETCHES", ((0, 3), (60, 63)))
-        samples._cache.cache_clear()
-        yield folder / "fieldcalib"
-    samples._cache.cache_clear()
-
-
-@pytest.fixture(scope="module")
-def clip(cache):
-    return fieldcalib.sample("clip", progress=False)
+        patched.setattr(samples, "FOLDER", folder)
+        yield folder / whole.name
 
 
 # samples
 
 
-def test_a_clip_has_its_truth_beside_it(clip, cache):
-    assert clip.parent.parent == cache
+def test_a_clip_has_its_truth_beside_it():
+    clip = fieldcalib.sample("clip")
     truths = read_cameras(clip.with_suffix(".jsonl"))
-    assert [truth.shot for truth in truths] == sorted(truth.shot for truth in truths)
-    assert truths[-1].shot == 1
+    assert [truth.shot for truth in truths] == 30 * [0] + 30 * [1]
     with VideoReader(clip) as video:
         assert [image.shape for image in video] == [(540, 960, 3)] * len(truths)
 
 
-def test_the_feet_of_boxes_are_at_the_true_places(clip):
+def test_the_feet_of_boxes_are_at_the_true_places():
+    clip = fieldcalib.sample("clip")
     truths, places = read_cameras(clip.with_suffix(".jsonl")), read_positions(clip.with_name("players.csv"))
     assert len(places) > 30
     lines = clip.with_name("players.csv").read_text().splitlines()[1:]
@@ -60,59 +61,13 @@ def test_the_feet_of_boxes_are_at_the_true_places(clip):
         assert team in ("home", "away", "home keeper", "away keeper", "referee")
 
 
-def test_a_sample_is_rendered_once(clip, monkeypatch):
-    monkeypatch.setattr(sample_files, "make", lambda *arguments: pytest.fail("rendered again"))
-    assert fieldcalib.sample("clip", progress=False) == clip
-
-
-def test_a_picture_shows_what_its_camera_sees(cache):
-    path = fieldcalib.sample("picture", progress=False)
+def test_a_picture_shows_what_its_camera_sees():
+    path = fieldcalib.sample("picture")
     truth = parse_camera(path.with_suffix(".json").read_bytes(), (960, 540))
     found = fieldcalib.calibrate(path, progress=False)["picture"]
     assert found.accepted
     X = ground_in_view(found.camera, fieldcalib.soccer())
     assert np.median(np.linalg.norm(found.camera.project(X) - truth.project(X), axis=1)) < 6.0
-
-
-def test_a_sample_that_cannot_be_written_leaves_nothing(cache, monkeypatch):
-    folder = cache / f"picture-{samples._digest()}"
-    shutil.rmtree(folder, ignore_errors=True)
-
-    def fail(*arguments):
-        raise OSError("disk full")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(sample_files, "write_text", fail)
-        with pytest.raises(OSError, match="disk full"):
-            fieldcalib.sample("picture", progress=False)
-    assert not [path for path in cache.iterdir() if "picture" in path.name]
-
-
-def test_two_that_render_at_once_agree(cache, monkeypatch):
-    folder = cache / f"picture-{samples._digest()}"
-    shutil.rmtree(folder, ignore_errors=True)
-    write_text = sample_files.write_text
-
-    def overtaken(path, text):
-        write_text(path, text)
-        shutil.copytree(path.parent, folder)
-
-    monkeypatch.setattr(sample_files, "write_text", overtaken)
-    assert fieldcalib.sample("picture", progress=False).is_file()
-    assert [path.name for path in cache.iterdir() if "picture" in path.name] == [folder.name]
-
-
-def test_where_nothing_can_be_kept_there_is_a_temporary_folder(tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    samples._cache.cache_clear()
-    try:
-        folder = samples._cache()
-        assert folder.is_dir()
-        assert samples._cache() == folder
-        os.rmdir(folder)
-    finally:
-        samples._cache.cache_clear()
 
 
 def test_unknown_samples():

@@ -11,6 +11,7 @@ from networks import FIELD, KnownCameras, looked_at
 from pictures import picture
 from views import camera
 
+from data_tools.synthetic.film import Scene, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.findings import WAS_SQUASHED, Verdict
 from fieldcalib.cli.camera_options import KnownCamera
@@ -19,11 +20,11 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.exports.opencv import format_opencv
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
+from fieldcalib.io.samples import TrueFrame
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.metrics.distance import camera_difference
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.solver_options import CalibrationFlags as F
-from fieldcalib.synthetic.film import Scene, TrueFrame, film
 
 SIZE = (960, 540)
 WIDE, NARROW = camera(24, 78, 1400.1, (3.3, 68.2, -17.1), k=(0.06, 0.0)), camera(-2, 78, 2500.7, (3.3, 68.2, -17.1))

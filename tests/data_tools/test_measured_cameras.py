@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from data_tools import measured_cameras
+from data_tools.synthetic.paths import SIZE
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
-from fieldcalib.synthetic.paths import SIZE
 
 C = np.array([1.0, 66.0, -16.0])
 

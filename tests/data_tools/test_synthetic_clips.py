@@ -8,10 +8,7 @@ from strategies import generators, numbers
 
 from data_tools.measured_cameras import read_zoom
 from data_tools.synthetic.clips import DISTANCES, OUTLIER_REACH, background_matches, background_points, labelled
-from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
-from fieldcalib.synthetic.paths import (
+from data_tools.synthetic.paths import (
     LEAN,
     MEASURED_RATE,
     SIZE,
@@ -21,6 +18,9 @@ from fieldcalib.synthetic.paths import (
     flight,
     operated,
 )
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 
 def angles_of(cameras):

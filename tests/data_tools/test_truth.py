@@ -8,6 +8,8 @@ from networks import KnownCameras, looked_at
 
 from data_tools import filmed, sequences
 from data_tools.clips import SegmentationNetwork
+from data_tools.synthetic.film import Scene, film, write_clip
+from data_tools.synthetic.paths import with_displaced_lines
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib import Camera, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
@@ -15,9 +17,8 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.geometry.lens import RadialLens
+from fieldcalib.io.samples import TrueFrame
 from fieldcalib.problem.layout import Layout
-from fieldcalib.synthetic.film import Scene, TrueFrame, film, write_clip
-from fieldcalib.synthetic.paths import with_displaced_lines
 
 FIELD = soccer(size_known=True)
 SIZE = (480, 270)

@@ -2,8 +2,8 @@
 The clip of the demo: cameras, players, map
 ===========================================
 
-`fieldcalib.sample` renders a clip of a match with players, boards and a cut. Its cameras are found from its pictures,
-and boxes of its players become places on the pitch.
+`fieldcalib.sample` has a rendered clip of a match with players, boards and a cut. Its cameras are found from its
+pictures, and boxes of its players become places on the pitch.
 """
 
 import csv
@@ -15,7 +15,7 @@ import fieldcalib
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.boxes import foot_points
 
-path = fieldcalib.sample("clip", progress=False)
+path = fieldcalib.sample("clip")
 results = fieldcalib.calibrate(path, progress=False)
 print(len(results), "frames,", sum(verdict == "good" for verdict in results.verdicts.values()), "good")
 

@@ -9,6 +9,8 @@ from networks import KnownCameras, looked_at
 from tripods import far_off
 
 from data_tools.synthetic.clips import labelled
+from data_tools.synthetic.film import Scene, film
+from data_tools.synthetic.paths import camera_path
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Verdict
 from fieldcalib.assess.video import Shape, VideoCalibration
@@ -17,12 +19,11 @@ from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator, bright_
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
+from fieldcalib.io.samples import TrueFrame
 from fieldcalib.problem.picture_shape import Crop, Placement
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
-from fieldcalib.synthetic.film import Scene, TrueFrame, film
-from fieldcalib.synthetic.paths import camera_path
 
 SIZE, BAR = (480, 270), 45
 LETTERBOXED, SQUASHED = (SIZE[0], SIZE[1] + 2 * BAR), (360, 270)

@@ -8,6 +8,8 @@ import pytest
 from networks import FIELD, GRID, KnownCameras, looked_at
 from tripods import far_off
 
+from data_tools.synthetic.film import BESIDE, Scene, film
+from data_tools.synthetic.paths import camera_path
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.frame_table import Basis
@@ -15,8 +17,7 @@ from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.background.keyframe_tracking import EVERY, tied_frames
 from fieldcalib.images.clip.finished_clip import MIXED
 from fieldcalib.images.clip.keyframes import EXTRA_OFFSETS, MOST_EXTRA
-from fieldcalib.synthetic.film import BESIDE, Scene, TrueFrame, film
-from fieldcalib.synthetic.paths import camera_path
+from fieldcalib.io.samples import TrueFrame
 
 KNOWN = soccer(size_known=True)
 SIZE = (480, 270)

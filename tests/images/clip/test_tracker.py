@@ -11,6 +11,8 @@ import pytest
 from networks import KnownCameras
 from waiting import wait_until
 
+from data_tools.synthetic.film import Scene, film
+from data_tools.synthetic.paths import camera_path
 from fieldcalib import Status, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.frame_table import Basis
@@ -23,10 +25,9 @@ from fieldcalib.images.clip.live_shot import MOST_EXTRAPOLATED, SegmentedImage, 
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
+from fieldcalib.io.samples import TrueFrame
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.request import Task
-from fieldcalib.synthetic.film import Scene, TrueFrame, film
-from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)

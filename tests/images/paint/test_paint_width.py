@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from data_tools.smaller_pitches import SIZE, frames
+from data_tools.synthetic.film import clip_frames
 from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, soccer
 from fieldcalib.assess.findings import SMALLER, Verdict
 from fieldcalib.assess.paint_in_view import MarkingInView, paint_findings, paint_is_too_wide, paint_width
@@ -16,7 +17,6 @@ from fieldcalib.images import refine_on_image
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import profiles_along
 from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_widths
-from fieldcalib.synthetic.film import clip_frames
 
 CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
 MARKINGS = Markings.of(soccer())

@@ -8,6 +8,7 @@ from synthetic import whole_circle_markings
 
 from data_tools.simulated import observe
 from data_tools.synthetic.clips import labelled
+from data_tools.synthetic.paths import camera_path
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
 from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
@@ -21,7 +22,6 @@ from fieldcalib.solve.sequence.joint_start import Start
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence.sequence_solver import _with_more_labels
 from fieldcalib.solve.sequence.tripod_position import voted_centres
-from fieldcalib.synthetic.paths import camera_path
 
 FIELD = soccer()
 SIZE = (1920, 1080)

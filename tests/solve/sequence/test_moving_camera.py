@@ -11,9 +11,12 @@ from strategies import bounded, generators
 from tripods import SIZE, far_off
 
 from data_tools.synthetic.clips import background_matches, labelled
+from data_tools.synthetic.film import Scene, film
+from data_tools.synthetic.paths import camera_path, flight
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.images.background.background_motion import background_motion, mapped, plane_motion
+from fieldcalib.io.samples import TrueFrame
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.sequence.sequence_problem import SHARED_IN_MOTION
@@ -26,8 +29,6 @@ from fieldcalib.solve.sequence.tripod_position import (
     expected_centres,
     on_path,
 )
-from fieldcalib.synthetic.film import Scene, TrueFrame, film
-from fieldcalib.synthetic.paths import camera_path, flight
 
 FIELD = soccer(size_known=True)
 COUNT = 61

@@ -14,16 +14,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fieldcalib._types import Array, Float32
-from fieldcalib.draw.scene import to_uint8
-from fieldcalib.fields.field import Field
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import write_text
-from fieldcalib.io.image import Image
-from fieldcalib.io.soccernet import camera_from_record, camera_to_record
-from fieldcalib.io.videos import VideoWriter
-from fieldcalib.synthetic.colours import BOARD_SCALE, boards_texture
-from fieldcalib.synthetic.objects import (
+from data_tools.synthetic.colours import BOARD_SCALE, boards_texture
+from data_tools.synthetic.objects import (
     NEAREST,
     TEAM_SHARES,
     Drawable,
@@ -36,9 +28,18 @@ from fieldcalib.synthetic.objects import (
     random_suns,
     soccer_goals,
 )
-from fieldcalib.synthetic.paths import RATE, MeasuredZoom, camera_between, camera_path, flight, seen_far_away
-from fieldcalib.synthetic.pictures import add_graphics
-from fieldcalib.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
+from data_tools.synthetic.paths import RATE, MeasuredZoom, camera_between, camera_path, flight, seen_far_away
+from data_tools.synthetic.pictures import add_graphics
+from data_tools.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
+from fieldcalib._types import Array, Float32
+from fieldcalib.draw.scene import to_uint8
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.files import write_text
+from fieldcalib.io.image import Image
+from fieldcalib.io.samples import TRUTH, TrueFrame
+from fieldcalib.io.soccernet import camera_to_record
+from fieldcalib.io.videos import VideoWriter
 
 CLIP_SIZE = (960, 540)
 LEAST_PATH = 150  # frames: shorter clips are parts of a path of this length, which covers all its ranges
@@ -62,16 +63,6 @@ STRIDE, SWING = 0.28, 0.25  # of the height, at full stride, see `Person`
 
 # Parts of a scene that are drawn independently of each other
 CAMERAS, LIGHT, GROUND, STANDS, GOALS, PEOPLE, GRAPHICS, BOARDS, NOISE, PAINTED = range(10)
-
-
-@dataclass(frozen=True, eq=False)
-class TrueFrame:
-    """The camera of a frame of a clip."""
-
-    camera: Camera
-    shot: int
-    tripod: int
-    """0 is the main camera, 1 the one beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +146,7 @@ def clip_frames(
 ) -> list[TrueFrame]:
     """The cameras of a clip with `cuts` between the main camera and one beside it; both keep moving all the time.
 
-    The main camera may fly along the side line (`fieldcalib.synthetic.paths.flight`).
+    The main camera may fly along the side line (`data_tools.synthetic.paths.flight`).
 
     Examples
     --------
@@ -241,14 +232,14 @@ def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
     with VideoWriter(path, scene.rate) as video:
         for image in film(scene, frames):
             video.write(image)
-    write_text(path.with_suffix(".jsonl"), cameras_as_text(scene, frames))
+    write_text(path.with_suffix(TRUTH), cameras_as_text(scene, frames))
 
 
 def cameras_as_text(scene: Scene, frames: Sequence[TrueFrame]) -> str:
     """The cameras of a clip, one a line.
 
     Each line is a camera as SoccerNet writes it (`fieldcalib.io.soccernet`), with the keys `frame`, `shot`, `tripod`,
-    `image_size`, and the size of the field in metres, `field`.
+    `image_size`, and the size of the field in metres, `field`; `fieldcalib.io.samples.read_cameras` reads them.
     """
     size = {"field": [scene.field.length, scene.field.width]}
     lines = []
@@ -256,15 +247,6 @@ def cameras_as_text(scene: Scene, frames: Sequence[TrueFrame]) -> str:
         of_frame = {"frame": index, "shot": frame.shot, "tripod": frame.tripod, "image_size": frame.camera.image_size}
         lines.append(json.dumps({**of_frame, **size, **camera_to_record(frame.camera)}) + "\n")
     return "".join(lines)
-
-
-def read_cameras(path: Path) -> list[TrueFrame]:
-    """The cameras in a file that `write_clip` wrote."""
-    records = [json.loads(line) for line in path.read_text().splitlines()]
-    return [
-        TrueFrame(camera_from_record(record, (*record["image_size"],)), record["shot"], record["tripod"])
-        for record in records
-    ]
 
 
 def _image_motion(a: Camera, b: Camera) -> float:

@@ -17,14 +17,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from fieldcalib._types import BoolArray, Float32
-from fieldcalib.draw.ground import Ground, mix, painted, rays
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
-from fieldcalib.fields.sports.soccer import LINE_WIDTH as WIDEST
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.synthetic.colours import (
+from data_tools.synthetic.colours import (
     BOARD_SCALE,
     STAND_HEIGHT,
     STAND_SCALE,
@@ -35,6 +28,13 @@ from fieldcalib.synthetic.colours import (
     stand_texture,
     wrapped,
 )
+from fieldcalib._types import BoolArray, Float32
+from fieldcalib.draw.ground import Ground, mix, painted, rays
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
+from fieldcalib.fields.sports.soccer import LINE_WIDTH as WIDEST
+from fieldcalib.geometry.camera import Camera
 
 LINE_WIDTH = (0.08, 0.12)  # m, where the field's lines are as wide as the law allows
 RUN_OFF = (1.5, 9.0)  # m of grass around the field

@@ -1,7 +1,7 @@
 """Paths of the cameras of synthetic clips: an operator pans and zooms on a tripod, or the camera flies.
 
 Zoom, principal point and lens are those of a measured camera, frame by frame, or follow a random law whose coefficients
-are in the ranges of the measured ones; pan and tilt move as an operator moves them. `fieldcalib.synthetic.film` makes
+are in the ranges of the measured ones; pan and tilt move as an operator moves them. `data_tools.synthetic.film` makes
 pictures of a path.
 """
 
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from data_tools.synthetic.colours import Range
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
@@ -20,7 +21,6 @@ from fieldcalib.geometry.lens.model import POWERS
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.solve.solver_options import paint_sigma
-from fieldcalib.synthetic.colours import Range
 
 SIZE = (1920, 1080)  # of the measured cameras
 RATE = 30.0  # frames per second

@@ -1,14 +1,16 @@
-"""fieldcalib.synthetic.film: the scene stands still in the world while cameras turn, players run and boards change."""
+"""data_tools.synthetic.film: the scene stands still in the world while cameras turn, players run and boards change."""
 
 import cv2
 import numpy as np
 import pytest
 
+import fieldcalib
 from data_tools.synthetic.__main__ import main
+from data_tools.synthetic.film import BESIDE, Scene, _boards, _warp_maps, clip_frames, exposed, film
+from data_tools.synthetic.paths import camera_path
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.io.samples import read_cameras
 from fieldcalib.io.videos import VideoReader
-from fieldcalib.synthetic.film import BESIDE, Scene, _boards, _warp_maps, clip_frames, exposed, film, read_cameras
-from fieldcalib.synthetic.paths import camera_path
 
 SIZE = (384, 216)
 SEED = 4  # a ground whose stripes and stands can be seen
@@ -142,3 +144,16 @@ def test_a_clip_is_written_with_its_cameras(tmp_path):
         assert (frame.shot, frame.tripod) == (truth.shot, truth.tripod)
         X = [[0.0, 0.0, 0.0], [20.0, -30.0, 0.0]]
         np.testing.assert_allclose(frame.camera.project(X), truth.camera.project(X), atol=1e-6)
+
+
+def test_the_samples_are_what_is_rendered(tmp_path, monkeypatch):
+    monkeypatch.setattr("data_tools.synthetic.samples.STRETCHES", ((0, 1), (60, 61)))
+    assert main(["--samples", str(tmp_path)]) == 0
+    shipped = fieldcalib.sample("clip").parent
+    pictures = [cv2.imread(str(folder / "picture.png")).astype(float) for folder in (shipped, tmp_path)]
+    assert np.mean(np.abs(np.subtract(*pictures))) < 0.5  # floats of another machine round otherwise
+    truths, rendered = (read_cameras(folder / "clip.jsonl") for folder in (shipped, tmp_path))
+    for truth, again in zip((truths[0], truths[30]), rendered, strict=True):
+        np.testing.assert_allclose(truth.camera.P, again.camera.P, rtol=1e-9, atol=1e-9)
+    players = [(folder / "players.csv").read_text().splitlines() for folder in (shipped, tmp_path)]
+    assert set(players[1][:10]) <= set(players[0])

@@ -7,9 +7,9 @@ import string
 import cv2
 import numpy as np
 
+from data_tools.synthetic.colours import vivid_colour
 from fieldcalib._types import BoolArray
 from fieldcalib.io.image import Image
-from fieldcalib.synthetic.colours import vivid_colour
 
 FONT = cv2.FONT_HERSHEY_DUPLEX
 

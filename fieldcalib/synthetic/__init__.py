@@ -1,6 +1,0 @@
-"""Synthetic clips of soccer with true cameras: paths of cameras, the pictures of a stadium, and samples to try."""
-
-import lazy_loader
-
-# The names are listed in __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
