@@ -26,6 +26,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import LEVEL
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import FisheyeLens
@@ -106,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     files = camera_files(options.cameras)
-    field = soccer(size_known=True)  # the field of the synthetic pixels
+    field = soccer(size_known=True).with_ground(LEVEL)  # the field of the synthetic pixels
     pairs = with_simulated_pixels([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():
         found = calibrate_batch(field, [frame for _, frame in pairs], SIZE, flags=flags)

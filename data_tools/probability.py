@@ -48,6 +48,7 @@ from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import LEVEL
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
@@ -166,7 +167,7 @@ def risk_coverage_area(score: Array, risk: Array) -> float:
 
 def fit(options: argparse.Namespace) -> int:
     """Print coefficients, and their reliability on other frames."""
-    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True)
+    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True, ground=LEVEL)
 
     def judged_frames(coefficients: Array) -> tuple[list[Calibration], Array]:
         b0, b1, b2, b3, b4 = coefficients.tolist()
@@ -185,7 +186,7 @@ def fit(options: argparse.Namespace) -> int:
 
 def verdicts(options: argparse.Namespace) -> int:
     """Print verdicts on cameras that are right, wrong and very wrong."""
-    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True)
+    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True, ground=LEVEL)
     frames = [random_frame(field, rng) for _ in range(options.frames)]
     for prior in ("all", None):
         counts: dict[str, Counter[str]] = {name: Counter() for name in ("right", "wrong", "very wrong")}
@@ -223,7 +224,8 @@ def sizes(options: argparse.Namespace) -> int:
 
 def measured(options: argparse.Namespace) -> int:
     """Print the reliability on measured cameras, for frames with random parts of the labels in view."""
-    field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # the field of the pixels
+    field = soccer(size_known=True).with_ground(LEVEL)  # the field of the pixels
+    rng = np.random.default_rng(options.seed)
     cameras = [read_camera(path) for path in camera_files(options.cameras)]
     pairs = with_simulated_pixels(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
@@ -234,7 +236,7 @@ def measured(options: argparse.Namespace) -> int:
 def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
     # all labels and few are calibrated on a pitch of the same size
-    field, rng, size = soccer(size_known=True), np.random.default_rng(options.seed), options.size
+    field, rng, size = soccer(size_known=True).with_ground(LEVEL), np.random.default_rng(options.seed), options.size
     frames = list(read_frames([options.annotations], field, size).values())
     found = calibrate_batch(field, frames, size)
     parts, truths = [], []

@@ -27,6 +27,7 @@ from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
+from fieldcalib.fields.ground import LEVEL
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import BACK
@@ -81,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
             for one, truth, basis in zip(found, cameras, found.basis, strict=True)
             if one.accepted
         ]
-        single = calibrate_batch(soccer(size_known=True), frames, SIZE)
+        single = calibrate_batch(soccer(size_known=True).with_ground(LEVEL), frames, SIZE)
         alone += [compared(one, truth, field, "one by one") for one, truth in zip(single, cameras, strict=True) if one]
         if found.field is not None:
             sizes.append(np.abs([found.field.length - field.length, found.field.width - field.width]))

@@ -115,7 +115,7 @@ def by_parameters(projection: Projection, field: Field | None) -> Array:
     """Motion of the markings in view as derivatives (B, 2, n) by all parameters: 0 except by length and width."""
     layout = projection.layout
     moved = np.zeros((len(projection.theta), 2, layout.size))
-    if field is not None and layout.field_size is not None:
+    if field is not None and layout.is_sized:
         moved[:, :, layout.field_size_block] = motion_in_view(projection, field)
     return moved
 

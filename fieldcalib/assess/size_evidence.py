@@ -30,7 +30,7 @@ LEAST_ROOM = 1.0  # m: the given size is always possible, even if it is illegal
 
 @dataclass(frozen=True, eq=False)
 class SizeEvidence:
-    """Estimates of c quantities from one frame: length and width of its field and, if c is 3, its crown."""
+    """Estimates of c quantities from one frame: length and width of its field, or these and its crown, or its crown."""
 
     offset: Array
     """Fitted quantities minus the given ones, (c,) metres."""
@@ -91,7 +91,8 @@ class SizeEvidence:
         offset = -inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
         with_wrong = np.array([*((1.0 - WRONG) * weights), WRONG])
-        found = possible_values(offset, V, with_wrong, np.concatenate([sigmas, FAR_OFF[None, :count]]))
+        far_off = FAR_OFF[:count] if count > 1 else FAR_OFF[2:]
+        found = possible_values(offset, V, with_wrong, np.concatenate([sigmas, far_off[None]]))
         means, moments = found.means.copy(), found.moments
         means[-1], moments[-1] = 0.0, np.diag(weights @ np.square(sigmas))  # wrong labels: the prior moments
         posterior = np.exp(found.log - np.max(found.log))

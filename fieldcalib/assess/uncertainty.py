@@ -90,8 +90,8 @@ class Uncertainty(Estimate):
     """The size of the field as estimated from this frame on level ground; None if the size is exact, or known with a
     covariance."""
     with_crown: SizeEvidence | None
-    """Size and crown of the field as estimated from this frame; None if all such fields are level, or `size` is
-    None."""
+    """Size and crown of the field as estimated from this frame, its crown alone if the size is exact; None if all such
+    fields are level, or the ground is known, with a covariance or exactly."""
     offsets: Mapping[str, tuple[float, float]]
     """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
     standard deviation."""
@@ -108,8 +108,8 @@ class Uncertainty(Estimate):
     @property
     def if_level(self) -> Uncertainty:
         """The estimate with its errors if the field were known to be level."""
-        if self.size is not None:
-            return self if self.with_crown is None else replace(self, with_crown=None)
+        if self.with_crown is not None:
+            return replace(self, with_crown=None)
         problem = self.problem
         if problem.considered is None or not np.any(problem.layout.is_crown):
             return self
@@ -380,26 +380,25 @@ def _off_given(
 
 def _prior_moment(problem: Problem) -> Array:
     """Covariance (c, c) of the considered parameters a priori."""
-    layout = problem.layout
-    if problem.considered is not None or layout.field_size is None:
-        return np.zeros((0, 0)) if problem.considered is None else problem.considered
-    probability, sigma = layout.field_size.possibilities_with_crown
-    index = np.flatnonzero(layout.considered) - layout.field_size_block.start
-    return np.diag(probability @ np.square(sigma[:, index]))
+    return problem.layout.prior_moment if problem.considered is None else problem.considered
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
     """Size of the field estimated from each frame, on level ground and together with the crown."""
     layout, size, B = problem.layout, problem.layout.field_size, len(problem)
-    if size is None or problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
-        return [None] * B, [None] * B  # the size is exact, known with a covariance, or estimated
-    room = size.limits - size.given
+    nothing: list[SizeEvidence | None] = [None] * B
+    if size is None or problem.considered is not None or np.any(layout.free[layout.field_size_block]):
+        return nothing, nothing  # size and crown are exact, known with a covariance, or estimated
 
-    def about(c: int, prior: tuple[Array, Array]) -> list[SizeEvidence | None]:
+    def about(c: int, prior: tuple[Array, Array], room: Array | None) -> list[SizeEvidence | None]:
         some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
         return [SizeEvidence.of(*one, prior, room) for one in some]
 
-    return about(2, size.possibilities), about(3, size.possibilities_with_crown) if size.crown else [None] * B
+    probability, sigma = size.possibilities_with_crown
+    if size.is_known:
+        return nothing, about(1, (probability, sigma[:, 2:]), None)
+    room = size.limits - size.given
+    return about(2, size.possibilities, room), about(3, (probability, sigma), room) if size.crown else nothing
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

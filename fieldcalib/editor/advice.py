@@ -112,7 +112,7 @@ def next_mark(
     if not len(J) or not len(places.frame) or not np.all(np.isfinite(V)):
         return None
     layout, theta = estimate.layout, estimate.theta
-    observations = Observations.of(field, places, layout.image_size, field.motion if layout.field_size else None)
+    observations = Observations.of(field, places, layout.image_size, field.motion if layout.is_sized else None)
     seen = evaluate(Problem(observations, layout, RobustLoss("linear", 1.0)), theta[None])
     by_mark = seen.derivatives(np.ones(layout.size, dtype=bool))[0].T  # (M, n)
     G = J.reshape(-1, layout.size)

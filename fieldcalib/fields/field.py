@@ -28,7 +28,7 @@ from fieldcalib._types import Array
 from fieldcalib.fields.ground import LEVEL, Ground, Terrain
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
-from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import SURFACES, UNPAINTED, Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
 
 WIDTH = 480  # px
@@ -116,7 +116,9 @@ class Field(Mapping[str, Segment]):
         Gives the probability that a camera is right; None where it was not fitted to such fields.
     ground : Ground, optional
         The ground, if it is known. None where it is not: it is taken to be level, and an estimate from frames, or the
-        uncertainty that `size_model` states, replaces what is not known.
+        uncertainty that `crown` states, replaces what is not known.
+    crown : Crown, optional
+        How many of such fields are crowned, and how high; None where all are level.
     repeats : float, optional
         Metres along x after which markings look alike, as yard lines do: 4.572 on a field of American football.
 
@@ -160,6 +162,7 @@ class Field(Mapping[str, Segment]):
     probability: ProbabilityModel | None = field(default=None, repr=False)
     repeats: float | None = field(default=None, repr=False)
     ground: Ground | None = field(default=None, repr=False)
+    crown: Crown | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self._check_types()

@@ -70,6 +70,7 @@ def whole_record(field: Field) -> dict[str, Any]:
         "size_model": None if model is None or builder is None else {**asdict(model), **builder},
         "probability": None if field.probability is None else list(field.probability.coefficients),
         "repeats": field.repeats,
+        "crown": field.crown and asdict(field.crown),
     }
 
 
@@ -251,8 +252,7 @@ def _size_model(record: Any) -> SizePrior:
     ranges = {name: tuple(tuple(pair) for pair in record[name]) for name in ("legal", "usual") if name in record}
     build = _builder(record.get("build"), record)
     own = {name: value for name, value in record.items() if name not in _parameters(build)}
-    crown = record.get("crown")
-    return _from_attributes(SizePrior, {**own, **ranges, "build": build, "crown": crown and Crown(*crown)})
+    return _from_attributes(SizePrior, {**own, **ranges, "build": build})
 
 
 def _probability(coefficients: Any) -> ProbabilityModel:
@@ -277,4 +277,5 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "probability": partial(_or_none, _probability),
     "repeats": partial(_or_none, _number),
     "ground": partial(_or_none, partial(_from_attributes, Ground)),
+    "crown": partial(_or_none, partial(_from_attributes, Crown)),
 }

@@ -127,13 +127,24 @@ class Paint:
 UNPAINTED = Paint(width=0.0)
 
 
-class Crown(NamedTuple):
-    """Distribution of the height of the middle above the touchlines (`fieldcalib.fields.traits`)."""
+@dataclass(frozen=True)
+class Crown:
+    """Distribution of the height of the middle above the touchlines.
+
+    Raises
+    ------
+    ValueError
+        If the share is no probability, or the height is not positive.
+    """
 
     share: float
     """Share of the fields that are crowned; the others are level."""
     height: float
     """Root mean square height of these, metres."""
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.share <= 1.0 and 0.0 < self.height < np.inf):
+            raise ValueError(f"expected a share of 0 to 1 and a positive height in metres for a crown, got {self}")
 
     @property
     def possibilities(self) -> tuple[Array, Array]:
@@ -172,8 +183,6 @@ class SizePrior:
     legal ranges: the tails are heavy."""
     rules: str = "the rules"
     """Source of the legal sizes, for messages."""
-    crown: Crown | None = None
-    """Height of the middle above the touchlines; None where all fields are level."""
 
     def __post_init__(self) -> None:
         for what in ("legal", "usual"):

@@ -4,8 +4,8 @@
 
 Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
 principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
-object is a field of variable size, its length and width in metres, and its crown, the height of its middle above the
-touchlines (`fieldcalib.fields.ground`). Parameters that are not estimated stay in theta at their known values.
+object is a field whose size or ground is not known, its length and width in metres, and its crown, the height of its
+middle above the touchlines (`fieldcalib.fields.ground`). Parameters that are not estimated stay at their known values.
 
 Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection is
 not on the axes about which it turns. With u = log f - reference and the zoom law (m_x, m_y, l, q, o), the camera of a
@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
@@ -92,6 +93,20 @@ class SizeBlock(NamedTuple):
     height: float = 0.0
     """Crown of the field that observations are packed for, metres."""
 
+    @classmethod
+    def of(cls, field: Field) -> SizeBlock | None:
+        """Size and crown of a field as parameters, with what is known of such fields; None if all of them are known."""
+        given, crown = np.array([field.length, field.width]), field.crown if field.ground is None else None
+        if field.size_model is not None and field.moves_with_size and not field.size_known:
+            model = field.size_model
+            return cls(given, model.sigma, model.limits, model.possibilities, crown)
+        return None if crown is None else cls(given, np.ones(2), np.array([given, given]), crown=crown)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether length and width are exact, and only the crown is not."""
+        return bool(np.all(self.limits == self.given))
+
     @property
     def possibilities_with_crown(self) -> tuple[Array, Array]:
         """`possibilities` of length, width and crown: probabilities (2 K,) and sigmas (2 K, 3), level fields first."""
@@ -152,10 +167,12 @@ class Layout:
         """A layout with all parameters estimated for each frame, and a crown considered; the default lens is radial."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
         roles = np.full(len(_names(lens, field_size, zoom_law)), Role.FRAME)
-        if field_size is not None and field_size.crown is not None:
-            roles[-1] = Role.CONSIDERED
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
-        return cls(image_size, lens, roles, field_size, zoom_law)
+        layout = cls(image_size, lens, roles, field_size, zoom_law)
+        roles[layout.crown_block] = Role.CONSIDERED
+        if field_size is not None and field_size.is_known:
+            roles[layout.field_size_block] = Role.FIXED
+        return layout
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -230,6 +247,20 @@ class Layout:
     def is_lens(self) -> BoolArray:
         """Mask of the lens, (n,)."""
         return self._mask(self.lens_block)
+
+    @property
+    def is_sized(self) -> bool:
+        """Whether length or width of the field are uncertain."""
+        return bool(np.any(self.roles[self.field_size_block] != Role.FIXED))
+
+    @property
+    def prior_moment(self) -> Array:
+        """Covariance (c, c) of considered length, width and crown a priori."""
+        index = np.flatnonzero(self.considered) - self.field_size_block.start
+        if self.field_size is None or not len(index):
+            return np.zeros((0, 0))
+        probability, sigma = self.field_size.possibilities_with_crown
+        return np.diag(probability @ np.square(sigma[:, index]))
 
     @cached_property
     def is_crown(self) -> BoolArray:

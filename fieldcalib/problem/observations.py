@@ -209,7 +209,9 @@ class Observations:
 
     @cached_property
     def motion_of_residuals(self) -> Array:
-        """Derivatives of the segment of each residual by the field's size, (T, M, 3, 2)."""
+        """Derivatives of the segment of each residual by the field's size, (T, M, 3, 2); 0 if that is known."""
+        if self.motion is None:
+            return np.zeros((*self.label.shape, 3, 2))
         return self._by_residual(self.motion_of_rows)
 
     def closest_points(self, view: View) -> ClosestPoints:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,7 +183,7 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
         if size is None
         else {
             **{name: to_json(one) for name, one in zip(SIZES, (*size[:3], *size.possibilities), strict=True)},
-            "crown": None if size.crown is None else size.crown._asdict(),
+            "crown": size.crown and asdict(size.crown),
             "height": to_json(size.height),
         },
     }

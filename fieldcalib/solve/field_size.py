@@ -220,9 +220,9 @@ class FieldSize:
 
         They are clipped to the legal sizes.
         """
-        assert self.field.size_model is not None  # the size was estimated under it
         size, half = np.array([self.length, self.width]), DEVIATIONS * self.std_deviations
-        return np.asarray(np.clip([size - half, size + half], *self.field.size_model.limits))
+        limits = (-np.inf, np.inf) if self.field.size_model is None else self.field.size_model.limits
+        return np.asarray(np.clip([size - half, size + half], *limits))
 
     def __str__(self) -> str:
         """Sizes and where they come from, in words."""
@@ -234,6 +234,8 @@ class FieldSize:
 
 
 def _in_words(name: str, metres: float, deviation: float, share: float) -> str:
+    if not deviation:
+        return f"{name}: {metres:.2f} m"
     if share < SILENT:
         return f"{name}: the labels say nothing, {metres:.1f} ± {deviation:.1f} m is from the prior"
     origin = "from the labels" if share >= MOSTLY else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
@@ -262,7 +264,8 @@ def estimate_field_size(
     Parameters
     ----------
     field : Field
-        The pitch as `soccer` makes it, of the most likely size; or another field with a `size_model`.
+        The pitch as `soccer` makes it, of the most likely size; or another field with a `size_model`. Of a field of
+        exact size, as `american_football` makes it, the crown alone is estimated.
     frames : sequence of mappings of str to (N, 2) array_like
         Pixels of one or several frames of the same pitch.
     image_size : (int, int)
@@ -278,7 +281,8 @@ def estimate_field_size(
     Raises
     ------
     ValueError
-        If it is unknown how the segments of the field move with its size, or the size is illegal; otherwise as in
+        If it is unknown how the segments of the field move with its size, and it has no crown to be estimated, or the
+        size is illegal; otherwise as in
         `calibrate_batch`.
 
     References
@@ -302,12 +306,13 @@ def estimate_field_size(
     length: the labels say nothing, 105.0 ± 2.6 m is from the prior
     """
     size_prior = _checked_prior(field)
+    is_known = field.size_known or size_prior.is_known
 
     def calibrated(pitch: Field, *, size_known: bool = True) -> list[Calibration]:
         on = replace(pitch, size_known=size_known)
         return calibrate_batch(on, frames, image_size, flags=flags, prior=prior, tau=tau)
 
-    pitch = given = field.resized(field.length, field.width)
+    pitch = given = field if size_prior.is_known else field.resized(field.length, field.width)
     calibrations = calibrated(pitch)
     for _ in range(ROUNDS):
         # if none is accepted, a wrong size may be the reason
@@ -325,7 +330,7 @@ def estimate_field_size(
     if not accepted and pitch is not given:
         pitch, calibrations = given, calibrated(given)
     covariance, from_labels, crown = _uncertainty(accepted, size_prior)
-    if prior is not None and not field.size_known:  # without a prior nothing is known of a size that labels leave open
+    if prior is not None and not is_known:  # without a prior nothing is known of a size that labels leave open
         calibrations = [_of_size(one, covariance) for one in calibrated(pitch, size_known=False)]
     return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
 
@@ -352,9 +357,15 @@ def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
 
 
 def _checked_prior(field: Field) -> SizeBlock:
-    """Prior of length and width around those of a field of legal size, whose segments must move with its size."""
+    """Prior of length and width around those of a field of legal size, whose segments must move with its size.
+
+    Of a field of exact size only the crown is unknown.
+    """
     if not isinstance(field, Field):
         raise ValueError(f"expected a field as soccer(length, width) makes it, got {type(field).__name__}")
+    exact = SizeBlock.of(field) if field.size_model is None else None
+    if exact is not None:
+        return exact
     sizes = field.resized(field.length, field.width).size_model
     assert sizes is not None  # else it cannot be resized
     size, (low, high) = np.array([field.length, field.width]), sizes.limits
@@ -364,7 +375,7 @@ def _checked_prior(field: Field) -> SizeBlock:
             f"is to be estimated, got {field.length:g} x {field.width:g}; give a likely size in metres, the touchline "
             f"first"
         )
-    return SizeBlock(size, sizes.sigma, sizes.limits, crown=sizes.crown if field.ground is None else None)
+    return SizeBlock(size, sizes.sigma, sizes.limits, crown=field.crown if field.ground is None else None)
 
 
 def _of_size(calibration: Calibration, covariance: Array) -> Calibration:
@@ -403,20 +414,22 @@ def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock, crown: Ro
     parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
     assert pitch is not None
-    cameras = problem.layout.size
     block = size_prior._replace(given=np.array([pitch.length, pitch.width]), height=pitch.terrain.crown)
     layout = Layout.of(problem.layout.image_size, problem.layout.lens, block)
-    known = [Role.SHARED, Role.SHARED, *([crown] if block.crown is not None else [])]
-    layout = replace(layout, roles=np.append(problem.layout.roles, known))
+    cameras = layout.field_size_block.start
+    size_role = Role.FIXED if block.is_known else Role.SHARED
+    known = [size_role, size_role, *([crown] if block.crown is not None else [])]
+    layout = replace(layout, roles=np.append(problem.layout.roles[:cameras], known))
     mean, sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
     for t, part in enumerate(parts):
         if part.problem.prior is not None:
-            mean[t, :cameras], sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
+            mean[t, :cameras] = part.problem.prior.mean[0, :cameras]
+            sigma[t, :cameras] = part.problem.prior.sigma[0, :cameras]
     mean[:, layout.field_size_block], sigma[:, layout.field_size_block] = size_prior.given, size_prior.sigma
     if block.crown is not None:
         sigma[:, layout.crown_block] = block.crown.height
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
-    own = np.concatenate([part.theta for part in parts])
+    own = np.concatenate([part.theta[:, :cameras] for part in parts])
     size = [*block.given, *([block.height] if block.crown is not None else [])]
     theta = np.concatenate([own, np.tile(size, (count, 1))], axis=1)
     like = replace(problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=None)
@@ -441,8 +454,8 @@ class _MostLikely(NamedTuple):
 def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: Field) -> _MostLikely:
     """The pitch of least cost: on level ground, or on crowned ground where the calibrations determine that."""
     found = _solved(calibrations, size_prior, field, _role(calibrations))
-    if _role(calibrations) == Role.SHARED or found.crown is None or not found.crown.is_raised:
-        return found
+    if _role(calibrations) == Role.SHARED or found.crown is None or found.crown.height < found.crown.sigma:
+        return found  # to first order; lines that bend on level ground look noisy, and make the crown less certain
     raised = _solved(calibrations, size_prior, field, Role.SHARED)
     return raised if raised.crown is not None and raised.crown.is_determined else found
 
@@ -459,7 +472,7 @@ def _solved(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: F
     start = _joint(calibrations, size_prior, crown)
     found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
     layout, theta = found.problem.layout, found.theta[0]
-    pitch = field.resized(*theta[layout.field_size_block].tolist())
+    pitch = field if size_prior.is_known else field.resized(*theta[layout.field_size_block].tolist())
     height = float(np.sum(theta[layout.crown_block]))
     pitch = pitch.with_ground(Ground(height)) if crown == Role.SHARED and height else pitch
     return _MostLikely(pitch, crown_of(_system(calibrations, found), layout, theta))
@@ -482,6 +495,8 @@ def _uncertainty(
     joint = _joint(calibrations, size_prior, role)
     layout, system = joint.problem.layout, _system(calibrations, joint)
     crown = crown_of(system, layout, joint.theta[0]) if role == Role.SHARED else None
+    if size_prior.is_known:
+        return np.zeros((2, 2)), np.ones(2), crown
     system = system.take(np.arange(2 if crown is None else 3))
     share = np.maximum(1.0 - np.diagonal(system.inverse)[:2] / size_prior.sigma**2, 0.0)  # below 0 by rounding
     return system.white_covariance[:2, :2], share, crown

@@ -222,14 +222,8 @@ class Task:
 
     @property
     def _size_block(self) -> SizeBlock | None:
-        """Length and width as parameters, if they are unknown and have a prior; else None."""
-        field = self.field
-        model = field.size_model if field is not None and field.moves_with_size else None
-        if field is None or model is None or self.prior is None or field.size_known:
-            return None
-        given = np.array([field.length, field.width])
-        crown = model.crown if field.ground is None else None
-        return SizeBlock(given, model.sigma, model.limits, model.possibilities, crown)
+        """Size and crown of the field as parameters, where they are unknown and have a prior; else None."""
+        return None if self.field is None or self.prior is None else SizeBlock.of(self.field)
 
 
 def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
@@ -313,6 +307,8 @@ def _layout(
     else:
         estimated = freed & {*COEFFICIENTS} - {"k4"}  # which is estimated of a fisheye lens alone
         lens = lens_with({"k1", *estimated, *nonzero_coefficients(dist_coeffs)}, rho)
-    layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
+    layout = Layout.of(image_size, lens, size)
+    if layout.is_sized:
+        layout = layout.with_roles(Role.CONSIDERED, "field size")
     known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
     return layout.fixed(*(block for block in known if block in layout.blocks))

@@ -181,8 +181,8 @@ class Options:
 
     @property
     def motion(self) -> Array | None:
-        """Motion of the segments with the size of the field (`Field.motion`); None if the size is not a parameter."""
-        return None if self.field is None or self.layout.field_size is None else self.field.motion
+        """Motion of the segments with the size of the field (`Field.motion`); None if the size is known."""
+        return self.field.motion if self.field is not None and self.layout.is_sized else None
 
     @cached_property
     def stands(self) -> GaussianPrior:

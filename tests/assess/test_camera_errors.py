@@ -21,7 +21,7 @@ LAW = ZoomLaw(np.log(1400.0))
 SIZE_BLOCK = SizeBlock(np.array([105.0, 68.0]), np.array([3.0, 3.0]), np.array([[90.0, 45.0], [120.0, 90.0]]))
 LAYOUT = Layout.of(SIZE, zoom_law=LAW)
 WITH_SIZE = Layout.of(SIZE, field_size=SIZE_BLOCK, zoom_law=LAW)
-CROWNED = Layout.of(SIZE, field_size=SIZE_BLOCK._replace(crown=soccer().size_model.crown), zoom_law=LAW)
+CROWNED = Layout.of(SIZE, field_size=SIZE_BLOCK._replace(crown=soccer().crown), zoom_law=LAW)
 FIELD = soccer()
 # pan, tilt, roll, log f, centre, principal point, log aspect, a1, b2, zoom law, size
 STEPS = np.array([1e-6] * 3 + [1e-6] + [1e-4] * 3 + [1e-3] * 2 + [1e-6] * 3 + [1e-3] * 2 + [1e-5] * 2 + [1e-4])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import norm
 from strategies import cameras, numbers
 
 from data_tools.crown import crowned
@@ -17,8 +18,10 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields import Ground, rugby_union
+from fieldcalib.assess.size_evidence import SizeEvidence
+from fieldcalib.fields import Ground, american_football, field_hockey, rugby_union, tennis
 from fieldcalib.fields.records import field_from_record, whole_record
+from fieldcalib.fields.traits import GRASS
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock
 from fieldcalib.problem.losses import RobustLoss
@@ -30,7 +33,7 @@ from fieldcalib.solve.field_size import estimate_field_size
 SIZE = (960, 540)
 FIELD = soccer()
 MODEL = FIELD.size_model
-BLOCK = SizeBlock(np.array([105.0, 68.0]), MODEL.sigma, MODEL.limits, MODEL.possibilities, MODEL.crown)
+BLOCK = SizeBlock(np.array([105.0, 68.0]), MODEL.sigma, MODEL.limits, MODEL.possibilities, FIELD.crown)
 LOW = 1e-4  # m: a crown that is so low acts to first order
 
 high_cameras = cameras(lens=True, stands=("main tribune",)).filter(lambda camera: camera.C[2] < -8.0)
@@ -76,10 +79,6 @@ def test_the_crown_of_a_single_frame_is_considered():
     assert layout.names[-3:] == ("length", "width", "crown")
     assert np.array(layout.names)[layout.considered].tolist() == ["crown"]
     assert not np.any(layout.free[layout.crown_block])
-    assert soccer(size_known=True).size_model.crown is not None  # and yet a field that is known is level:
-    frame = {"Side line top": [(10.0, 100.0), (900.0, 110.0)], "Middle line": [(400.0, 100.0), (300.0, 500.0)]}
-    found = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
-    assert not np.any(found.uncertainty.layout.is_crown)
 
 
 def test_layouts_and_fields_keep_their_crown_in_records():
@@ -87,10 +86,11 @@ def test_layouts_and_fields_keep_their_crown_in_records():
     record = json.loads(json.dumps(layout_to_record(layout)))
     back = layout_from_record(record)
     assert back.names == layout.names
-    assert back.field_size.crown == MODEL.crown
+    assert back.field_size.crown == FIELD.crown
     del record["field_size"]["crown"], record["roles"][-1]
     assert layout_from_record(record).names == layout.names[:-1]  # files of before: level
-    assert field_from_record(json.loads(json.dumps(whole_record(FIELD)))).size_model == MODEL
+    field = field_from_record(json.loads(json.dumps(whole_record(FIELD))))
+    assert (field.size_model, field.crown) == (MODEL, FIELD.crown)
 
 
 @given(st.integers(1, 4), st.data())
@@ -140,12 +140,44 @@ def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
     assert back == found
 
 
-def test_a_field_of_rugby_is_crowned_like_a_pitch():
-    found, path = clip(0.3, rugby_union())
+@pytest.mark.parametrize("field", [rugby_union(), american_football(), field_hockey()])
+def test_fields_of_other_sports_are_crowned_like_a_pitch(field):
+    found, path = clip(0.3, field)
     height, sigma = found.shared["crown"]
     assert abs(height - 0.3) < 4.0 * sigma < 0.12
+    assert (found.field.size_model is None) == ("length" not in found.shared)
     pairs = zip(found, path, strict=True)
-    assert max(largest_true_error(one.camera, true, one.field, rugby_union(), crown=0.3) for one, true in pairs) < 0.5
+    assert max(largest_true_error(one.camera, true, one.field, field, crown=0.3) for one, true in pairs) < 0.5
+
+
+def test_frames_of_a_field_of_exact_size_tell_its_crown():
+    field = american_football()
+    frames = labelled_path(0.4, every=20, seed=5, field=field)[0]
+    found = estimate_field_size(field, frames, SIZE)
+    assert abs(found.crown.height - 0.4) < 0.03
+    assert (found.field.ground.crown, found.length, found.width) == (found.crown.height, field.length, field.width)
+    np.testing.assert_array_equal(found.interval, [[field.length, field.width]] * 2)
+    assert str(found) == (f"length: {field.length:.2f} m; width: {field.width:.2f} m; crown: 0.39 ± 0.01 m")
+    assert estimate_field_size(field, labelled_path(0.0, every=20, seed=5, field=field)[0], SIZE).field == field
+    with pytest.raises(ValueError, match="expected a field"):
+        estimate_field_size(tennis(), frames, SIZE)
+
+
+@given(st.floats(0.02, 0.6), st.floats(0.02, 0.3))
+def test_a_crown_alone_is_estimated_as_with_a_size_that_is_exact(offset, sigma):
+    """The mixture of a level and a crowned field, by the formulas of one dimension."""
+    share, height = GRASS.share, GRASS.height
+    found = SizeEvidence.of(
+        np.array([[sigma**-2]]),
+        np.array([-offset * sigma**-2]),
+        np.array([[sigma**-2]]),
+        (GRASS.possibilities[0], GRASS.possibilities[1][:, None]),
+    )
+    odds = share / (1.0 - share) * norm.pdf(offset, 0.0, np.hypot(sigma, height)) / norm.pdf(offset, 0.0, sigma)
+    assert np.isclose(found.weights[1] / found.weights[0], odds, rtol=1e-3)
+    shrunk = height**2 / (sigma**2 + height**2)
+    np.testing.assert_allclose(found.means[1], shrunk * offset, rtol=1e-3)
+    np.testing.assert_allclose(found.moments[1, 0, 0], (shrunk * offset) ** 2 + shrunk * sigma**2, rtol=1e-3)
 
 
 def test_a_pitch_built_like_a_roof_is_explained_to_decimetres():

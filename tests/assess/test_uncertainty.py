@@ -10,6 +10,7 @@ from synthetic import observe, random_frames, whole_circle_markings
 from fieldcalib.assess.estimate import GroundError, region_radius
 from fieldcalib.assess.observability import OPEN_DIRECTION
 from fieldcalib.assess.uncertainty import uncertainties
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -373,7 +374,8 @@ def test_a_field_whose_size_is_not_known_makes_less_certain(labels):
     """The cameras are the same: a single frame is solved at the given size."""
     frame = observe(whole_circle_markings(FIELD), camera_from_theta(THETA, SIZE), np.random.default_rng(2), 1.0)
     frame = frame if labels is None else {label: xy for label, xy in frame.items() if label in labels}
-    unknown, known = (calibrate_from_segments(field, frame, SIZE) for field in (FIELD, soccer(size_known=True)))
+    pitches = (field.with_ground(Ground()) for field in (FIELD, soccer(size_known=True)))
+    unknown, known = (calibrate_from_segments(field, frame, SIZE) for field in pitches)
     np.testing.assert_allclose(unknown.camera.K, known.camera.K, rtol=1e-9)
     np.testing.assert_allclose(unknown.camera.C, known.camera.C, rtol=1e-9, atol=1e-9)
     (f, *_), C = (np.subtract(*pair) for pair in zip(unknown.std_deviations, known.std_deviations, strict=True))

@@ -177,8 +177,8 @@ def test_the_size_of_the_images(annotated_folder, calibrated_folder, tmp_path):
         np.testing.assert_allclose(large["C"], small["C"], atol=0.5)
 
 
-def test_a_field_of_known_size_is_trusted_more(annotated_folder, calibrated_folder, tmp_path):
-    assert calibrate(tmp_path, annotated_folder, options=["--field-size", "known"]) == 0
+def test_a_field_of_known_size_and_ground_is_trusted_more(annotated_folder, calibrated_folder, tmp_path):
+    assert calibrate(tmp_path, annotated_folder, options=["--field-size", "known", "--crown", "0"]) == 0
     assert summary_of(tmp_path)["options"]["field_size"] == "known"
     for nominal, known in zip(lines_of(calibrated_folder), lines_of(tmp_path), strict=True):
         np.testing.assert_allclose(known["C"], nominal["C"], rtol=1e-9)

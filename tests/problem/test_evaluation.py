@@ -286,7 +286,7 @@ def test_jacobian_on_ground_that_is_not_level(lens, data):
     camera = data.draw(cameras(lens=lens not in ("pinhole", "no radial lens")))
     camera = through_fisheye(camera) if lens == "fisheye lens" else camera
     crown, fall = data.draw(numbers(0.0, 0.4)), data.draw(st.sampled_from([0.0, 0.3]))
-    block = SIZES._replace(crown=soccer().size_model.crown)
+    block = SIZES._replace(crown=soccer().crown)
     layout = Layout.of(camera.image_size, LAYOUTS[lens].lens, block, LAYOUTS[lens].zoom_law)
     theta = layout.theta(camera)[None]
     theta[:, layout.crown_block] = crown

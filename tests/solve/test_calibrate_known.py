@@ -10,6 +10,7 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_segments, soccer
 from fieldcalib.assess.findings import Verdict, What
+from fieldcalib.fields.ground import Ground
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.geometry.lens.radial import RADIAL_MEAN
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
@@ -91,7 +92,7 @@ def test_a_given_value_that_the_labels_contradict_is_named(words):
 
 
 def test_what_the_labels_want_is_what_they_give_once_the_value_is_freed():
-    field = soccer(size_known=True)
+    field = soccer(size_known=True).with_ground(Ground())
     wrong, frame = changed(GIVEN, f=1.02), seen_with_noise(GIVEN, noise=0.1)
     fixed = calibrate_from_segments(field, frame, SIZE, **given(wrong, INTRINSICS))
     freed = calibrate_from_segments(

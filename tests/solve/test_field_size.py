@@ -10,6 +10,7 @@ from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.noise import Noise
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -84,7 +85,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     rng = np.random.default_rng(3)
     (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0, per_line=5)
     frame = {label: xy[1:-1] for label, xy in frame.items()}  # none past the end of its segment
-    calibration = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
+    calibration = calibrate_from_segments(soccer(size_known=True).with_ground(Ground()), frame, SIZE)
     known, sizes = calibration.uncertainty, soccer().size_model
     size_prior = SizeBlock(MEAN, sizes.sigma, sizes.limits)
     together = _joint([calibration], size_prior, Role.CONSIDERED)

@@ -1,10 +1,15 @@
 """Flags, criteria, priors and what they do not allow."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
+from fieldcalib.fields.ground import Ground
+from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.solve.request import GivenCamera, Task
@@ -72,9 +77,16 @@ def test_the_lens_is_the_smallest_that_will_do(dist_coeffs, flags, lens):
 
 
 def test_the_size_of_a_field_is_considered_unless_it_is_known():
-    assert not np.any(options(field=soccer(size_known=True)).layout.considered)
+    known = soccer(size_known=True)
+    assert not np.any(options(field=known.with_ground(Ground())).layout.considered)
+    for field in (known, american_football(), replace(american_football(), size_known=False)):
+        layout = options(field=field).layout
+        assert np.array(layout.names)[layout.considered].tolist() == ["crown"]
+        assert layout.field_size.is_known
+        assert not layout.is_sized
     assert not np.any(options(prior=None).layout.considered)
-    assert options(field=soccer(size_known=True)).layout.field_size is None
+    assert options(field=known.with_ground(Ground())).layout.field_size is None
+    assert options(field=tennis()).layout.field_size is None
     layout = options(field=soccer(100.0, 66.0)).layout
     assert np.array(layout.names)[layout.considered].tolist() == ["length", "width", "crown"]
     np.testing.assert_array_equal(layout.field_size.given, (100.0, 66.0))

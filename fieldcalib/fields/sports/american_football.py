@@ -9,7 +9,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, upright
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, Paint, ProbabilityModel
+from fieldcalib.fields.traits import UNPAINTED, Crown, Paint, ProbabilityModel
 
 FEET, YARD, INCH = 0.3048, 0.9144, 0.0254
 LENGTH, WIDTH = 120.0 * YARD, 160.0 * FEET  # between the inner edges of the border, end zones included
@@ -23,6 +23,8 @@ NUMBER_HEIGHT = 2.0 * YARD
 YELLOW = "#f2cf2e"  # of the goals
 POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the top of the crossbar
 POST = 4.0 * INCH  # diameter of uprights and crossbar
+# Grass rises by 10 to 20 in from the side lines to the middle (the NFHS recommends 20), turf in stadiums hardly.
+CROWN = Crown(share=0.5, height=14.0 * INCH)
 POSTS_HEIGHT = CROSSBAR + 35.0 * FEET  # NFL; 30 ft above the ground at least in the NCAA
 
 # The border lies outside its inner edge; of the two hash rows of a side, only the inner one is painted.
@@ -122,6 +124,7 @@ def american_football(rules: str = "nfl") -> Field:
         paint=PAINT,
         probability=one.probability,
         repeats=5.0 * YARD,
+        crown=CROWN,
     )
 
 

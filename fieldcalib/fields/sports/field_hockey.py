@@ -6,7 +6,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, on_ground, right_area, right_goal
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel
+from fieldcalib.fields.traits import GRASS, Paint, ProbabilityModel
 
 # Outer edges of the lines, in metres.
 LENGTH, WIDTH = 91.40, 55.00
@@ -88,4 +88,5 @@ def field_hockey() -> Field:
         farthest_camera=200.0,
         surface="turf",
         probability=PROBABILITY,
+        crown=GRASS,
     )

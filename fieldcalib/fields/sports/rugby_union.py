@@ -92,7 +92,8 @@ def rugby_union(
         paint={**dict.fromkeys(DASHED, Paint(dashes=DASHES)), "5-metre dashes": Paint(dashes=ROW)},
         lines=LineLook(width=LINE_WIDTH),
         farthest_camera=300.0,
-        size_model=SizePrior(LEGAL, LEGAL, build=BuilderWithInGoal(in_goal), rules="law 1", crown=GRASS),
+        size_model=SizePrior(LEGAL, LEGAL, build=BuilderWithInGoal(in_goal), rules="law 1"),
+        crown=GRASS,
         size_known=size_known,
         probability=PROBABILITY,
     )

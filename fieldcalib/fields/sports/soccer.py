@@ -110,7 +110,8 @@ def _pitch(length: float, width: float, size_known: bool) -> Field:
         lines=LineLook(width=LINE_WIDTH),
         paint={name: Paint(width=SPOT_DIAMETER) for name in ("CENTER_MARK", "L_PENALTY_MARK", "R_PENALTY_MARK")},
         halves={"Circle central": Halves("Circle central left", "Circle central right", line="Middle line")},
-        size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=soccer, rules="law 1", crown=GRASS),
+        size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=soccer, rules="law 1"),
+        crown=GRASS,
         size_known=size_known,
         probability=PROBABILITY,
     )

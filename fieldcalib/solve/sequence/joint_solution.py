@@ -146,7 +146,7 @@ class JointSolution:
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
         if size is not None and pitch is not None:
             length, width = theta[layout.field_size_block].tolist()
-            object_segments = replace(pitch.resized(length, width), size_known=True)
+            object_segments = replace(pitch if size.is_known else pitch.resized(length, width), size_known=True)
             height = float(np.sum(theta[layout.crown_block]))
             if height:
                 object_segments = object_segments.with_ground(Ground(height))

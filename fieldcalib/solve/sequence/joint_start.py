@@ -13,7 +13,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, ZoomLaw
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.problem.prior import gaussian_priors
@@ -39,9 +39,7 @@ def joint_evaluation(
     layout, prior, count = problem.layout, problem.prior, pixels.count
     if prior is not None:
         prior = replace(prior, sigma=np.where(once, np.sqrt(count), 1.0) * prior.sigma)
-    motion = None
-    if isinstance(object_segments, Field) and layout.field_size is not None:
-        motion = object_segments.motion
+    motion = object_segments.motion if isinstance(object_segments, Field) and layout.is_sized else None
     observations = Observations.of(object_segments, pixels, layout.image_size, motion)
     group = np.zeros(count, dtype=np.intp)
     return evaluate(replace(problem, observations=observations, prior=prior, group=group), theta)
@@ -198,7 +196,7 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
     """
     base = problem.options.layout
     law = ZoomLaw(reference) if "zoom law" in problem.shared and base.free[LOG_F] else None
-    layout = Layout.of(base.image_size, base.lens, _free_size(problem), law)
+    layout = Layout.of(base.image_size, base.lens, base.field_size, law)
     roles = layout.roles.copy()
     roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
     shared = {*problem.shared, *(("aspect",) if {"principal point", "lens"} & set(problem.shared) else ())}
@@ -207,8 +205,6 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
         roles[block] = np.where(roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
     index = {name: k for k, name in enumerate(layout.names)}
     roles[layout.crown_block] = Role.SHARED
-    if base.field_size is None:
-        roles[layout.field_size_block] = Role.FIXED
     for name in fixed_sizes:
         if name in index:
             roles[index[name]] = Role.CONSIDERED
@@ -218,14 +214,3 @@ def joint_layout(problem: SequenceProblem, reference: float, fixed_sizes: Collec
         for name in (*unshared, *(("axis offset",) if is_known else ())):
             roles[index[name]] = Role.FIXED
     return replace(layout, roles=roles)
-
-
-def _free_size(problem: SequenceProblem) -> SizeBlock | None:
-    """Length, width and crown as parameters, with the prior for fields of estimated size; None if they are known."""
-    field = problem.options.field
-    if field is None or field.size_model is None or not field.moves_with_size or not problem.options.use_prior:
-        return None
-    model, crown = field.size_model, field.size_model.crown if field.ground is None else None
-    if problem.options.layout.field_size is None and crown is None:
-        return None
-    return SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, crown=crown)

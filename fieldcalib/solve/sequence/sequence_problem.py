@@ -158,7 +158,7 @@ class SequenceProblem:
     @property
     def estimates_size(self) -> bool:
         """Whether length and width of the field are estimated."""
-        return SIZE in self.shared or self.options.layout.field_size is None
+        return SIZE in self.shared or not self.options.layout.is_sized
 
     @property
     def fixed_sizes(self) -> dict[str, float]:

@@ -232,10 +232,7 @@ def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
     options = problem.options
     alone = problem.calibrate_alone(np.arange(len(problem)), options)
     found = [c.solved.alone.uncertainty for c in alone.values() if c.solved is not None]
-    variance = np.zeros(2 * (int(np.count_nonzero(options.layout.considered)),))
-    if options.layout.field_size is not None:
-        probability, sigma = options.layout.field_size.possibilities_with_crown
-        np.fill_diagonal(variance, probability @ np.square(sigma))
+    variance = options.layout.prior_moment
     noise = np.median([(one.robust_sigma, one.curvature) for one in found], axis=0) if found else np.ones(2)
     shared = SharedParameters(replace(options, considered=variance), PixelNoise(*noise.tolist()))
     table = table_without_cameras(shared, len(problem))
