@@ -90,8 +90,9 @@ def best_of_other_starts(
         return joint
     before = Start(joint.layout, _cameras(JointStart(joint.index, joint.evaluation)), voters.labels)
     found = [_solved(problem, before, ())]
+    is_raised = joint.excess_if_level is not None  # then the frames see so much that one size is enough to start from
+    sizes = OTHER_SIZES if problem.estimates_size and not is_raised else (GIVEN_SIZE,)
     for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
-        sizes = (GIVEN_SIZE,) if not problem.estimates_size else OTHER_SIZES
         found += [_solved(problem, voters.moved(centre, size), WIDTHS) for size in sizes]
     for run in np.array_split(voters.frames, RUNS):
         found.append(_solved(problem, _without(problem, voters, run), ()))
@@ -106,10 +107,14 @@ def best_of_other_starts(
     if not labels:
         return replace(joint, fixed_sizes=problem.fixed_sizes, left_out=left_out)
     solved = solved_with_known_sizes(problem, Start(best.evaluation.problem.layout, _cameras(best), labels))
+    apart = [best]
+    for one in sorted(alike, key=lambda one: _cost(one.evaluation)):
+        centre = one.evaluation.theta[0, CENTER]
+        if all(np.linalg.norm(centre - known.evaluation.theta[0, CENTER]) > SAME for known in apart):
+            apart.append(one)
     others = [
         solved_together(problem, Start(one.evaluation.problem.layout, _cameras(one), labels), solved.fixed_sizes)
-        for one in alike
-        if np.linalg.norm(one.evaluation.theta[0, CENTER] - best.evaluation.theta[0, CENTER]) > SAME
+        for one in apart[1:]
     ]
     same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
     alternatives = _other_centres(same, solved.evaluation, solved.covariance_if_level[:3, :3])
