@@ -36,7 +36,7 @@ from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.engine import live_tracker, tracked
-from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files, say_note
+from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
@@ -97,9 +97,7 @@ def run_clip(request: RunRequest) -> int:
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)
-        said = write_clip_results(results, clip, found, request, threads)
-        if said:
-            say(said)
+        write_clip_results(results, clip, found, request, threads)
         parts.remove()
     return 1 if source.broken or source.loss else 0
 
@@ -111,6 +109,8 @@ def run_stream(request: RunRequest) -> int:
     began = time.perf_counter()
     network, threads = load_network(request.network), request.network.video_threads
     reader = StreamReader(stream, request.most_pixels, cut=request.cut, threads=threads)
+    if reader.remark:
+        say(reader.remark)
     record = RunRecord.of(request.run, [], unit=1, writes=CAMERA_FILES)
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
@@ -127,7 +127,6 @@ def run_stream(request: RunRequest) -> int:
                     _add(request, frame, tracker, results, video)
             except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
-    say_note(path, video)
     if isinstance(end, KeyboardInterrupt):
         raise end
     if loss := reader.loss():

@@ -12,12 +12,12 @@ from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_minimap
+from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import can_name_files
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
-from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
-from fieldcalib.run_folder.frame_source import say_note
+from fieldcalib.io.videos import VideoWriter
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)
@@ -80,7 +80,6 @@ def run(options: argparse.Namespace) -> int:
         with VideoWriter(options.out, options.frames_per_second) as video:
             for _, picture in maps():
                 video.write(picture)
-        say_note(options.out, video)
     else:
         if suffix != PICTURE:
             options.out.mkdir(parents=True, exist_ok=True)

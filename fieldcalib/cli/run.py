@@ -36,6 +36,7 @@ from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.images.search.place_search import MOST, pooled_place
+from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
@@ -46,7 +47,7 @@ from fieldcalib.results.entry import read
 from fieldcalib.results.pictures import Pictures, auto_field
 from fieldcalib.run_folder.engine import calibrate_images
 from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, say_note, videos_in
+from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, videos_in
 from fieldcalib.run_folder.record import ESTIMATED, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
@@ -138,6 +139,8 @@ def _run(request: RunRequest) -> int:
 def _calibrate(request: RunRequest) -> int:
     if request.is_clip or request.is_video or request.is_stream:
         check_utf8(request.run.out)  # of the overlay, before the work
+        if request.draws:
+            check_av("overlays (--no-pictures leaves them out) are written")
     if request.is_stream:
         return run_stream(request)
     request.check()
@@ -186,7 +189,6 @@ def _run_video(request: RunRequest, results: ResultsWriter, source: FrameSource,
                 video.write(outcome.picture)
 
         work(run, results, frames, IMAGES_AT_ONCE, method, source.count, write)
-    say_note(path, video)
 
 
 def _whole(texts: Texts | None) -> dict[str, Any] | None:

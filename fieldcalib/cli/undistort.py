@@ -16,7 +16,7 @@ from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.run_folder.frame_source import files_read, say_note
+from fieldcalib.run_folder.frame_source import files_read
 
 PICTURE, VIDEO = ".png", ".mp4"
 
@@ -95,5 +95,4 @@ def _video(inputs: Sequence[Path], cameras: Cameras, out: Path) -> tuple[int, in
                 left += 1
             video.write(image)
         loss = reader.loss()
-    say_note(out, video)
     return done, left, loss

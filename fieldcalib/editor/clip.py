@@ -33,11 +33,11 @@ from fieldcalib.images.clip.clip_with_anchors import Anchors, solve_around
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, read_keyframes
 from fieldcalib.images.from_images import How, Mount
+from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import write_image
-from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras

@@ -27,6 +27,7 @@ from fieldcalib.editor.frame_states import Row, Spilled
 from fieldcalib.editor.journal import finish_save
 from fieldcalib.editor.label_files import LABELS, label_file
 from fieldcalib.editor.label_versions import MISSING, Announce, Kept, Staged, State, Versions
+from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import (
     BrokenFileError,
     named_in_errors,
@@ -40,7 +41,6 @@ from fieldcalib.io.image_files import encode_image
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
-from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
 from fieldcalib.run_folder.frame_record import Outcome, camera_file
 from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord

@@ -13,10 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from fieldcalib.io.animations import is_animated_webp
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.coco import format_coco, parse_coco
 from fieldcalib.io.cvat import format_cvat, parse_cvat
+from fieldcalib.io.decoders import is_animated_webp
 from fieldcalib.io.files import HIDDEN, FrameFile, find_files, is_named
 from fieldcalib.io.image_files import encode_image, parse_image
 from fieldcalib.io.label_studio import format_label_studio, parse_label_studio
@@ -133,4 +133,4 @@ VIDEOS = Format(
     VideoWriter,
     by_content=is_animated_webp,
 )
-"""Videos that OpenCV reads, animated GIF and WebP among them; what is written is MP4."""
+"""Videos that FFmpeg reads, animated GIF and WebP among them; what is written is MP4."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 import re
 import sys
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 ROUNDED = 1e-6  # frames: rounding of a time that is written in decimals
+MILLISECOND = 1e-3  # to which many files round the times of their frames
 TIME = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d*)?)", re.ASCII)
 FRAME = re.compile(r"(\d+)f", re.ASCII)
 
@@ -45,8 +48,11 @@ class Position:
         """Format as `parse` reads it."""
         return f"{self.seconds:.10g}" if self.frame is None else f"{self.frame}f"
 
-    def number(self, frames_per_second: float | None) -> int:
+    def number(self, frames_per_second: float | None, times: Sequence[float] = ()) -> int:
         """The number of the first frame at or after the position.
+
+        `times` are those of all frames where they are known, in seconds from the first; frames after them, and frames
+        whose times are not known, come at a rate of `frames_per_second`.
 
         Raises
         ------
@@ -55,14 +61,17 @@ class Position:
 
         Examples
         --------
-        >>> Position(seconds=1.21).number(25.0)
-        31
+        >>> Position(seconds=1.21).number(25.0), Position(seconds=1.21).number(25.0, [0.0, 1.0, 1.2, 1.5])
+        (31, 3)
         """
         if self.frame is not None:
             return self.frame
         if frames_per_second is None or self.seconds is None:
             raise ValueError(f"images have no times: give the number of one, as 750f, not {self}")
-        return math.ceil(self.seconds * frames_per_second - ROUNDED)
+        if times and self.seconds <= times[-1]:
+            return bisect_left(times, self.seconds - MILLISECOND)
+        number, begin = (len(times) - 1, times[-1]) if times else (0, 0.0)
+        return number + math.ceil((self.seconds - begin) * frames_per_second - ROUNDED)
 
 
 @dataclass(frozen=True)
@@ -73,7 +82,7 @@ class Cut:
     end: Position | None = None
     step: int = 1
 
-    def beyond(self, count: int, frames_per_second: float | None = None) -> str:
+    def beyond(self, count: int, frames_per_second: float | None = None, times: Sequence[float] = ()) -> str:
         """Message if the end is beyond that of an input of `count` frames; empty otherwise.
 
         Examples
@@ -83,11 +92,11 @@ class Cut:
         >>> Cut(end=Position(frame=400)).beyond(175)
         'ends after 175 frames, before frame 400'
         """
-        if self.end is None or self.end.number(frames_per_second) <= count:
+        if self.end is None or self.end.number(frames_per_second, times) <= count:
             return ""
-        return ends_before(self.end, count, frames_per_second)
+        return ends_before(self.end, count, frames_per_second, times)
 
-    def numbers(self, frames_per_second: float | None = None) -> range:
+    def numbers(self, frames_per_second: float | None = None, times: Sequence[float] = ()) -> range:
         """The numbers of its frames, those after the end of the input included; images have no frames per second.
 
         Raises
@@ -100,21 +109,24 @@ class Cut:
         >>> Cut(Position(seconds=2.0), Position(seconds=3.0), 10).numbers(25.0)
         range(50, 75, 10)
         """
-        start = self.start.number(frames_per_second)
-        end = sys.maxsize if self.end is None else self.end.number(frames_per_second)
+        start = self.start.number(frames_per_second, times)
+        end = sys.maxsize if self.end is None else self.end.number(frames_per_second, times)
         if end <= start:
             raise ValueError(f"there is no frame from {self.start} to {self.end}: the end must come after the start")
         return range(start, end, self.step)
 
 
-def ends_before(place: Position, count: int, frames_per_second: float | None = None) -> str:
+def ends_before(
+    place: Position, count: int, frames_per_second: float | None = None, times: Sequence[float] = ()
+) -> str:
     """Message that an input of `count` frames ends before a place."""
     frames = f"{count} frame{'s' * (count != 1)}"
     if place.seconds is None or frames_per_second is None:
         return f"ends after {frames}, before frame {place.frame}"
     whole = place.seconds == int(place.seconds)
     hint = f": times are in seconds, and {place}f is a frame" if whole else ""
-    return f"ends at {count / frames_per_second:.3g} s ({frames}), before {place} s{hint}"
+    seconds = (count - len(times) + 1) / frames_per_second + times[-1] if times else count / frames_per_second
+    return f"ends at {seconds:.3g} s ({frames}), before {place} s{hint}"
 
 
 WHOLE = Cut()

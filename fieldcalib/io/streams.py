@@ -11,10 +11,11 @@ from types import MappingProxyType
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
+from fieldcalib.io.decoders import NO_VIDEO, AvDecoder, check_av
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image_files import MOST_PIXELS
-from fieldcalib.io.videos import NO_VIDEO, FrameReader
+from fieldcalib.io.videos import FrameReader
 
 STDIN = "-"
 # A password may have @ and /: what follows "name:" up to the last @ is one, unless it begins as a port does.
@@ -127,26 +128,18 @@ class StreamReader(FrameReader):
         self, stream: Stream, most_pixels: float = MOST_PIXELS, *, cut: Cut = WHOLE, threads: int | None = None
     ) -> None:
         self._stream = stream
+        check_av("streams are read")
         location = "pipe:0" if stream.location == STDIN else stream.location
         try:
-            super().__init__(location, str(stream), most_pixels, cut, threads)
+            super().__init__(AvDecoder(location, threads), str(stream), most_pixels, cut)
         except BrokenFileError as error:
             if NO_VIDEO not in str(error):
                 raise
             if stream.location == STDIN:
-                raise BrokenFileError(f"{error}; {STREAMABLE}") from None
+                raise BrokenFileError(f"{stream}: {NO_VIDEO}; {STREAMABLE}") from None
             raise BrokenFileError(f"{stream} cannot be opened: {why_closed(stream)}") from None
-
-    def loss(self) -> str:
-        """Message about frames that were left out, empty if there are none; to be called after all others were read.
-
-        A live source may have a varying frame rate: its times tell nothing.
-        """
-        passed = len(range(self.numbers.start, self._number + 1, self.numbers.step))
-        lost = max(passed - len(self._times), 0 if self._stream.is_live else self._missed())
-        count = len(self._times) + lost
-        return f"{self._stream}: {lost} of {count} frames cannot be decoded, and were left out" if lost else ""
+        self._are_times_regular = not stream.is_live
 
     def end(self) -> str:
         """Message if the stream ended before its cut; empty otherwise."""
-        return f"{self._stream}: no more frames after {len(self._times)}" * (len(self._times) < len(self.numbers))
+        return f"{self._stream}: no more frames after {len(self._seconds)}" * (len(self._seconds) < len(self.numbers))

@@ -19,6 +19,7 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import (
     WRONG_RECORD,
     BrokenFileError,
@@ -31,7 +32,6 @@ from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import read_ahead, write_image
 from fieldcalib.io.results import FORMAT
-from fieldcalib.io.videos import DEFAULT_RATE
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.frame_record import Outcome
@@ -80,24 +80,23 @@ class FrameOptions(Protocol):
 
 def write_clip_results(
     results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None = None
-) -> str:
-    """Write all results of a calibrated clip; returns a note about the overlay video, if there is one.
+) -> None:
+    """Write all results of a calibrated clip.
 
     `threads` is the number of threads for drawing, and again for decoding and encoding; by default the number of cores.
     """
     out, rate = results.out, clip.source.frames_per_second
     results.notes = found.remarks
-    worst, note = _write_frames(results, clip, found, options, threads)
+    worst = _write_frames(results, clip, found, options, threads)
     write_clip(out, found, rate)
     if options.draws and worst:
         write_image(out / MOTION, plot_sequence(found, frames_per_second=rate))
         write_image(out / WORST, contact_sheet(list(worst.values()), list(worst)))
-    return note
 
 
 def _write_frames(
     results: ResultsWriter, clip: ClipInput, found: VideoCalibration, options: FrameOptions, threads: int | None
-) -> tuple[dict[str, Image], str]:
+) -> dict[str, Image]:
     """Write the results of all frames and the overlay video; returns pictures of the worst frames by caption."""
     path, done = results.out / OVERLAY, results.done
     calibrations, basis = compute_errors(list(found)), found.basis
@@ -119,8 +118,7 @@ def _write_frames(
                 if readable in worst:
                     pictures[readable] = caption(frame.id, calibrations[readable]), picture
             readable += 1
-    note = f"{path} {video.note}" if video.note else ""
-    return dict(pictures[index] for index in worst if index in pictures), note
+    return dict(pictures[index] for index in worst if index in pictures)
 
 
 def _drawn(

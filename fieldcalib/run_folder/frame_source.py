@@ -19,13 +19,14 @@ from typing import Any, TypeVar
 from fieldcalib._checks import is_number
 from fieldcalib._progress import Progress, progress_bar, say, waiting_for
 from fieldcalib.io.clips import OneSize, in_order
+from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.streams import Input, Stream
-from fieldcalib.io.videos import DEFAULT_RATE, FrameReader, FramesByNumber, VideoWriter
+from fieldcalib.io.videos import FrameReader, VideoReader
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.labelled_frames import name_skipped
@@ -309,7 +310,7 @@ class VideoFrames(FrameSource):
         self.files = [FrameFile(path.stem, path)]
         self._state = self.files[0].state
         self._rate: float | None = None
-        self._announced, self._beyond = 0, ""
+        self._announced, self._remarks = 0, list[str]()
         self._begun: Iterator[Frame] | None = None
 
     def looked_at(self) -> VideoFrames:
@@ -319,8 +320,8 @@ class VideoFrames(FrameSource):
         """
         reading = self._frames()
         self._begun = chain([next(reading)], reading)
-        if self._beyond:
-            self._tell(self._beyond)
+        for remark in self._remarks:
+            self._tell(remark)
         return self
 
     @property
@@ -342,23 +343,21 @@ class VideoFrames(FrameSource):
         if self.files[0].state != self._state:
             raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
-            self._rate, self._announced, self._beyond = video.frames_per_second, video.count, video.beyond
+            self._rate, self._announced = video.frames_per_second, video.count
+            self._remarks = [remark for remark in (video.beyond, video.remark) if remark]
             yield from checked_frames(path, video, self._one.check)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
                 self._tell(loss)
 
     @cached_property
-    def _video(self) -> FramesByNumber:
+    def _video(self) -> VideoReader:
         """The video, which stays open to be read at any place."""
-        return FramesByNumber(self._path)
+        return VideoReader(self._path)
 
     @cached_property
     def _numbers(self) -> Sequence[int]:
-        numbers = range(self._video.count) if self._numbers_given is None else self._numbers_given
-        if numbers and numbers[0] == self._video.first_number:
-            self._kept[0] = self._video.first
-        return numbers
+        return range(self._video.count) if self._numbers_given is None else self._numbers_given
 
     @cached_property
     def ids(self) -> Sequence[str]:
@@ -380,14 +379,14 @@ class VideoFrames(FrameSource):
             return self._decoded(wanted)
 
     def _decoded(self, wanted: int) -> Image:
-        image = self._video.read(wanted)
+        image = self._video.image(wanted)
         if image is None:
             raise BrokenFileError(f"{self._path.name}: frame {wanted} cannot be read: the file is cut off or damaged")
         return image
 
     def size(self, number: int) -> tuple[int, int]:
         """Width and height of all frames."""
-        return size_of(self._video.first)
+        return self._video.size
 
     def close(self) -> None:
         """End reading."""
@@ -579,12 +578,6 @@ def videos_in(one: Input) -> list[Input]:
     if any(map(IMAGES.recognises, files)):
         return [one]
     return [path for path in files if VIDEOS.recognises(path)] or [one]
-
-
-def say_note(path: Path, video: VideoWriter) -> None:
-    """Print the note about a video that was written on stderr, if there is one."""
-    if video.note:
-        say(f"{path} {video.note}")
 
 
 def outcomes_of(

@@ -11,7 +11,7 @@ from commands import run, write_two_annotations
 
 import fieldcalib
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.videos import VideoReader, VideoWriter, count_frames
+from fieldcalib.io.videos import VideoReader, VideoWriter
 
 ROOT = Path(fieldcalib.__file__).parents[1]
 RUN = "import sys; from fieldcalib.cli.main import main; raise SystemExit(main(sys.argv[1:]))"
@@ -69,7 +69,7 @@ def test_names_that_are_not_utf8_are_refused_by_name(tmp_path, capsys):
     with VideoWriter(video, 25.0) as writer:
         writer.write(np.zeros((90, 160, 3), dtype=np.uint8))
     shutil.copy(video, bad)
-    for fails in (VideoReader, count_frames, lambda path: VideoWriter(path, 25.0)):
+    for fails in (VideoReader, lambda path: VideoWriter(path, 25.0)):
         with pytest.raises(BrokenFileError, match="videos need names in UTF-8"):
             fails(bad)
     assert run("run", bad, "--out", tmp_path / "out") == 2

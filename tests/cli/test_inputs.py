@@ -103,7 +103,7 @@ def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capf
     cv2.imwrite(str(tmp_path / "e.png"), SMALL)
     inputs = [tmp_path / name for name in ("a.mp4", "b.mp4", "season", "e.png")]
     assert run("run", *inputs, "--independent", "--out", tmp_path / "out") == 1
-    assert "b.mp4: is no video that OpenCV can read" in capfd.readouterr().err
+    assert "b.mp4: is no video that FFmpeg can read" in capfd.readouterr().err
     written = {path.name: len(lines_of(path)) for path in (tmp_path / "out").iterdir()}
     assert written == {"images": 1, "a": 2, "c": 3, "d": 3}
 
@@ -119,7 +119,7 @@ def test_clips_side_by_side(picture, tmp_path, capfd):
         out = tmp_path / f"out{jobs}"
         assert run("run", season, tmp_path / "c.mp4", "--out", out, "--jobs", jobs) == 1
         said = capfd.readouterr()
-        assert "c.mp4: is no video that OpenCV can read" in said.err
+        assert "c.mp4: is no video that FFmpeg can read" in said.err
         assert "2 cameras of 2 frames" in said.out
         assert "1 camera of 1 frame" in said.out
     for name in ("a", "b"):
@@ -331,7 +331,7 @@ def test_nothing_on_standard_input(know, tmp_path, on_stdin, capfd):
     know([None] * 20)
     on_stdin(os.devnull)
     assert run("run", "-", "--out", tmp_path / "out") == 2
-    assert "fieldcalib: standard input: is no video that OpenCV can read" in capfd.readouterr().err
+    assert "fieldcalib: standard input: is no video that FFmpeg can read" in capfd.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

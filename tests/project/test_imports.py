@@ -12,7 +12,7 @@ import pytest
 
 import fieldcalib
 
-HEAVY = ("cv2", "skimage", "onnxruntime", "scipy.optimize")  # imported by what needs them, when it runs
+HEAVY = ("cv2", "av", "PIL", "skimage", "onnxruntime", "scipy.optimize")  # imported by what needs them, when it runs
 EXTENSIONS = ("numpy", "scipy", *HEAVY)  # each takes longer to import than Python to start
 HELP = """
 import contextlib

@@ -1,6 +1,7 @@
 """Videos with varying frame rates, with names like addresses, without their end, or replaced while they are read."""
 
 import os
+import re
 from fractions import Fraction
 from itertools import islice
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.videos import FramesByNumber, VideoReader, VideoWriter, missing_bytes
+from fieldcalib.io.videos import VideoReader, VideoWriter
 from fieldcalib.run_folder.frame_source import ClipInput, Frame, VideoFrames
 
 MILLISECONDS = Fraction(1, 1000)
@@ -56,13 +57,12 @@ def loss_of(path):
 def test_matroska_files(tmp_path, name, codec, times):
     path = written(tmp_path / name, times, codec)
     assert loss_of(path) == (60, "")
-    assert missing_bytes(path) == 0
     content = path.read_bytes()
     path.write_bytes(content[: int(0.8 * len(content))])  # less than a second is lost
     count, loss = loss_of(path)
     assert 40 < count < 60
-    assert "its end is missing" in loss or "announces" in loss
-    assert missing_bytes(path) == len(content) - int(0.8 * len(content))
+    announced = int(re.fullmatch(rf"{path}: announces (\d+) frames, {count} can be read", loss)[1])
+    assert abs(announced - 60) <= (0 if times is TIMES["regular"] else 5)
 
 
 @pytest.mark.parametrize("first", [0, 10])
@@ -77,20 +77,11 @@ def test_damaged_frames_are_left_out_and_those_after_them_keep_their_numbers(tmp
         assert reader.loss() == f"{path}: announces 60 frames, 57 can be read"
     with VideoReader(path, cut=Cut(Position(frame=0), Position(frame=31), 5)) as reader:
         assert [number for number, _ in reader.numbered()] == [n for n in range(0, 31, 5) if n not in lost]
-    with FramesByNumber(path) as by_number:
+    with VideoReader(path) as by_number:
         for number in (2, 59, 30, 31, 0, 58, 10, 11, 12):
-            image = by_number.read(number)
+            image = by_number.image(number)
             assert (image is None) == (number in lost)
             assert image is None or np.array_equal(image, frames[number])
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"\x1a\x45\xdf\xa3", b"\x1a\x45\xdf\xa3\x00", b"RIFF0000", b"\x1a\x45\xdf\xa3\x84ab"]
-)
-def test_other_files_miss_nothing(tmp_path, content):
-    path = tmp_path / "a.mkv"
-    path.write_bytes(content)
-    assert missing_bytes(path) == 0
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such names on Windows")

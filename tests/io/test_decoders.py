@@ -1,0 +1,247 @@
+"""Videos as they come: variable rates, turned, interlaced, of ten bits; and without PyAV."""
+
+import struct
+import subprocess
+import sys
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+from commands import run
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import examples
+
+from fieldcalib.io import decoders
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.io.videos import VideoReader, VideoWriter
+
+COUNT, SIZE = 60, (160, 96)
+MILLISECONDS = Fraction(1, 1000)
+TIMES = np.cumsum(np.random.default_rng(0).integers(15, 120, COUNT))
+
+
+def picture(number, size=SIZE):
+    """A smooth picture in which a square of 16 px shows the number by its place."""
+    x, y = (np.linspace(0.0, 1.0, length) for length in size)
+    image = (60.0 + 60.0 * x[None, :, None] + 60.0 * y[:, None, None] + np.array([20.0, 0.0, -20.0])).astype(np.uint8)
+    row, column = divmod(number, size[0] // 16)
+    image[16 * row : 16 * row + 16, 16 * column : 16 * column + 16] = 255
+    return image
+
+
+def shown(image):
+    """The number that a picture shows."""
+    cells = image.mean(axis=-1).reshape(image.shape[0] // 16, 16, image.shape[1] // 16, 16).mean(axis=(1, 3))
+    return int(cells.argmax())
+
+
+def write(path, images, times=None, *, codec="libx264", pixels="yuv420p", options=None, space=None):
+    """A video of images at times in ms, 25 a second by default; `space` is a standard of colours with its number."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25, options=options or {})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = pixels
+        if space is not None:
+            stream.codec_context.colorspace = space[1]
+        if times is not None:
+            stream.codec_context.time_base = MILLISECONDS
+        for number, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+            if times is not None:
+                frame.pts, frame.time_base = int(times[number]), MILLISECONDS
+            frame = frame.reformat(format=pixels, dst_colorspace=space and space[0])
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def read(path, **options):
+    with VideoReader(path, **options) as video:
+        return list(video)
+
+
+@pytest.fixture
+def without_av(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+
+
+# --- times ---
+
+# long groups that end with frames which need those of the next one; and no group at all after the first frame
+GROUPS = {"open": "keyint=20:min-keyint=20:scenecut=0:bframes=3:open-gop=1", "refreshed": "intra-refresh=1:keyint=20"}
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        ("a.mp4", "libx264", "open"),
+        ("a.mkv", "libx264", "refreshed"),
+        ("a.ts", "libx264", "open"),
+        ("a.webm", "libvpx", None),
+        ("a.avi", "mpeg4", None),
+    ],
+    ids=lambda given: given[0],
+)
+def film(request, tmp_path_factory):
+    name, codec, group = request.param
+    options = {"x264-params": GROUPS[group]} if group else {"auto-alt-ref": "1", "lag-in-frames": "12"}
+    path = tmp_path_factory.mktemp("film") / name
+    times = TIMES - TIMES[0] * (codec == "mpeg4")  # AVI has no other beginning
+    return write(path, [picture(n) for n in range(COUNT)], times, codec=codec, options=options)
+
+
+def test_times_are_those_of_the_file(film):
+    decoders.index_of.cache_clear()
+    with VideoReader(film) as video:
+        assert [shown(image) for image in video] == list(range(COUNT))
+        assert video.loss() == ""
+        times = video.times
+    assert times == pytest.approx((TIMES - TIMES[0]) / 1e3, abs=0.00101)
+    assert video.frames_per_second == pytest.approx((COUNT - 1) / times[-1], rel=0.05)
+
+
+def test_a_cut_by_times_begins_and_ends_there(film):
+    with VideoReader(film) as video:
+        times = np.array(video.times)
+    for start, end in ((0.0, 1.0), (1.7, 3.4), (times[40], times[50])):
+        with VideoReader(film, cut=Cut(Position(seconds=start), Position(seconds=end))) as video:
+            expected = np.nonzero((times >= start - 1e-9) & (times < end - 1e-9))[0].tolist()
+            assert [number for number, _ in video.numbered()] == expected
+    with VideoReader(film, cut=Cut(end=Position(seconds=100.0))) as video:
+        assert f"ends at {times[-1] + 1 / video.frames_per_second:.3g} s ({COUNT} frames), before 100 s" in video.beyond
+    with pytest.raises(BrokenFileError, match="before 100 s: times are in seconds, and 100f is a frame"):
+        VideoReader(film, cut=Cut(Position(seconds=100.0)))
+
+
+@examples(5)
+@given(order=st.lists(st.integers(0, COUNT - 1), min_size=1, max_size=12))
+def test_a_frame_is_the_same_whichever_way_it_is_reached(film, order):
+    one_by_one = read(film)
+    with VideoReader(film) as video:
+        for number in order:
+            assert np.array_equal(video.image(number), one_by_one[number])
+        assert video.image(COUNT) is None
+    for number in order[:2]:
+        cut = read(film, cut=Cut(Position(frame=number), Position(frame=number + 3)))
+        assert all(map(np.array_equal, cut, one_by_one[number : number + 3]))
+
+
+# --- pictures ---
+
+
+@pytest.mark.parametrize(("quarters", "matrix"), [(1, (0, 1, -1, 0)), (2, (-1, 0, 0, -1)), (3, (0, -1, 1, 0))])
+def test_videos_of_phones_are_turned(tmp_path, quarters, matrix):
+    """The matrix of an MP4 turns clockwise, and OpenCV turns alike."""
+    path = write(tmp_path / "a.mp4", [picture(0)] * 3)
+    upright = read(path)[0]
+    content = bytearray(path.read_bytes())
+    place = content.index(b"tkhd") + 44
+    assert struct.unpack(">9i", content[place : place + 36]) == (65536, 0, 0, 0, 65536, 0, 0, 0, 1 << 30)
+    a, b, c, d = (65536 * one for one in matrix)
+    content[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(content)
+    (first, *_) = read(path)
+    assert np.array_equal(first, np.rot90(upright, -quarters))
+    assert np.array_equal(first, cv2.VideoCapture(str(path)).read()[1])
+    with VideoReader(path) as video:
+        assert video.size == first.shape[1::-1]
+
+
+@pytest.mark.parametrize("size", [(160, 96), (161, 91)])
+@pytest.mark.parametrize(
+    ("codec", "pixels", "most"), [("libx264", "yuv444p10le", 2.0), ("libx264", "yuv444p", 3.0), ("png", "rgb24", 0.0)]
+)
+def test_colours(tmp_path, size, codec, pixels, most):
+    image = picture(0, size)
+    options = {"crf": "1"} if codec == "libx264" else {}
+    for found in read(write(tmp_path / "a.mov", [image] * 3, codec=codec, pixels=pixels, options=options)):
+        assert found.shape == image.shape
+        assert np.abs(found[16:, 16:].astype(int) - image[16:, 16:]).max() <= most
+
+
+@pytest.mark.parametrize("space", [("ITU601", 6), ("ITU709", 1)])
+def test_colours_are_those_of_the_standard_that_the_file_names(tmp_path, space):
+    image = np.full((96, 160, 3), (40, 160, 60), np.uint8)
+    (found, *_) = read(write(tmp_path / "a.mp4", [image] * 3, options={"crf": "1"}, space=space))
+    assert np.abs(found.astype(int) - image).max() <= 3  # the other standard is off by 15
+
+
+def test_interlaced_videos_are_left_as_they_are_and_that_is_said_once(tmp_path, know, capfd):
+    fields = np.where(np.arange(96)[:, None, None] % 2, picture(1), picture(0)).astype(np.uint8)
+    path = write(tmp_path / "a.mp4", [fields] * 8, options={"x264-params": "interlaced=1", "crf": "1"})
+    with VideoReader(path) as video:
+        (first, *_) = video
+        assert "is interlaced" in video.remark
+    assert [shown(np.repeat(first[field::2], 2, axis=0)) for field in (0, 1)] == [0, 1]
+    know([None] * 20)
+    assert run("run", path, "--independent", "--no-pictures", "--out", tmp_path / "out") == 0
+    assert capfd.readouterr().err.count("is interlaced") == 1
+    with VideoReader(write(tmp_path / "b.mp4", [picture(0)] * 8)) as video:
+        assert video.remark == ""
+
+
+# --- without PyAV ---
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv"])
+def test_without_pyav_opencv_reads(tmp_path, name, request):
+    path = write(tmp_path / name, [picture(n) for n in range(30)])
+    with_av = read(path)
+    request.getfixturevalue("without_av")
+    with VideoReader(path) as video:
+        assert (len(list(video)), video.loss(), video.count) == (30, "", 30)
+        assert video.frames_per_second == 25.0
+    assert [number for number, _ in VideoReader(path, cut=Cut(Position(seconds=0.4), None, 5)).numbered()] == [
+        10,
+        15,
+        20,
+        25,
+    ]
+    with VideoReader(path) as video:
+        for number in (20, 3, 4, 29):
+            assert np.abs(video.image(number).astype(int) - with_av[number]).mean() < 5.0
+            assert shown(video.image(number)) == number
+        assert video.image(30) is None
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    with pytest.raises(BrokenFileError, match=r"b\.mp4: is no video that FFmpeg can read"):
+        VideoReader(tmp_path / "b.mp4")
+
+
+@pytest.mark.usefixtures("without_av")
+def test_what_needs_pyav_says_so(tmp_path, capsys):
+    said = "videos are written by PyAV, which cannot be imported here: pip install av"
+    with pytest.raises(ImportError, match=said), VideoWriter(tmp_path / "a.mp4", 25.0) as video:
+        video.write(picture(0))
+    with pytest.raises(ImportError, match="streams are read by PyAV"):
+        StreamReader(Stream("-"))
+    writer = cv2.VideoWriter(str(tmp_path / "b.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
+    writer.write(picture(0))
+    writer.release()
+    assert run("run", tmp_path / "b.avi", "--out", tmp_path / "out") == 2
+    assert "overlays (--no-pictures leaves them out) are written by PyAV" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["b.avi"]
+
+
+BOTH = """
+import sys
+{imports}
+capture = cv2.VideoCapture(sys.argv[1])
+with av.open(sys.argv[1]) as container:
+    for frame in container.decode(video=0):
+        assert (capture.read()[1] == frame.to_ndarray(format="bgr24")).mean() > 0.2
+print("both")
+"""
+
+
+@pytest.mark.parametrize("imports", ["import av, cv2", "import cv2, av"])
+def test_pyav_and_opencv_work_in_one_process(tmp_path, imports):
+    """Each brings an FFmpeg of its own."""
+    path = write(tmp_path / "a.mp4", [picture(n) for n in range(5)])
+    code = BOTH.format(imports=imports)
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("both\n", 0), done.stderr
