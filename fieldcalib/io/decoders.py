@@ -5,9 +5,10 @@ PyAV's where it can be imported, otherwise OpenCV's; Pillow's for animated WebP,
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import chain, repeat
@@ -25,8 +26,7 @@ IRREGULAR = 0.1  # relative deviation of the time between two frames from the fr
 LEAST_MISSING = 1.5  # frames between the last one and the end that the file states: durations are rounded
 MOST_DAMAGED = 250  # frames in a row, ten seconds: behind more of them nothing is looked for
 LONGEST_WAIT = 20.0  # seconds for a source that sends nothing more
-# Seconds by which decoding begins earlier: an index may lead too far, and some streams need frames to recover.
-EARLIER = (0.0, 1.0, 10.0, 100.0, math.inf)
+EARLIER = (0.0, 1.0, 10.0)  # seconds: a search may lead too far, and some streams need frames to recover
 MP4 = "mov"  # FFmpeg's name of its format
 VP8_SHOWN = 16
 NO_VIDEO = "is no video that FFmpeg can read, or its end is missing"
@@ -49,6 +49,8 @@ class Decoder(ABC):
     """Numbers of frames where decoding may begin."""
     seconds = 0.0
     """Time of the frame that was decoded last."""
+    pixel_aspect = 1.0
+    """Width of a pixel as shown, in heights."""
     is_interlaced = False
     """Whether a frame that was decoded shows two fields."""
 
@@ -112,12 +114,13 @@ def index_of(location: str, *state: int) -> Index:
     """Read the packets of a file; `state` changes with its content. A BrokenFileError if it is no video."""
     with _opened(location) as container:
         stream = _video_of(container)
-        frames, decoded, end = list[tuple[int, bool]](), list[int](), 0.0
+        frames, decoded, ends = list[tuple[int, bool]](), list[int](), dict[Any, int]()
         for packet in _packets(container):
-            if packet.pts is not None:
-                end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            if packet.stream_index == stream.index and _is_shown(packet):
-                frames.append((packet.pts, packet.is_keyframe))
+            of, pts = packet.stream, packet.pts
+            if pts is not None:
+                ends[of] = max(ends.get(of, pts), pts + (packet.duration or 0))
+            if of is stream and _is_shown(packet):
+                frames.append((pts, packet.is_keyframe))
                 decoded.append(packet.dts or 0)
         rate = _rate_of(stream)
         shown = [] if any(pts is None for pts, _ in frames) else sorted(frames)
@@ -132,6 +135,7 @@ def index_of(location: str, *state: int) -> Index:
         is_regular = not len(steps) or abs(np.median(steps) * rate - 1.0) <= IRREGULAR
         if not is_regular:
             rate = _usual(1.0 / float(np.mean(steps)))
+        end = max(pts * float(of.time_base) for of, pts in ends.items())
         missing = (stated + (container.start_time or 0) / 1e6 * is_mp4 - end) * rate
         count = len(times) + (round(missing) if missing > LEAST_MISSING else 0)
         if is_regular and not is_mp4:  # whose gaps between frames are meant
@@ -172,7 +176,7 @@ def _opened(location: str, **options: Any) -> Any:
 
     try:
         return av.open(location, metadata_errors="replace", **options)
-    except av.FFmpegError:
+    except (av.FFmpegError, UnicodeEncodeError):
         raise BrokenFileError(NO_VIDEO) from None
 
 
@@ -211,10 +215,11 @@ class AvDecoder(Decoder):
         self._options = waiting if index is None else {}
         self._open()
         index = index or Index([], [], _rate_of(self._stream), 0)
-        self.size, unit = (self._stream.width, self._stream.height), float(self._stream.time_base)
+        self.size, self._unit = (self._stream.width, self._stream.height), float(self._stream.time_base)
         self.rate, self.count, self.keys, self._shown = index.rate, index.count, index.keys, index.shown
-        self.times = [(pts - index.shown[0]) * unit for pts in index.shown]
+        self.times = [(pts - index.shown[0]) * self._unit for pts in index.shown]
         self._numbers = {pts: number for number, pts in enumerate(index.shown)}
+        self.pixel_aspect = float(self._stream.sample_aspect_ratio or 1.0)
 
     def _open(self) -> None:
         self._container = _opened(self._location, **self._options)
@@ -230,8 +235,8 @@ class AvDecoder(Decoder):
         """Decode the frames from a number on."""
         if self._shown and start >= len(self._shown):
             return
-        for earlier in EARLIER if self._shown and start else EARLIER[-1:]:
-            found = self._decoded(self._packets(start, earlier))
+        for packets in self._ways(start):
+            found = self._decoded(packets)
             first = next((one for one in found if one[0] >= start), None)
             if first is not None and first[0] == start:
                 break
@@ -239,25 +244,27 @@ class AvDecoder(Decoder):
             yield first
             yield from found
 
-    def _packets(self, start: int, earlier: float) -> Iterator[Any]:
-        """Packets from which a frame can be decoded, from some seconds before it on; none if that leads too far."""
+    def _ways(self, start: int) -> Iterator[Iterator[Any]]:
+        """Packets from which a frame can be decoded: from a key on, from earlier ones; all, if none can be found."""
         import av
 
-        if earlier == math.inf:
+        key, is_found = bisect_right(self.keys, start) - 1, False
+        for earlier in EARLIER if key > 0 else ():
+            self._is_new, place = False, self._shown[self.keys[key]] - round(earlier / self._unit)
+            with suppress(av.FFmpegError):  # where it cannot be searched
+                self._container.seek(place, stream=self._stream)
+                packets = _packets(self._container, self._stream)
+                first = next((packet for packet in packets if packet.is_keyframe), None)
+                # frames shown before a key but decoded after it may need frames before it
+                if first is not None and first.pts <= self._shown[start]:
+                    is_found = True
+                    yield chain([first], packets)
+        if not is_found:
             if not self._is_new:
                 self.close()
                 self._open()
             self._is_new = False
-            return _packets(self._container, self._stream)
-        self._is_new, wanted = False, self._shown[start]
-        try:
-            self._container.seek(wanted - round(earlier / self._stream.time_base), stream=self._stream)
-        except av.FFmpegError:  # it cannot be searched
-            return iter(())
-        packets = _packets(self._container, self._stream)
-        key = next((packet for packet in packets if packet.is_keyframe), None)
-        # frames shown before a key but decoded after it may need frames before it
-        return iter(()) if key is None or key.pts > wanted else chain([key], packets)
+            yield _packets(self._container, self._stream)
 
     def _decoded(self, packets: Iterable[Any]) -> Iterator[tuple[int, Callable[[], Image]]]:
         """Decode packets; the times of frames tell their numbers, or they are counted, those with errors too."""
@@ -275,8 +282,8 @@ class AvDecoder(Decoder):
             if packet is None and not found:
                 return
             for frame in found:
-                number = self._numbers.get(frame.pts, -1) if self._shown else number + 1
-                self.seconds = number / self.rate if frame.time is None else frame.time
+                number = self._numbers.get(frame.pts, number) if self._shown else number + 1
+                self.seconds = number / self.rate if frame.pts is None else frame.pts * self._unit
                 self.is_interlaced = self.is_interlaced or frame.interlaced_frame
                 yield number, partial(self._image, frame)
 

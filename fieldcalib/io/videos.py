@@ -22,13 +22,11 @@ from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, na
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.image_files import MOST_PIXELS, check_pixels
+from fieldcalib.problem.picture_shape import LEAST_ASPECT
 
 INTERLACED = (
-    "is interlaced: every second row shows a later moment, and is left as it is; for the last few tenths of a pixel "
-    "make whole pictures of its fields before, as by ffmpeg -vf bwdif"
-)
-WITHOUT_AV = (
-    "videos are written by PyAV, which cannot be imported here: pip install av, or --no-pictures leaves them out"
+    "is interlaced: every second row shows another moment. Its pictures are taken as they are; ffmpeg -vf bwdif makes "
+    "whole ones of them"
 )
 X264 = "libx264"
 # Half of the time of "superfast", with files 15 to 40 % larger and as good (1280 x 720: 8 ms of one core and 27 kB).
@@ -65,6 +63,8 @@ class FrameReader:
     """Numbers of the frames that are read, as far as they exist; the first frame of the video is 0."""
     size: tuple[int, int]
     """Width and height of the first frame that is read, in pixels."""
+    pixel_aspect: float
+    """Width of a pixel as shown, in heights, as the file states it; 1 of most videos."""
     remark: str = ""
     """What is to be known of the frames; empty for most videos."""
     _are_times_regular = True  # a live source may have a varying frame rate: its times tell nothing
@@ -87,6 +87,7 @@ class FrameReader:
             raise
         self._first: tuple[int, Image] | None = first
         self.size = size_of(first[1])
+        self.pixel_aspect = decoder.pixel_aspect if abs(decoder.pixel_aspect - 1.0) > LEAST_ASPECT else 1.0
         if decoder.is_interlaced:
             self.remark = f"{name} {INTERLACED}"
 
@@ -131,15 +132,14 @@ class FrameReader:
         said = ends_before(cut.start, count, decoder.rate, decoder.times)
         return f"{said}: there is no frame to begin with"
 
-    def _lost(self) -> int:
-        """Number of frames that were left out: passed over or, by regular times, missing between others."""
-        passed = len(range(self.numbers.start, self._passed, self.numbers.step))
-        between = missed(np.diff(self._seconds), self.frames_per_second) if self._are_times_regular else 0
-        return max(passed - len(self._seconds), between)
-
     def loss(self) -> str:
-        """Message about frames that were left out, empty if there are none; to be called after all others were read."""
-        lost, read = self._lost(), len(self._seconds)
+        """Message about frames that were left out, empty if there are none; to be called after all others were read.
+
+        They were passed over or, where times are regular, are missing between others.
+        """
+        read, passed = len(self._seconds), len(range(self.numbers.start, self._passed, self.numbers.step))
+        between = missed(np.diff(self._seconds), self.frames_per_second) if self._are_times_regular else 0
+        lost = max(passed - read, between)
         return f"{self._name}: {lost} of {read + lost} frames cannot be decoded, and were left out" if lost else ""
 
 

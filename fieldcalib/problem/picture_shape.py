@@ -206,7 +206,21 @@ class Placement:
         ((1138, 640), (1920, 1080))
         """
         width, height = frame_around(self.frame_size)
-        shown = round(width), round(height)
+        return self._shown_at((round(width), round(height)))
+
+    def stretched(self, pixel_aspect: float) -> Placement:
+        """The same if pixels of the frames are shown with an aspect (width / height), no side being shortened.
+
+        Examples
+        --------
+        >>> [Placement.whole((720, 480)).stretched(aspect).frame_size for aspect in (32 / 27, 8 / 9)]
+        [(853, 480), (720, 540)]
+        """
+        width, height = self.frame_size
+        return self._shown_at((round(width * max(pixel_aspect, 1.0)), round(height / min(pixel_aspect, 1.0))))
+
+    def _shown_at(self, shown: tuple[int, int]) -> Placement:
+        """The same if the frames, within their borders, are shown at a size."""
         scale = np.divide(shown, self.frame_size)
         whole, corner = (np.rint(scale * one).astype(int).tolist() for one in (self.display_size, self.corner))
         part = None if self.crop is None else Crop(shown, (corner[0], corner[1]))

@@ -105,6 +105,8 @@ class FrameSource(ABC):
     """Files from which the frames are read."""
     loss: str = ""
     """Message about frames that the input announced but does not have; known once it was read to its end."""
+    pixel_aspect: float = 1.0
+    """Width of a pixel as shown, in heights, as far as the input states it; known once a frame was read."""
 
     def __init__(self) -> None:
         self.broken: dict[str, str] = {}
@@ -309,8 +311,7 @@ class VideoFrames(FrameSource):
         self._numbers_given = numbers
         self.files = [FrameFile(path.stem, path)]
         self._state = self.files[0].state
-        self._rate: float | None = None
-        self._announced, self._remarks = 0, list[str]()
+        self._reader: VideoReader | None = None  # of the frames in order
         self._begun: Iterator[Frame] | None = None
 
     def looked_at(self) -> VideoFrames:
@@ -320,19 +321,20 @@ class VideoFrames(FrameSource):
         """
         reading = self._frames()
         self._begun = chain([next(reading)], reading)
-        for remark in self._remarks:
+        assert self._reader is not None
+        for remark in filter(None, (self._reader.beyond, self._reader.remark)):
             self._tell(remark)
         return self
 
     @property
     def rate(self) -> float:
         """Frames per second."""
-        return self._video.frames_per_second if self._rate is None else self._rate
+        return (self._reader or self._video).frames_per_second
 
     @property
     def count(self) -> int:
         """Number of frames that the file announces; 0 if it does not, or was not looked at."""
-        return self._announced
+        return 0 if self._reader is None else self._reader.count
 
     def __iter__(self) -> Iterator[Frame]:
         begun, self._begun = self._begun, None
@@ -343,8 +345,7 @@ class VideoFrames(FrameSource):
         if self.files[0].state != self._state:
             raise BrokenFileError(f"{path}: was replaced while it was read: run it again")
         with VIDEOS.read(path, most, cut=self._cut, threads=self._threads) as video:
-            self._rate, self._announced = video.frames_per_second, video.count
-            self._remarks = [remark for remark in (video.beyond, video.remark) if remark]
+            self._reader, self.pixel_aspect = video, video.pixel_aspect
             yield from checked_frames(path, video, self._one.check)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
@@ -479,6 +480,11 @@ class ClipInput:
         self._held: dict[int, Frame] = {}
         self._newest, self._bytes = -1, 0  # number of the last frame that was held, and size of all that are
         self._left: tuple[Iterator[Frame], int] | None = None  # a reading that was left, and how many frames it gave
+
+    @property
+    def pixel_aspect(self) -> float:
+        """Width of a pixel as shown, in heights."""
+        return self.source.pixel_aspect
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, from the first one that can be read."""

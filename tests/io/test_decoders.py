@@ -1,8 +1,12 @@
 """Videos as they come: variable rates, turned, interlaced, of ten bits; and without PyAV."""
 
+import socket
 import struct
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from fractions import Fraction
 
 import av
@@ -183,6 +187,73 @@ def test_interlaced_videos_are_left_as_they_are_and_that_is_said_once(tmp_path, 
     assert capfd.readouterr().err.count("is interlaced") == 1
     with VideoReader(write(tmp_path / "b.mp4", [picture(0)] * 8)) as video:
         assert video.remark == ""
+
+
+# --- streams ---
+
+SDP = """v=0
+o=- 0 0 IN IP4 127.0.0.1
+s=clip
+c=IN IP4 127.0.0.1
+t=0 0
+m=video 0 RTP/AVP 96
+a=rtpmap:96 H264/90000
+a=fmtp:96 packetization-mode=1
+a=control:track
+""".replace("\n", "\r\n")
+ANSWERS = {
+    "OPTIONS": "Public: OPTIONS, DESCRIBE, SETUP, PLAY\r\n",
+    "DESCRIBE": f"Content-Type: application/sdp\r\nContent-Length: {len(SDP)}\r\n",
+    "SETUP": "Transport: RTP/AVP/TCP;unicast;interleaved=0-1\r\nSession: 1\r\n",
+    "PLAY": "Session: 1\r\n",
+}
+
+
+def serve_rtsp(server, packets):
+    """Answer one reader, and hand it RTP packets that come by UDP, in its connection, until none come for a second."""
+    connection, _ = server.accept()
+    with connection, connection.makefile("rwb") as stream:
+        method = ""
+        while method != "PLAY":
+            request = [line.decode() for line in iter(stream.readline, b"\r\n")]
+            method, number = request[0].split()[0], next(line for line in request if line.startswith("CSeq"))
+            said = SDP if method == "DESCRIBE" else ""
+            stream.write(f"RTSP/1.0 200 OK\r\n{number}{ANSWERS[method]}\r\n{said}".encode())
+            stream.flush()
+        packets.settimeout(1.0)
+        with suppress(TimeoutError):
+            while packet := packets.recv(2000):
+                stream.write(b"$\0" + len(packet).to_bytes(2, "big") + packet)
+                stream.flush()
+
+
+def send_rtp(port, images):
+    with av.open(f"rtp://127.0.0.1:{port}?pkt_size=1200", "w", format="rtp") as container:
+        options = {"tune": "zerolatency", "x264-params": "repeat-headers=1:keyint=10"}
+        stream = container.add_stream("libx264", rate=25, options=options)
+        stream.height, stream.width = images[0].shape[:2]
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+            time.sleep(0.04)
+        container.mux(stream.encode(None))
+
+
+def test_a_camera_by_rtsp():
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as packets,
+        ThreadPoolExecutor(2) as pool,
+    ):
+        packets.bind(("127.0.0.1", 0))
+        pool.submit(serve_rtsp, server, packets)
+        pool.submit(send_rtp, packets.getsockname()[1], [picture(n) for n in range(40)])
+        address = f"rtsp://user:word@127.0.0.1:{server.getsockname()[1]}/live"
+        with StreamReader(Stream(address)) as stream:
+            assert (stream.size, stream.frames_per_second) == (SIZE, 25.0)
+            found = [shown(image) for image in stream]
+            assert stream.loss() == ""
+    assert found == list(range(found[0], 40))
+    assert len(found) > 20  # a reader that comes late begins with the next keyframe
 
 
 # --- without PyAV ---

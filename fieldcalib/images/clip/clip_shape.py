@@ -110,7 +110,10 @@ class ShapeEstimator:
         if not some:
             return None
         found = self._part(some) if self.finds_borders else Shape(Placement.whole(size_of(some[0])))
-        if self.finds_squash and may_be_squashed(found.placement.frame_size):
+        pixel_aspect = getattr(images, "pixel_aspect", 1.0)  # of a video whose file states it
+        if self.finds_squash and pixel_aspect != 1.0:
+            found = found._replace(placement=found.placement.stretched(pixel_aspect))
+        elif self.finds_squash and may_be_squashed(found.placement.frame_size):
             log_odds = self.log_odds([found.placement.image_in_frame(image) for image in some])
             found = shape_of_odds(log_odds, found)
         return found or None

@@ -1,7 +1,9 @@
 """Clips between black borders, squashed clips, and parts of frames: read from files, and live."""
 
 from concurrent.futures import Future
+from fractions import Fraction
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -20,8 +22,10 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
 from fieldcalib.io.samples import TrueFrame
+from fieldcalib.io.videos import VideoReader
 from fieldcalib.problem.picture_shape import Crop, Placement
 from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.run_folder.frame_source import ClipInput, VideoFrames
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 
@@ -116,6 +120,26 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
     parts = [camera.cropped(corner, SQUASHED) for camera in cameras[some]]
     asked = ShapeEstimator(How(Task(FIELD), Asked(parts)))
     assert asked.log_odds([picture[:, corner[0] :] for picture in pictures[some]]) < 0.0
+
+
+@pytest.mark.parametrize("estimate", [True, False])
+def test_a_video_that_states_its_pixels_is_stretched_by_them(tmp_path, estimate):
+    """As of HDV, 1440 x 1080 shown as 16:9, here with borders above and below."""
+    picture = np.full((96, 144, 3), 120, np.uint8)
+    picture[:12] = picture[-12:] = 0
+    with av.open(str(tmp_path / "a.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 144, 96, "yuv420p"
+        stream.codec_context.sample_aspect_ratio = Fraction(4, 3)
+        for _ in range(3):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    estimator = ShapeEstimator(How(Task(FIELD), estimate_aspect=estimate))
+    for images in (VideoReader(tmp_path / "a.mp4"), ClipInput(VideoFrames(tmp_path / "a.mp4"), progress=False)):
+        shape = estimator.shape(images)
+        assert shape.placement.display_size == ((192, 96) if estimate else (144, 96))
+        assert shape.placement.frame_size == ((192, 72) if estimate else (144, 72))
+        assert shape.findings == ()
 
 
 def test_a_told_size_that_is_off_is_no_evidence_of_squashed_frames():
