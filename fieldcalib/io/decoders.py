@@ -1,4 +1,4 @@
-"""Decoders of videos: frames as they are shown, each with its number, its time and its image.
+"""Decoders of videos: frames as they are shown, each with its number and its image.
 
 PyAV's where it can be imported, otherwise OpenCV's; Pillow's for animated WebP, which FFmpeg does not read.
 """
@@ -47,8 +47,6 @@ class Decoder(ABC):
     """Seconds of all frames from the first; empty if they are not known before they are decoded."""
     keys: Sequence[int] = ()
     """Numbers of frames where decoding may begin."""
-    seconds = 0.0
-    """Time of the frame that was decoded last."""
     pixel_aspect = 1.0
     """Width of a pixel as shown, in heights."""
     is_interlaced = False
@@ -112,8 +110,8 @@ class Index:
 @lru_cache(maxsize=4)
 def index_of(location: str, *state: int) -> Index:
     """Read the packets of a file; `state` changes with its content. A BrokenFileError if it is no video."""
-    with _opened(location) as container:
-        stream = _video_of(container)
+    container, stream = _opened(location)
+    with container:
         frames, decoded, ends = list[tuple[int, bool]](), list[int](), dict[Any, int]()
         for packet in _packets(container):
             of, pts = packet.stream, packet.pts
@@ -139,27 +137,13 @@ def index_of(location: str, *state: int) -> Index:
         missing = (stated + (container.start_time or 0) / 1e6 * is_mp4 - end) * rate
         count = len(times) + (round(missing) if missing > LEAST_MISSING else 0)
         if is_regular and not is_mp4:  # whose gaps between frames are meant
-            count = max(count + missed(steps, rate), stream.frames)
+            count = max(count + int(np.sum(np.rint(steps[steps * rate > 1.5] * rate) - 1.0)), stream.frames)
         return Index(times, keys, rate, count)
 
 
 def _is_shown(packet: Any) -> bool:
     """Whether a packet is a frame that is shown: not one hidden by an edit list, or by VP8 (a bit of its header)."""
     return not packet.is_discard and (packet.stream.codec.name != "vp8" or bool(bytes(packet)[0] & VP8_SHOWN))
-
-
-def missed(steps: Any, rate: float) -> int:
-    """Number of frames missing between others, by the steps of their times in seconds; 0 if they are not at that rate.
-
-    Examples
-    --------
-    >>> missed(np.diff([0.0, 0.04, 0.08, 0.12, 0.24, 0.28]), rate=25.0)
-    2
-    """
-    steps = np.asarray(steps) * rate
-    if not len(steps) or abs(np.median(steps) - 1.0) > IRREGULAR:
-        return 0
-    return int(np.sum(np.rint(steps[steps > 1.5]) - 1.0))
 
 
 def _usual(rate: float) -> float:
@@ -171,21 +155,17 @@ def _rate_of(stream: Any) -> float:
     return _usual(float(stream.average_rate or stream.guessed_rate or 0.0))
 
 
-def _opened(location: str, **options: Any) -> Any:
+def _opened(location: str, **options: Any) -> tuple[Any, Any]:
+    """Open a container; returns it and its main video."""
     import av
 
-    try:
-        return av.open(location, metadata_errors="replace", **options)
-    except (av.FFmpegError, UnicodeEncodeError):
-        raise BrokenFileError(NO_VIDEO) from None
-
-
-def _video_of(container: Any) -> Any:
-    stream = container.streams.best("video")
-    if stream is None or stream.codec_context is None:
+    with suppress(av.FFmpegError, UnicodeEncodeError):
+        container = av.open(location, metadata_errors="replace", **options)
+        stream = container.streams.best("video")
+        if stream is not None and stream.codec_context is not None:
+            return container, stream
         container.close()
-        raise BrokenFileError(NO_VIDEO)
-    return stream
+    raise BrokenFileError(NO_VIDEO)
 
 
 def _packets(container: Any, *streams: Any) -> Iterator[Any]:
@@ -222,8 +202,7 @@ class AvDecoder(Decoder):
         self.pixel_aspect = float(self._stream.sample_aspect_ratio or 1.0)
 
     def _open(self) -> None:
-        self._container = _opened(self._location, **self._options)
-        self._stream, self._is_new = _video_of(self._container), True
+        (self._container, self._stream), self._is_new = _opened(self._location, **self._options), True
         self._stream.thread_type = "AUTO"
         self._stream.codec_context.thread_count = self._threads or 0  # 0: as many as there are cores
 
@@ -283,7 +262,6 @@ class AvDecoder(Decoder):
                 return
             for frame in found:
                 number = self._numbers.get(frame.pts, number) if self._shown else number + 1
-                self.seconds = number / self.rate if frame.pts is None else frame.pts * self._unit
                 self.is_interlaced = self.is_interlaced or frame.interlaced_frame
                 yield number, partial(self._image, frame)
 
@@ -315,7 +293,6 @@ class OpenCVDecoder(Decoder):
                 damaged += 1
                 continue
             number, damaged = number + damaged, 0
-            self.seconds = capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
             if number >= start:
                 yield number, lambda: np.asarray(capture.retrieve()[1], np.uint8)
             number += 1

@@ -138,8 +138,7 @@ class StreamReader(FrameReader):
             if stream.location == STDIN:
                 raise BrokenFileError(f"{stream}: {NO_VIDEO}; {STREAMABLE}") from None
             raise BrokenFileError(f"{stream} cannot be opened: {why_closed(stream)}") from None
-        self._are_times_regular = not stream.is_live
 
     def end(self) -> str:
         """Message if the stream ended before its cut; empty otherwise."""
-        return f"{self._stream}: no more frames after {len(self._seconds)}" * (len(self._seconds) < len(self.numbers))
+        return f"{self._stream}: no more frames after {self._read}" * (self._read < len(self.numbers))

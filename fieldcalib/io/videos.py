@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, check_av, file_decoder, missed
+from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, check_av, file_decoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, native_name, replacement
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image import Image, size_of
@@ -67,11 +67,9 @@ class FrameReader:
     """Width of a pixel as shown, in heights, as the file states it; 1 of most videos."""
     remark: str = ""
     """What is to be known of the frames; empty for most videos."""
-    _are_times_regular = True  # a live source may have a varying frame rate: its times tell nothing
 
     def __init__(self, decoder: Decoder, name: str, most_pixels: float = MOST_PIXELS, cut: Cut = WHOLE) -> None:
-        self._decoder, self._name = decoder, name
-        self._seconds: list[float] = []  # of the frames that were read
+        self._decoder, self._name, self._read = decoder, name, 0
         try:
             with named_in_errors(name):
                 check_pixels(decoder.size, most_pixels)
@@ -90,11 +88,6 @@ class FrameReader:
         self.pixel_aspect = decoder.pixel_aspect if abs(decoder.pixel_aspect - 1.0) > LEAST_ASPECT else 1.0
         if decoder.is_interlaced:
             self.remark = f"{name} {INTERLACED}"
-
-    @property
-    def times(self) -> Sequence[float]:
-        """Seconds of all frames of the video from the first; empty if they are not known in advance."""
-        return self._decoder.times
 
     def __enter__(self) -> Self:
         return self
@@ -116,7 +109,7 @@ class FrameReader:
         for number, image in self._frames if self._passed < self.numbers.stop else ():
             self._passed = number + 1
             if number in self.numbers:
-                self._seconds.append(self._decoder.seconds)
+                self._read += 1
                 return number, image()
             if self._passed >= self.numbers.stop:
                 break
@@ -133,14 +126,10 @@ class FrameReader:
         return f"{said}: there is no frame to begin with"
 
     def loss(self) -> str:
-        """Message about frames that were left out, empty if there are none; to be called after all others were read.
-
-        They were passed over or, where times are regular, are missing between others.
-        """
-        read, passed = len(self._seconds), len(range(self.numbers.start, self._passed, self.numbers.step))
-        between = missed(np.diff(self._seconds), self.frames_per_second) if self._are_times_regular else 0
-        lost = max(passed - read, between)
-        return f"{self._name}: {lost} of {read + lost} frames cannot be decoded, and were left out" if lost else ""
+        """Message about frames that were left out, empty if there are none; to be called after all others were read."""
+        passed = len(range(self.numbers.start, self._passed, self.numbers.step))
+        said = f"{self._name}: {passed - self._read} of {passed} frames cannot be decoded, and were left out"
+        return said if self._read < passed else ""
 
 
 class VideoReader(FrameReader):
@@ -164,6 +153,8 @@ class VideoReader(FrameReader):
 
     count: int
     """Number of frames that are read, as the file announces; 0 if it does not."""
+    stored: int
+    """Number of frames that are in the file, whether in the cut or not; as it announces if that is not known."""
     beyond: str
     """Message if the end of the cut lies beyond that of the video; empty otherwise."""
 
@@ -181,7 +172,7 @@ class VideoReader(FrameReader):
         announced, rate, times = decoder.count, decoder.rate, decoder.times
         is_sure = bool(times) or self.numbers.stop > announced + rate
         beyond = cut.beyond(announced, rate, times) if announced and is_sure else ""
-        self.beyond = f"{path} {beyond}" if beyond else ""
+        self.beyond, self.stored = f"{path} {beyond}" if beyond else "", len(times) or announced
         self.count = len(self.numbers[: max(-(-(announced - self.numbers.start) // self.numbers.step), 0)])
 
     def image(self, number: int) -> Image | None:
@@ -202,8 +193,8 @@ class VideoReader(FrameReader):
         """Message about frames that the file announces and that cannot be read, empty if there are none."""
         if not self._decoder.times:
             return super().loss()
-        read = len(self._seconds)
-        return f"{self._name}: announces {self.count} frames, {read} can be read" if read < self.count else ""
+        said = f"{self._name}: announces {self.count} frames, {self._read} can be read"
+        return said if self._read < self.count else ""
 
 
 class VideoWriter:

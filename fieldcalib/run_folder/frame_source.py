@@ -358,7 +358,7 @@ class VideoFrames(FrameSource):
 
     @cached_property
     def _numbers(self) -> Sequence[int]:
-        return range(self._video.count) if self._numbers_given is None else self._numbers_given
+        return range(self._video.stored) if self._numbers_given is None else self._numbers_given
 
     @cached_property
     def ids(self) -> Sequence[str]:

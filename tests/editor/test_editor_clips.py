@@ -27,7 +27,7 @@ from fieldcalib.editor.journal import JOURNAL
 from fieldcalib.editor.label_versions import ChangedFileError
 from fieldcalib.editor.saved_files import MOVED
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.videos import FramesByNumber
+from fieldcalib.io.videos import VideoReader
 
 
 def nothing(count, starts=(0,), notes=()):
@@ -320,7 +320,7 @@ def test_what_was_drawn_is_drawn_again(clip, tmp_path):
     assert done == [(k, 8, "drawing overlay.mp4") for k in range(8)]
     assert editor.to_draw == []
     assert notes_of(out) == [str(BESIDE), MOVED["report.html"]]
-    assert FramesByNumber(out / "overlay.mp4").count == 8
+    assert VideoReader(out / "overlay.mp4").count == 8
     assert cv2.imread(str(out / "worst_frames.jpg")) is not None
     marked(editor, 1, number=5).save()
     assert len([*(out / "history").glob("*/overlay.mp4")]) == 2
