@@ -297,6 +297,7 @@ class LiveStream:
             for frame in frames:
                 collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis))
                 bar.update()
+        _warn_of(reader.remark)
         _warn_of(reader.loss())
         return Results(collected.frames())
 

@@ -528,7 +528,7 @@ def test_a_broken_video_is_one_line(know, tmp_path, capfd):
     (tmp_path / "a.mp4").write_bytes(b"no video")
     know([])
     assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 2
-    assert "a.mp4: is no video that OpenCV can read" in capfd.readouterr().err
+    assert "a.mp4: is no video that FFmpeg can read" in capfd.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
