@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -70,6 +71,7 @@ class FrameReader:
 
     def __init__(self, decoder: Decoder, name: str, most_pixels: float = MOST_PIXELS, cut: Cut = WHOLE) -> None:
         self._decoder, self._name, self._read = decoder, name, 0
+        self._lock = Lock()  # PyAV ends the process where a thread closes what another one, reading ahead, decodes
         try:
             with named_in_errors(name):
                 check_pixels(decoder.size, most_pixels)
@@ -93,7 +95,9 @@ class FrameReader:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._decoder.close()
+        with self._lock:
+            self._frames = iter(())
+            self._decoder.close()
 
     def __iter__(self) -> Iterator[Image]:
         return (image for _, image in self.numbered())
@@ -106,13 +110,14 @@ class FrameReader:
 
     def _next(self) -> tuple[int, Image] | None:
         """Number and image of the next frame of the cut that is not damaged; None at the end."""
-        for number, image in self._frames if self._passed < self.numbers.stop else ():
-            self._passed = number + 1
-            if number in self.numbers:
-                self._read += 1
-                return number, image()
-            if self._passed >= self.numbers.stop:
-                break
+        with self._lock:
+            for number, image in self._frames if self._passed < self.numbers.stop else ():
+                self._passed = number + 1
+                if number in self.numbers:
+                    self._read += 1
+                    return number, image()
+                if self._passed >= self.numbers.stop:
+                    break
         return None
 
     def _no_start(self, cut: Cut) -> str:

@@ -8,6 +8,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from fractions import Fraction
+from itertools import islice
 
 import av
 import cv2
@@ -21,6 +22,7 @@ from strategies import examples
 from fieldcalib.io import decoders
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
+from fieldcalib.io.image_files import AHEAD, read_ahead
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoReader, VideoWriter
 
@@ -136,6 +138,15 @@ def test_a_frame_is_the_same_whichever_way_it_is_reached(film, order):
     for number in order[:2]:
         cut = read(film, cut=Cut(Position(frame=number), Position(frame=number + 3)))
         assert all(map(np.array_equal, cut, one_by_one[number : number + 3]))
+
+
+def test_a_video_may_be_closed_while_a_thread_reads_ahead(film):
+    """As where an error ends a run: PyAV would end the process."""
+    for taken in range(1, 20):
+        with VideoReader(film) as video:
+            ahead = read_ahead(video)
+            assert len(list(islice(ahead, taken))) == taken
+        assert len(list(ahead)) <= AHEAD + 2  # what was read before
 
 
 # --- pictures ---
