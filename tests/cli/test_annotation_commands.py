@@ -61,6 +61,7 @@ def test_the_cameras_are_those_of_soccernets_files(tool, annotations, calibrated
     assert [line["id"] for line in lines_of(tmp_path / "out")] == [one.id for one in annotations]
 
 
+@pytest.mark.slow
 def test_real_frames(shared_data, tmp_path):
     """The same pixels, and so the same cameras."""
     paths = [file.path for file in ANNOTATIONS.find([shared_data / "sncalib-test-center"])[:40]]

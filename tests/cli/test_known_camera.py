@@ -410,6 +410,7 @@ def test_what_is_of_one_frame_is_not_of_a_clip():
         calibrate_video(KNOWN, [], KnownCameras([]), **position(WIDE), flags=DEFAULT_FLAGS | PLACE, camera="moving")
 
 
+@pytest.mark.slow
 def test_a_live_camera_whose_place_is_known():
     cameras, pictures = clip_of(zoom=0.1)
     with Tracker(KNOWN, KnownCameras(cameras), **position(cameras[0]), flags=DEFAULT_FLAGS | PLACE, wait=True) as live:

@@ -391,6 +391,7 @@ def test_open_shows_the_first_frame_that_is_not_good(know, tmp_path, monkeypatch
     assert not (tmp_path / "several").exists()
 
 
+@pytest.mark.slow
 def test_a_frame_that_cannot_be_read_is_told_without_pictures_too(know, tmp_path, capsys):
     truths = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (22, 23)]
     for name, truth in zip("ac", truths, strict=True):

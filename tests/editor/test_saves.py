@@ -448,7 +448,7 @@ for begin in (first, second):
 """
 
 
-@pytest.mark.parametrize("way", ["kill", "full"])
+@pytest.mark.parametrize("way", ["kill", pytest.param("full", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("step", [9, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_save_that_is_interrupted_goes_on(pictures, tmp_path, way, step):
     """At operations on files of a first and a second save, each or every ninth: killed, or with no room on the disk."""

@@ -248,6 +248,7 @@ def test_calibrations_are_the_same(by_numpy):
     assert difference(one, by_numpy(calibrate_from_segments, FIELD, frames[1], SIZE)) < 1e-9
 
 
+@pytest.mark.slow
 def test_annotated_frames_are_the_same(shared_data, by_numpy):
     from fieldcalib.io.soccernet import parse_annotation
 

@@ -444,7 +444,8 @@ def test_weights_that_are_none_raise(weights, message):
 # very many points
 
 
-@pytest.mark.parametrize("prior", ["all", pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("prior", ["all", None])
 def test_memory_grows_linearly_with_the_points(prior):
     """Comparing every point with every other one would take 400 MB for the boxes of the points alone."""
     rng = np.random.default_rng(5)

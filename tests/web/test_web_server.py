@@ -816,7 +816,7 @@ def check_random_edits(folder, picture, count, rng):
 
 
 def test_random_edits(tmp_path, picture):
-    check_random_edits(tmp_path, picture, 40, np.random.default_rng(0))
+    check_random_edits(tmp_path, picture, 20, np.random.default_rng(0))
 
 
 @pytest.mark.slow

@@ -84,7 +84,8 @@ def test_a_pan_too_fast_to_follow_is_linked():
     assert [tied.ties[0][0] for tied in found[20:30]] == list(range(19, 29))
 
 
-@pytest.mark.parametrize("length", [12, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("length", [12, 0])
 def test_cuts_and_dissolves_are_not_linked(length):
     images = dissolved(shot(30), shot(25, seed=1), length) if length else [*shot(30), *shot(25, seed=1)]
     before = [tied for _, tied in tied_frames(images)]

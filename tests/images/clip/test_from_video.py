@@ -93,6 +93,7 @@ def test_shots_of_one_tripod_share_it(one_tripod):
     assert tripod.shared["y"][1] < 0.3
 
 
+@pytest.mark.slow
 def test_shots_of_two_tripods_do_not(two_tripods):
     cameras = cameras_of([*LEFT, *ELSEWHERE])
     found = calibrated(two_tripods, cameras)
