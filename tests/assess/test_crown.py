@@ -157,7 +157,7 @@ def test_frames_of_a_field_of_exact_size_tell_its_crown():
     assert abs(found.crown.height - 0.4) < 0.03
     assert (found.field.ground.crown, found.length, found.width) == (found.crown.height, field.length, field.width)
     np.testing.assert_array_equal(found.interval, [[field.length, field.width]] * 2)
-    assert str(found) == (f"length: {field.length:.2f} m; width: {field.width:.2f} m; crown: 0.39 ± 0.01 m")
+    assert str(found) == (f"length: {field.length:.2f} m; width: {field.width:.2f} m; crown: 0.38 ± 0.01 m")
     assert estimate_field_size(field, labelled_path(0.0, every=20, seed=5, field=field)[0], SIZE).field == field
     with pytest.raises(ValueError, match="expected a field"):
         estimate_field_size(tennis(), frames, SIZE)
