@@ -151,6 +151,7 @@ def test_rows_that_cannot_be_measured_say_why(sncalib, capsys):
     assert all(row["reason"] for row in unmeasured)
 
 
+@pytest.mark.slow
 def test_text_and_markdown(wc14, capsys):
     plain = run(capsys, "--wc14", wc14, *STEPS)
     markdown = run(capsys, "--wc14", wc14, *STEPS, "--markdown")

@@ -503,7 +503,9 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
     assert len(lines_of(tmp_path / "out")) == 2 * IMAGES_AT_ONCE + 1
 
 
-@pytest.mark.parametrize("how", [(), ("--independent",)], ids=["together", "independent"])
+@pytest.mark.parametrize(
+    "how", [(), pytest.param(("--independent",), marks=pytest.mark.slow)], ids=["together", "independent"]
+)
 def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, capsys, how):
     write_video(tmp_path / "a.mp4", [np.zeros((36, 64, 3), np.uint8)] * (IMAGES_AT_ONCE + 1))
     know([None] * (IMAGES_AT_ONCE + 1))

@@ -215,7 +215,7 @@ def test_a_template_in_other_units_is_refused_by_its_unit(signs, unit):
 
 
 @pytest.mark.parametrize("of_width", [1920, *(pytest.param(width, marks=pytest.mark.slow) for width in (640, 1280))])
-@pytest.mark.parametrize("prior", [None, "all"])
+@pytest.mark.parametrize("prior", [None, pytest.param("all", marks=pytest.mark.slow)])
 def test_pixels_of_another_size_of_the_picture_are_not_good(of_width, prior):
     """Where the points contradict the size; where they do not, those of a field reach too near or too far."""
     camera = Camera.from_angles(-0.3, 1.3, 0.01, 1000.0, (-2.0, 62.0, -22.0), SIZE)
@@ -264,7 +264,7 @@ def test_pixels_that_are_not_square(prior):
     assert (found.verdict, causes(found), blamed(found)) == (Verdict.CHECK, [What.NOT_SQUARE], set())
 
 
-@pytest.mark.parametrize("prior", [None, "all"])
+@pytest.mark.parametrize("prior", [None, pytest.param("all", marks=pytest.mark.slow)])
 def test_points_that_are_bent_by_a_lens(prior):
     bent = Camera.from_angles(-0.3, 1.36, 0.01, 700.0, (-2.0, 62.0, -15.0), SIZE, k=(-0.35, 0.0))
     X, xy = seen(bent)

@@ -610,6 +610,7 @@ def test_every_file_of_the_page_is_sent(shown):
 # --- fields that no network knows ---
 
 
+@pytest.mark.slow
 def test_courts_are_searched_for_beside_the_page(tmp_path):
     """The page is answered at once, and sees when a camera was found."""
     camera = Camera.from_angles(1.5, 1.3, 0.0, 1400.0, (-32.0, 1.0, -9.0), SIZE)

@@ -323,6 +323,7 @@ def test_runs_of_keyframes_are_parts(contradicted, expected):
     assert parts(12 * np.arange(len(some)), some) == expected
 
 
+@pytest.mark.slow
 def test_a_zoom_off_the_middle_is_found_out():
     """A part of the picture, enlarged: the principal point is far from the middle, and cameras are right with it."""
     size, corner = (720, 405), (0, 0)

@@ -403,6 +403,7 @@ def test_the_size_of_a_field_that_varies_is_estimated():
     assert (given.field or futsal()) == futsal()
 
 
+@pytest.mark.slow
 def test_yard_lines_that_look_alike_have_alternatives():
     stand = Camera.from_angles(0.03, 1.25, 0.0, 1500.0, (3.0, 75.0, -22.0), SIZE)
     field = american_football("nfl")  # no end is in view
@@ -526,6 +527,7 @@ def test_a_field_seen_from_above_is_found(name, turn, pan, tilt, fov, share):
     assert min(largest_move(truth, camera, field) for camera in (best.camera, turned(best.camera))) < field.tolerance
 
 
+@pytest.mark.slow
 def test_a_picture_from_above_is_no_window():
     """The areas of a pitch are upright rectangles, as windows are; the network has not seen it from there."""
     truth = Camera.from_angles(0.0, 0.01, 0.0, 1000.0, (3.0, 2.0, -110.0), SIZE)
