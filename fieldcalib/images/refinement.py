@@ -35,6 +35,7 @@ from fieldcalib.images.paint.paint_evidence import (
     PaintEvidence,
     Ridges,
     evidence_of,
+    missing_net,
     paint_evidence,
     wide_strips,
     widths_by_marking,
@@ -314,13 +315,14 @@ def _in_passes(
 
 
 def _looked_at(refined: Refined, image: Image, markings: Markings) -> Refined:
-    """Add the paint of the markings, if it was not looked for yet, and the width of that paint."""
+    """Add the paint of the markings, if it was not looked for yet, its width, and whether a net is missing."""
     camera, paint = refined.calibration.camera, refined.paint
     if camera is None:
         return refined
     paint = paint_evidence(image, camera, markings) if paint is None else paint
     seen = with_widths(paint.markings, widths_by_marking(image, camera, markings))
-    return replace(refined, paint=replace(paint, markings=seen))
+    missing = missing_net(image, camera, markings, seen) if markings.net else []
+    return replace(refined, paint=replace(paint, markings=(*seen, *missing)))
 
 
 def _strips(

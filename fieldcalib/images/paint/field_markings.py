@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook, Paint
 
 POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale
+UPRIGHT = 0.5  # vertical share of the direction of posts; edges of nets sag by less
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,19 @@ class Markings:
     """Share of each segment that is painted, less than 1 for dashes, (len(labels),)."""
     look: LineLook
     """Appearance of the lines."""
+
+    @cached_property
+    def net(self) -> tuple[str, ...]:
+        """Labels of the edges of a net across the middle of the field.
+
+        Examples
+        --------
+        >>> from fieldcalib.fields import soccer, tennis
+        >>> Markings.of(tennis()).net, Markings.of(soccer()).net
+        (('Net top', 'Net bottom'), ())
+        """
+        is_edge = ~self.on_ground & (self.X[:, 0] == 0.0) & (np.abs(self.along[:, 2]) < UPRIGHT)
+        return tuple(self.labels[k] for k in np.unique(self.member[is_edge]))
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.assess.paint_in_view import LEAST_PLACES, LONG, MarkingInView
+from fieldcalib.assess.paint_in_view import CONFIRMED, LEAST_PLACES, LONG, UNSEEN, MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import (
@@ -57,6 +57,8 @@ AS_NARROW = 1.2  # other markings are compared if their width in the image is at
 EXPECTED = 0.6  # if more than this share of the compared markings' profiles show paint, the marking should show it too
 LOOKED_AT = 0.87  # if more than this share of the profiles show paint at the projection, the marking is on its paint
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
+WIDEST = 15.0  # px: the edge of a net that is nearer is too wide to be found as a line
+NET_HEIGHTS = (1.0, 0.8, 1.25, 0.6, 1.5)  # times that of the net: right cameras of half courts are up to a third off
 LEAST_PAINTED = 0.3  # painted share of a dashed marking: with less it is left out
 DRAWS = 200  # random samples of a marking's ridges, each of which determines a line or an arc
 APART = 0.3  # least share of a marking's profiles between the outer ridges of a sample
@@ -191,10 +193,59 @@ def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.
             elif not is_bent:
                 beside[at] = run
         length = float(np.sum(profiles.spacing[at]))
-        narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[at]))
-        expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
+        expected = _is_expected(profiles, is_on, k)
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
     return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
+
+
+def missing_net(image: Image, camera: Camera, markings: Markings, seen: Sequence[MarkingInView]) -> list[MarkingInView]:
+    """The edges of a net as one marking without paint, if they must be in view before the field and are not; else none.
+
+    They must be, if the image shows marked lines (`seen`). Where they are is as uncertain as the heights of a camera
+    that is right on the ground, so they are looked for higher and lower too. A wrong camera, which takes the net for a
+    line on the ground, projects it where no net is at any height.
+    """
+    confirmed = sum(one.places for one in seen if one.is_confirmed)
+    profiles, offset, unit = _across_net(image, camera, markings)
+    reach = np.max(np.abs(markings.X[markings.on_ground, :2]), axis=0)
+    before_field = np.all(np.abs(camera.image_to_field(profiles.xy)[:, :2]) < reach, axis=1)  # false for the sky
+    edge = profiles.take(np.flatnonzero(before_field))
+    if min(confirmed, len(edge)) < LONG or np.median(edge.width) > WIDEST * unit:
+        return []
+    share = float(np.mean(np.any(np.abs(offset[before_field]) < ON_PAINT * unit, axis=1)))
+    if share >= UNSEEN or any(_shows_net(image, camera, markings, height) for height in NET_HEIGHTS):
+        return []
+    label = markings.labels[np.bincount(edge.member).argmax()]
+    return [MarkingInView(label, float(np.sum(edge.spacing)), len(edge), share, 0.0)]
+
+
+def _across_net(image: Image, camera: Camera, markings: Markings, height: float = 1.0) -> tuple[Profiles, Array, float]:
+    """Profiles across the edges of a net, times as high; offsets (n, k) of the ridges in them; and `Ridges.unit`."""
+    higher = replace(markings, X=markings.X * (1.0, 1.0, height))
+    profiles = profiles_along(camera, higher)
+    edges = [markings.labels.index(label) for label in markings.net]
+    strips = wide_strips(image, profiles.take(np.flatnonzero(np.isin(profiles.member, edges))))
+    strips = strips.part(np.flatnonzero(~strips.is_black), BAND, past_others=True)
+    return strips.profiles, strips.ridges(BAND, PEAKS)[0], strips.unit
+
+
+def _shows_net(image: Image, camera: Camera, markings: Markings, height: float) -> bool:
+    """Whether a line lies near an edge of the net that is times as high."""
+    profiles, offset, unit = _across_net(image, camera, markings, height)
+    edges = [np.flatnonzero(profiles.member == k) for k in np.unique(profiles.member)]
+    return any(_run_beside(offset[at], _along(len(at)), 0, unit)[0] > 0.0 for at in edges)
+
+
+def _is_expected(profiles: Profiles, is_on: BoolArray, k: int) -> bool:
+    """Whether the paint of marking k should be visible: paint as narrow of the others mostly is, or one other's is.
+
+    A wrong camera may project most of them where there is no paint. One that shows it nearly everywhere is enough.
+    """
+    narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[profiles.member == k]))
+    most = int(np.max(profiles.member)) + 1
+    count, on = (np.bincount(profiles.member[some], minlength=most) for some in (narrow, narrow & is_on))
+    one_shows = np.any((count >= LONG) & (on >= CONFIRMED * count))
+    return bool(one_shows or (np.sum(count) >= LONG and np.mean(is_on[narrow]) > EXPECTED))
 
 
 def with_lines(

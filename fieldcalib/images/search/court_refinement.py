@@ -46,8 +46,9 @@ def with_hidden_markings(calibration: Calibration) -> Calibration:
         return calibration
     if field.moves_with_size and not field.size_known:
         return calibration
-    hidden = [one for one in calibration.markings if one.is_unseen or (one.is_beside and _is_other(calibration, one))]
-    if not hidden:
+    on_ground = [one for one in calibration.markings if one.label not in Markings.of(field).net]
+    hidden = [one for one in on_ground if one.is_unseen or (one.is_beside and _is_other(calibration, one))]
+    if not hidden or (len(hidden) > 1 and any(one.is_unseen for one in hidden)):  # bare ground in several places
         return calibration
     names = ", ".join(repr(one.label) for one in hidden)
     return replace(

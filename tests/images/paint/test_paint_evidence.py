@@ -25,7 +25,7 @@ from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, paint_evidence
+from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, missing_net, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.request import Task
@@ -248,3 +248,46 @@ def test_lines_as_wide_as_the_band_have_fewer_ridges():
     plain = np.full((540, 960, 3), 90, np.uint8)
     (found,) = paint_evidence(plain, near, Markings.of(field)).markings
     assert found.share == 0.0
+
+
+COURT = camera(-12, 76, 1150, (5, 16.4, -5.1))
+
+
+def placed(truth, by):
+    """A camera that stands elsewhere."""
+    return Camera(truth.K, truth.R, truth.C + by, truth.image_size, truth.dist)
+
+
+def missing_of(seen_by):
+    image, markings = picture(COURT, tennis()), Markings.of(tennis())
+    return missing_net(image, seen_by, markings, paint_evidence(image, seen_by, markings).markings)
+
+
+@given(height=numbers(-0.3, 0.3), pan=numbers(-4, 4))
+@examples(5)
+def test_a_net_near_its_projection_is_not_missing(height, pan):
+    assert missing_of(turned(placed(COURT, (0.0, 0.0, height)), pan)) == []
+
+
+def test_a_camera_that_takes_the_net_for_a_service_line_projects_it_where_none_is():
+    """Moved by a service box along the court, its service line lies on the net, and its net on bare ground."""
+    (missing,) = missing_of(placed(COURT, (-4.3, 0.0, 0.0)))
+    assert missing.label in Markings.of(tennis()).net
+    assert missing.is_unseen
+    assert list(map(str, paint_findings([missing]))) == [f"the image shows no paint at {missing.label!r}"]
+
+
+def test_no_net_is_missing_where_few_lines_show():
+    image, markings = picture(COURT, tennis()), Markings.of(tennis())
+    assert missing_net(np.full_like(image, 90), COURT, markings, ()) == []
+
+
+def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
+    """Several lines on bare ground do not excuse one another."""
+    few = ("Side line bottom", "Singles side line top", "Base line right")
+    field, court = tennis(), camera(8, 70, 1300, (6, 22, -9))
+    shown = Field(field.length, field.width, {label: field[label] for label in few}, lines=field.lines)
+    seen = {one.label: one for one in paint_evidence(picture(court, shown), court, Markings.of(field)).markings}
+    missing = [one.label for one in seen.values() if one.is_unseen]
+    assert "Centre service line" in missing
+    assert not set(missing) & set(few)
