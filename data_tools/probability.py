@@ -40,7 +40,7 @@ from data_tools.crown import on_crown
 from data_tools.measured_cameras import camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
 from data_tools.synthetic.paths import SIZE
-from fieldcalib._types import Array
+from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import motion_in_view
 from fieldcalib.assess.probability import ground_in_view, odds_terms
 from fieldcalib.assess.result import Calibration
@@ -121,28 +121,33 @@ def judged(
     return [found[i] for i in seen], errors[seen]
 
 
-def fitted_coefficients(features: Array, errors: Array, tolerance: float) -> Array:
-    """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,), metres: log odds."""
+def fitted_coefficients(
+    features: Array, errors: Array, tolerance: float, known: Array | float = 0.0, weight: Array | float = 1.0
+) -> Array:
+    """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,), metres: log odds.
+
+    `known` are log odds (n,) that come to those of the features, and `weight` (n,) is that of each camera.
+    """
     from scipy.optimize import minimize
 
     limits = tolerance * np.array(TOLERANCES)
     A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in limits])
     right = np.concatenate([errors < metres for metres in limits])
-    known = np.isfinite(A).all(axis=1)  # infinitely uncertain frames have probability 0, whatever the coefficients
-    A, right = A[known], right[known]
+    added, share = (np.tile(np.broadcast_to(one, len(features)), len(limits)) for one in (known, weight))
+    # infinitely uncertain frames have probability 0, whatever the coefficients
+    A, right, added, share = (one[np.isfinite(A).all(axis=1)] for one in (A, right, added, share))
 
     def loss(b: Array) -> tuple[float, Array]:
-        odds = A @ b
+        odds = A @ b + added
         p = 1.0 / (1.0 + np.exp(-odds))
-        minus_log_likelihood = np.sum(np.logaddexp(0.0, odds) - right * odds)
-        return float(minus_log_likelihood + RIDGE * b @ b), A.T @ (p - right) + 2.0 * RIDGE * b
+        minus_log_likelihood = np.sum(share * (np.logaddexp(0.0, odds) - right * odds))
+        return float(minus_log_likelihood + RIDGE * b @ b), A.T @ (share * (p - right)) + 2.0 * RIDGE * b
 
     return np.asarray(minimize(loss, np.zeros(A.shape[1]), jac=True, method="BFGS").x)
 
 
-def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> dict[str, object]:
-    """Number of frames, mean probability and share of right cameras in each bin of probabilities."""
-    p, right = np.array([c.probability(metres) for c in found]), errors < metres
+def reliability(p: Array, right: BoolArray) -> dict[str, object]:
+    """Number of frames, mean probability and share of right cameras in each bin of probabilities (n,)."""
     rows = []
     for low, high in pairwise(BINS):
         inside = (p >= low) & ((p < high) | (high == BINS[-1]))
@@ -150,7 +155,7 @@ def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> d
             shares = (round(float(np.mean(values[inside])), 3) for values in (p, right))
             rows.append([int(np.sum(inside)), *shares])
     brier = {"brier": round(float(np.mean((p - right) ** 2)), 3), "of_constant": round(float(np.var(right)), 3)}
-    return {"metres": metres, "frames_probability_right": rows, **brier}
+    return {"frames_probability_right": rows, **brier}
 
 
 def risk_coverage_area(score: Array, risk: Array) -> float:
@@ -169,19 +174,25 @@ def fit(options: argparse.Namespace) -> int:
     """Print coefficients, and their reliability on other frames."""
     rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True, ground=LEVEL)
 
-    def judged_frames(coefficients: Array) -> tuple[list[Calibration], Array]:
-        b0, b1, b2, b3, b4 = coefficients.tolist()
-        modelled = replace(field, probability=ProbabilityModel((b0, b1, b2, b3, b4)))
-        frames = [random_frame(field, rng) for _ in range(options.frames)]
-        return judged(modelled, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size)
-
-    found, errors = judged_frames(np.zeros(5))
-    uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    features = np.array([rows[0] for (rows, _), _ in odds_terms(uncertainties, field)])
-    coefficients = fitted_coefficients(features, errors, field.tolerance).round(2)
+    found, errors = judged_frames(field, options.frames, rng)
+    coefficients = fitted_coefficients(features_of(found, field), errors, field.tolerance).round(2)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
-    _print_reliability(*judged_frames(coefficients), field.tolerance)
+    b0, b1, b2, b3, b4 = coefficients.tolist()
+    modelled = replace(field, probability=ProbabilityModel((b0, b1, b2, b3, b4)))
+    _print_reliability(*judged_frames(modelled, options.frames, rng), field.tolerance)
     return 0
+
+
+def judged_frames(field: Field, count: int, rng: np.random.Generator) -> tuple[list[Calibration], Array]:
+    """Calibrations, and their largest true errors (n,), of random labelled frames."""
+    frames = [random_frame(field, rng) for _ in range(count)]
+    return judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size)
+
+
+def features_of(found: Sequence[Calibration], field: Field) -> Array:
+    """Terms (n, 5) of the log odds of calibrations on a field of known size, for 1 m."""
+    uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
+    return np.array([rows[0] for (rows, _), _ in odds_terms(uncertainties, field)])
 
 
 def verdicts(options: argparse.Namespace) -> int:
@@ -279,8 +290,9 @@ def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
 
 
 def _print_reliability(found: Sequence[Calibration], errors: Array, tolerance: float) -> None:
-    for share in TOLERANCES:
-        print(json.dumps(reliability(found, errors, share * tolerance)))
+    for metres in tolerance * np.array(TOLERANCES):
+        p = np.array([c.probability(float(metres)) for c in found])
+        print(json.dumps({"metres": float(metres), **reliability(p, errors < metres)}))
 
 
 def _print_areas(frames: str, found: Sequence[Calibration], risks: dict[str, Array]) -> None:

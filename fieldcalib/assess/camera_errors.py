@@ -265,7 +265,7 @@ class Solved:
         self._on: Uncertainty | None = None
         self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
         self._unusual: tuple[Finding, ...] | None = None
-        self._part: tuple[Uncertainty, tuple[float, float, Declared], tuple[Finding, ...]] | None = None
+        self._part: tuple[Uncertainty, tuple[float, float, Declared, float], tuple[Finding, ...]] | None = None
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
@@ -337,7 +337,7 @@ class Solved:
         if picture is None:
             return self._unusual
         log_ratio = picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
-        asked = picture.probability, log_ratio, picture.declared
+        asked = picture.probability, log_ratio, picture.declared, picture.sure
         on = self.on(picture.field)
         if self._part is None or self._part[0] is not on or self._part[1] != asked:
             self._part = on, asked, seems_part(on, *asked)

@@ -47,6 +47,8 @@ class Picture:
     declared: Declared
     are_annotated: bool
     """Whether a person labelled it, following markings to its border."""
+    sure: float = SURE
+    """Probability from which on a camera of an odd shape needs no further evidence of that shape."""
 
     def log_ratio_of_part(self, solved: Camera, labels: PixelTable) -> float:
         """Log odds of a part from what was done to the picture, and from the ends of labels set by hand.
@@ -137,6 +139,7 @@ def seems_part(
     probability: float,
     log_ratio_of_part: float = 0.0,
     declared: Declared = Declared.NOTHING,
+    sure: float = SURE,
 ) -> tuple[Finding, ...]:
     """Evidence that a picture may be a part of a frame whose camera would then be wrong; empty without any.
 
@@ -149,6 +152,8 @@ def seems_part(
         Further log odds of a part, from the ends of labels (`Picture.log_ratio_of_part`).
     declared : Declared
         Statement of the user about the picture.
+    sure : float
+        See `Picture`.
     """
     found = None if declared == Declared.FRAME else principal_point_of(uncertainty)
     if found is None:
@@ -158,6 +163,6 @@ def seems_part(
         return (CUT,) if score(uncertainty, found, probability) + log_ratio_of_part > 0.0 else ()
     is_known = declared != Declared.NOTHING or "log aspect" not in uncertainty.offsets
     is_square = is_known or has_square_pixels(size, uncertainty.offsets["log aspect"])
-    if is_square and probability >= SURE:
+    if is_square and probability >= sure:
         return ()
     return (SHAPE if declared == Declared.NOTHING else CUT,)

@@ -346,6 +346,11 @@ def probability_right(model: ProbabilityModel, terms: Array, weights: Array, met
         return float(np.sum(weights / (1.0 + np.exp(-log_odds))))
 
 
+def log_odds_of_paint(share: float) -> float:
+    """Log odds that come to those by the labels, given the share of the markings in view that show paint."""
+    return -LOG_ODDS_PER_SHARE * max(0.0, EXPECTED_SHARE - share)
+
+
 def probability_given_paint(probability: float, share: float) -> float:
     """Probability of being right, given that by the labels and the share of the markings in view that show paint.
 
@@ -357,5 +362,5 @@ def probability_given_paint(probability: float, share: float) -> float:
     >>> round(probability_given_paint(0.9, 0.95), 2), round(probability_given_paint(0.9, 0.4), 2)
     (0.9, 0.61)
     """
-    doubt = float(np.exp(LOG_ODDS_PER_SHARE * max(0.0, EXPECTED_SHARE - share)))
+    doubt = float(np.exp(-log_odds_of_paint(share)))
     return probability / (probability + (1.0 - probability) * doubt)

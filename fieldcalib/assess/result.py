@@ -58,7 +58,7 @@ from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.geometry.lens import FisheyeLens
-from fieldcalib.problem.picture_shape import Declared, Placement
+from fieldcalib.problem.picture_shape import SURE, Declared, Placement
 
 ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1
@@ -252,12 +252,21 @@ class Calibration:
         if self.field is not None and self.has_probability:
             tolerance = self.field.tolerance
             probability = self.probability(level=True)  # a camera that fits the paint is right, whatever the crown
-            if not probability >= LEAST_PROBABILITY:
+            least = self._least_in_picture
+            if not probability >= (LEAST_PROBABILITY if least is None else least):
                 improbable.append(Finding(What.IMPROBABLE, numbers=(tolerance, probability)))
             elif self.solved is not None:
                 known = self._probability_by_labels(self.field, tolerance, size_known=True)
-                picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated)
+                sure = SURE if least is None else least
+                picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated, sure)
         return (*paint_findings(self.markings), *improbable, *self.errors.doubts(picture), *against)
+
+    @property
+    def _least_in_picture(self) -> float | None:
+        """Least probability of a good camera that was found in a picture alone; None if it is that of labels."""
+        in_picture = bool(self.markings) and self.solved is not None and not self.are_annotated
+        model = None if self.field is None else self.field.probability
+        return model.least_in_picture if in_picture and model is not None else None
 
     @property
     def remedy(self) -> str:

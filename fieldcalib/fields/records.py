@@ -68,7 +68,7 @@ def whole_record(field: Field) -> dict[str, Any]:
         "surface": field.surface,
         "halves": {circle: list(parts) for circle, parts in field.halves.items()},
         "size_model": None if model is None or builder is None else {**asdict(model), **builder},
-        "probability": None if field.probability is None else list(field.probability.coefficients),
+        "probability": None if field.probability is None else _of_probability(field.probability),
         "repeats": field.repeats,
         "crown": field.crown and asdict(field.crown),
     }
@@ -255,8 +255,14 @@ def _size_model(record: Any) -> SizePrior:
     return _from_attributes(SizePrior, {**own, **ranges, "build": build})
 
 
-def _probability(coefficients: Any) -> ProbabilityModel:
-    return ProbabilityModel(tuple(map(_number, coefficients)))  # type: ignore[arg-type]
+def _of_probability(model: ProbabilityModel) -> list[float]:
+    """The five coefficients of a model; then its `least_in_picture`, if it has one."""
+    return [*model.coefficients, *([] if model.least_in_picture is None else [model.least_in_picture])]
+
+
+def _probability(numbers: Any) -> ProbabilityModel:
+    values = tuple(map(_number, numbers))
+    return ProbabilityModel(values[:5], *values[5:6]) if len(values) == 6 else ProbabilityModel(values)  # type: ignore[arg-type]
 
 
 def _or_none(parse: Callable[[Any], T], value: Any) -> T | None:

@@ -218,7 +218,12 @@ class ProbabilityModel:
     """
 
     coefficients: tuple[float, float, float, float, float]
+    least_in_picture: float | None = None
+    """Least probability with which a camera that was found in a picture alone is good, a picture of any shape; None if
+    pictures had no part in the fit: then it is that of labels, and more for pictures of odd shapes."""
 
     def __post_init__(self) -> None:
         if np.shape(self.coefficients) != (5,) or not np.all(np.isfinite(self.coefficients)):
             raise ValueError(f"a ProbabilityModel needs five finite coefficients, got {self.coefficients!r}")
+        if self.least_in_picture is not None and not 0.0 <= self.least_in_picture <= 1.0:
+            raise ValueError(f"least_in_picture must be a probability, got {self.least_in_picture!r}")

@@ -1,5 +1,7 @@
 """The probability that a camera is right, and where it comes from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,8 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted_coefficients, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
-from fieldcalib.assess.findings import Finding, Status, What
+from fieldcalib.assess.findings import Finding, Status, Verdict, What
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.fields.sports.tennis import tennis
@@ -159,9 +162,27 @@ def test_the_fit_finds_the_coefficients_that_made_the_errors():
 def test_reliability_counts():
     found, errors = random_calibrations(60)
     known = [i for i, c in enumerate(found) if np.isfinite(c.probability()) and np.isfinite(errors[i])]
-    row = reliability([found[i] for i in known], errors[known], 1.0)
+    row = reliability(np.array([found[i].probability(1.0) for i in known]), errors[known] < 1.0)
     assert sum(count for count, _, _ in row["frames_probability_right"]) == len(known)
     assert row["brier"] < row["of_constant"]
+
+
+def test_a_field_asks_for_more_of_a_camera_that_was_found_in_a_picture():
+    """Labels by a person, and pictures of other fields, are good from one half on."""
+    found = calibrate_from_segments(FIELD, observe(MARKINGS, CAMERA, np.random.default_rng(0), noise=2.0), SIZE)
+    on_paint = tuple(MarkingInView(label, 400.0, 30, share=1.0, offset=0.0) for label in found.pixel_counts)
+    known = found.probability(level=True)
+    assert 0.5 < known < 0.999
+
+    def verdict(least, **how):
+        model = replace(PROBABILITY, least_in_picture=least)
+        return replace(found, field=replace(FIELD, probability=model), are_annotated=False, **how).verdict
+
+    assert verdict(known - 0.001, markings=on_paint) == verdict(1.0) == Verdict.GOOD
+    seen = replace(found, field=replace(FIELD, probability=replace(PROBABILITY, least_in_picture=1.0)))
+    assert replace(seen, are_annotated=True, markings=on_paint).verdict == Verdict.GOOD
+    doubted = replace(seen, are_annotated=False, markings=on_paint)
+    assert [one.what for one in doubted.findings] == [What.IMPROBABLE]
 
 
 def test_an_order_by_risk_has_the_smallest_area():

@@ -373,6 +373,8 @@ def test_impossible_sizes_and_models_are_refused():
         SizePrior(((29.0, 22.0), (13.0, 16.0)), ((26.0, 28.0), (14.0, 15.0)), build=court)
     with pytest.raises(ValueError, match="five finite coefficients"):
         ProbabilityModel((1.0, 2.0))
+    with pytest.raises(ValueError, match="must be a probability"):
+        ProbabilityModel((1.0, 0.0, 0.0, 0.0, 0.0), least_in_picture=50.0)
 
 
 @given(st.floats(90.0, 120.0), st.floats(45.0, 90.0))

@@ -243,7 +243,7 @@ fields_of_others = st.builds(
     lines=st.builds(LineLook, positive, st.booleans(), positive, positive, positive | st.just(np.inf)),
     size_model=st.none() | st.just(soccer().size_model),
     size_known=st.booleans(),
-    probability=st.none() | st.builds(ProbabilityModel, st.tuples(*5 * [finite])),
+    probability=st.none() | st.builds(ProbabilityModel, st.tuples(*5 * [finite]), st.none() | st.floats(0.0, 1.0)),
 )
 
 

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.paint_in_view import CONFIRMED, LEAST_PLACES, LONG, UNSEEN, MarkingInView
+from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import (
@@ -205,6 +206,8 @@ def missing_net(image: Image, camera: Camera, markings: Markings, seen: Sequence
     that is right on the ground, so they are looked for higher and lower too. A wrong camera, which takes the net for a
     line on the ground, projects it where no net is at any height.
     """
+    if camera.angles[1] < STEEPLY:  # its edges look as thin as they are
+        return []
     confirmed = sum(one.places for one in seen if one.is_confirmed)
     profiles, offset, unit = _across_net(image, camera, markings)
     reach = np.max(np.abs(markings.X[markings.on_ground, :2]), axis=0)

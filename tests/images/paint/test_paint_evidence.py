@@ -291,3 +291,13 @@ def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
     missing = [one.label for one in seen.values() if one.is_unseen]
     assert "Centre service line" in missing
     assert not set(missing) & set(few)
+
+
+def test_a_net_is_not_looked_for_from_above():
+    """There its edges are as thin as its cord, and where they lie is hardly known."""
+    above, markings = camera(0, 2, 700, (0, 0.5, -25)), Markings.of(tennis())
+    ground = Field(tennis().length, tennis().width, {k: s for k, s in tennis().items() if "Net" not in k})
+    image = picture(above, ground)
+    assert missing_net(image, above, markings, paint_evidence(image, above, markings).markings) == []
+    beside, low = picture(COURT, ground), paint_evidence(picture(COURT, ground), COURT, markings).markings
+    assert missing_net(beside, COURT, markings, low)
