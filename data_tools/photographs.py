@@ -36,7 +36,7 @@ from data_tools.score_courts import in_view
 from data_tools.synthetic.cameras import random_camera
 from data_tools.synthetic.frames import seen_by
 from data_tools.synthetic.games import Game, game_named
-from data_tools.synthetic.paths import paint_sigma, with_displaced_lines
+from data_tools.synthetic.paths import with_displaced_lines
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import paint_share
 from fieldcalib.assess.probability import log_odds_of_paint, odds_terms, probability_given_paint, probability_right
@@ -52,6 +52,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.solve.solver_options import paint_sigma
 
 SIZES = ((960, 540), (960, 640), (960, 720), (640, 360))
 LEAST_VIEW = 0.25  # of the field

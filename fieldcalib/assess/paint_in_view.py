@@ -102,12 +102,22 @@ def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
     >>> near = MarkingInView("Side line bottom", 800.0, 30, share=0.9, offset=0.0)
     >>> list(map(str, paint_findings([near, MarkingInView("Middle line", 300.0, 9, share=0.0, offset=21.4)])))
     ["'Middle line' lies 21 px beside its paint"]
+    >>> short = [MarkingInView(name, 80.0, 9, share=0.0, offset=0.0) for name in ("Centre mark", "Service line")]
+    >>> len(paint_findings(short)), len(paint_findings(short[:1]))
+    (2, 0)
     """
     beside = sorted((one for one in markings if one.is_beside), key=lambda one: -one.offset)
     found = [Finding(What.OFF_PAINT, one.label, (one.offset,)) for one in beside]
-    found += [Finding(What.NO_PAINT, one.label) for one in markings if one.is_unseen]
+    found += [Finding(What.NO_PAINT, one.label) for one in _unseen(markings)]
     found += [Finding(What.WIDE_PAINT, numbers=(paint_width(markings),))] if paint_is_too_wide(markings) else []
     return tuple(found)
+
+
+def _unseen(markings: Sequence[MarkingInView]) -> list[MarkingInView]:
+    """Markings that are unseen; if none is, short ones without paint that are together as long as one."""
+    bare = [one for one in markings if one.is_expected and one.share < UNSEEN and not one.is_beside]
+    is_long = sum(one.places for one in bare) >= LONG
+    return [one for one in bare if one.is_unseen] or (bare if is_long else [])
 
 
 def paint_width(markings: Sequence[MarkingInView]) -> float:
