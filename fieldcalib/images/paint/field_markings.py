@@ -15,6 +15,7 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook, Paint
 
 POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale
+HIGHEST_NET = 2.0  # m: that of volleyball is higher
 UPRIGHT = 0.5  # vertical share of the direction of posts; edges of nets sag by less
 
 
@@ -44,16 +45,17 @@ class Markings:
 
     @cached_property
     def net(self) -> tuple[str, ...]:
-        """Labels of the edges of a net across the middle of the field.
+        """Labels of the edges of a low net across the middle of the field, which may be taken for lines on the ground.
 
         Examples
         --------
-        >>> from fieldcalib.fields import soccer, tennis
-        >>> Markings.of(tennis()).net, Markings.of(soccer()).net
-        (('Net top', 'Net bottom'), ())
+        >>> from fieldcalib.fields import tennis, volleyball
+        >>> sorted(Markings.of(tennis()).net), Markings.of(volleyball()).net
+        (['Net bottom', 'Net top'], ())
         """
-        is_edge = ~self.on_ground & (self.X[:, 0] == 0.0) & (np.abs(self.along[:, 2]) < UPRIGHT)
-        return tuple(self.labels[k] for k in np.unique(self.member[is_edge]))
+        across = ~self.on_ground & (self.X[:, 0] == 0.0) & (np.abs(self.along[:, 2]) < UPRIGHT)
+        is_low = np.min(self.X[across, 2], initial=0.0) > -HIGHEST_NET
+        return tuple(self.labels[k] for k in np.unique(self.member[across])) if is_low else ()
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
