@@ -151,7 +151,7 @@ def test_the_samples_are_what_is_rendered(tmp_path, monkeypatch):
     assert main(["--samples", str(tmp_path)]) == 0
     shipped = fieldcalib.sample("clip").parent
     pictures = [cv2.imread(str(folder / "picture.png")).astype(float) for folder in (shipped, tmp_path)]
-    assert np.mean(np.abs(np.subtract(*pictures))) < 0.5  # floats of another machine round otherwise
+    assert np.mean(np.abs(np.subtract(*pictures))) < 1.0  # 0.7 with OpenCV 4.10; moved by one pixel 3.2
     truths, rendered = (read_cameras(folder / "clip.jsonl") for folder in (shipped, tmp_path))
     for truth, again in zip((truths[0], truths[30]), rendered, strict=True):
         np.testing.assert_allclose(truth.camera.P, again.camera.P, rtol=1e-9, atol=1e-9)
