@@ -194,7 +194,7 @@ def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.
             elif not is_bent:
                 beside[at] = run
         length = float(np.sum(profiles.spacing[at]))
-        expected = _is_expected(profiles, is_on, k)
+        expected = _is_expected(profiles, is_on, k, by_one=bool(markings.net))
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
     return PaintEvidence(tuple(found), pixels_of_lines(markings, profiles, beside))
 
@@ -239,15 +239,16 @@ def _shows_net(image: Image, camera: Camera, markings: Markings, height: float) 
     return any(_run_beside(offset[at], _along(len(at)), 0, unit)[0] > 0.0 for at in edges)
 
 
-def _is_expected(profiles: Profiles, is_on: BoolArray, k: int) -> bool:
-    """Whether the paint of marking k should be visible: paint as narrow of the others mostly is, or one other's is.
+def _is_expected(profiles: Profiles, is_on: BoolArray, k: int, *, by_one: bool) -> bool:
+    """Whether the paint of marking k should be visible: paint as narrow of the others mostly is.
 
-    A wrong camera may project most of them where there is no paint. One that shows it nearly everywhere is enough.
+    A camera that takes the net of a court for a line projects most of them where there is no paint. There another line
+    that shows it nearly everywhere is enough (`by_one`); elsewhere a line may lie under a carpet or behind boards.
     """
     narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[profiles.member == k]))
     most = int(np.max(profiles.member)) + 1
     count, on = (np.bincount(profiles.member[some], minlength=most) for some in (narrow, narrow & is_on))
-    one_shows = np.any((count >= LONG) & (on >= CONFIRMED * count))
+    one_shows = by_one and np.any((count >= LONG) & (on >= CONFIRMED * count))
     return bool(one_shows or (np.sum(count) >= LONG and np.mean(is_on[narrow]) > EXPECTED))
 
 

@@ -293,6 +293,15 @@ def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
     assert not set(missing) & set(few)
 
 
+def test_lines_of_a_pitch_may_be_covered_although_one_other_shows():
+    """A touchline lies under a carpet, and what is far shows little paint."""
+    field, above = soccer(), camera(0, 75, 1200, (0, 60, -15))
+    shown = Field(field.length, field.width, {"Middle line": field["Middle line"]}, lines=field.lines)
+    seen = paint_evidence(picture(above, shown), above, Markings.of(field)).markings
+    assert {one.label for one in seen if one.is_confirmed} == {"Middle line"}
+    assert not any(one.is_unseen for one in seen)
+
+
 def test_a_net_is_not_looked_for_from_above():
     """There its edges are as thin as its cord, and where they lie is hardly known."""
     above, markings = camera(0, 2, 700, (0, 0.5, -25)), Markings.of(tennis())
