@@ -295,7 +295,7 @@ def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
 
 def test_lines_of_a_pitch_may_be_covered_although_one_other_shows():
     """A touchline lies under a carpet, and what is far shows little paint."""
-    field, above = soccer(), camera(0, 75, 1200, (0, 60, -15))
+    field, above = soccer(), camera(0, 66, 1000, (0, 55, -14))
     shown = Field(field.length, field.width, {"Middle line": field["Middle line"]}, lines=field.lines)
     seen = paint_evidence(picture(above, shown), above, Markings.of(field)).markings
     assert {one.label for one in seen if one.is_confirmed} == {"Middle line"}
