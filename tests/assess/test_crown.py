@@ -1,6 +1,7 @@
 """Fields that may be higher in the middle than at their touchlines: derivatives, evidence, errors."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -89,8 +90,16 @@ def test_layouts_and_fields_keep_their_crown_in_records():
     assert back.field_size.crown == FIELD.crown
     del record["field_size"]["crown"], record["roles"][-1]
     assert layout_from_record(record).names == layout.names[:-1]  # files of before: level
-    field = field_from_record(json.loads(json.dumps(whole_record(FIELD))))
+    whole = json.loads(json.dumps(whole_record(FIELD)))
+    field = field_from_record(whole)
     assert (field.size_model, field.crown) == (MODEL, FIELD.crown)
+    crown = list(whole.pop("crown").values())
+    assert field_from_record({**whole, "size_model": {**whole["size_model"], "crown": crown}}) == field  # as before
+    level = field_from_record({**whole, "size_model": {**whole["size_model"], "crown": None}})
+    assert level == replace(field, crown=None)
+    for wrong in (0.3, [0.3], [2.0, 0.2]):
+        with pytest.raises(ValueError, match=r"^(size_model|crown): "):
+            field_from_record({**whole, "size_model": {**whole["size_model"], "crown": wrong}})
 
 
 @given(st.integers(1, 4), st.data())
