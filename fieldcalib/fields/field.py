@@ -206,6 +206,8 @@ class Field(Mapping[str, Segment]):
             if not (isinstance(parts, tuple | list) and len(parts) == len(Halves._fields)):
                 raise ValueError(f"halves must be tuples of labels, {Halves._fields}, got {parts!r}")
         truth(self.size_known, "size_known")
+        if self.crown is not None:
+            expect(self.crown, Crown, "Crown(share=0.5, height=0.2), where a height is ground=Ground(crown=0.3)")
         for name in ("stands", "more_stands"):
             for stand in listed(getattr(self, name), name):
                 expect(stand, CameraDistribution, "fieldcalib.fields.DISTRIBUTIONS['main center']")

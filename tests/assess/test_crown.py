@@ -97,6 +97,8 @@ def test_layouts_and_fields_keep_their_crown_in_records():
     assert field_from_record({**whole, "size_model": {**whole["size_model"], "crown": crown}}) == field  # as before
     level = field_from_record({**whole, "size_model": {**whole["size_model"], "crown": None}})
     assert level == replace(field, crown=None)
+    with pytest.raises(ValueError, match="Crown"):
+        replace(field, crown=0.3)
     for wrong in (0.3, [0.3], [2.0, 0.2]):
         with pytest.raises(ValueError, match=r"^(size_model|crown): "):
             field_from_record({**whole, "size_model": {**whole["size_model"], "crown": wrong}})
