@@ -21,7 +21,8 @@ from fieldcalib.problem.evaluation import Evaluation, with_segment_ends
 from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.solver_options import CERTAIN, Options
+from fieldcalib.solve.request import Options
+from fieldcalib.solve.solver_options import CERTAIN
 
 LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))
 FISHEYE = ("a fisheye lens",)

@@ -30,8 +30,8 @@ from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
-from fieldcalib.solve.request import GivenCamera, Task, as_fixed
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, GUESS, Criteria, Options, Prior
+from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, GUESS, Criteria, Prior
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of a chunk, padding included: bounds the memory of densely labelled frames

@@ -43,7 +43,7 @@ from fieldcalib.solve.misreadings import (
     with_doubted_points,
 )
 from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
-from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.request import GivenCamera, Options, Task
 from fieldcalib.solve.solver_options import (
     ALL,
     DEFAULT_CRITERIA,
@@ -51,7 +51,6 @@ from fieldcalib.solve.solver_options import (
     PINHOLE_FLAGS,
     CalibrationFlags,
     Criteria,
-    Options,
     Prior,
 )
 

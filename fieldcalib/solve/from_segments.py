@@ -50,9 +50,9 @@ from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_exchanged_sides, with_other_court
-from fieldcalib.solve.request import GivenCamera, Task, as_fixed
+from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
-from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Options, Prior
+from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
 UNKNOWN_FOCAL_LENGTH = 0.1  # standard deviation of log f from which on heights are known to a tenth at best
@@ -294,7 +294,7 @@ def _solved(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
     relabelled = Relabelled(approached, found.prior, [()] * len(observations))
-    if not options.trust_labels:
+    if not options.task.trust_labels:
         relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
@@ -367,8 +367,8 @@ def _judged(frames: _Frames) -> list[Calibration]:
     for t, evidence in enumerate(_evidence(frames, solved)):
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
-        status, message, *advice = verdict(evidence, options.tau)
-        is_open = options.side is None and bool(other.fits[t])
+        status, message, *advice = verdict(evidence, options.task.tau)
+        is_open = options.task.side is None and bool(other.fits[t])
         is_turned = not is_open and is_against_convention(cameras[t].C, options)
         alternatives = (turned_camera(cameras[t]),) if is_open or is_turned else ()
         sides = [Finding(What.OTHER_SIDE)] * is_open + [Finding(What.SEEN_FROM_OPPOSITE)] * is_turned
@@ -393,7 +393,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
             errors=solved[t],
-            are_annotated=not options.trust_labels and bool(given.weigh_alike[t]),
+            are_annotated=not options.task.trust_labels and bool(given.weigh_alike[t]),
         )
         calibrations.append(found)
     return calibrations

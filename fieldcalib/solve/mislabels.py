@@ -35,8 +35,9 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.request import Options
 from fieldcalib.solve.search import find_cameras
-from fieldcalib.solve.solver_options import CERTAIN, Options
+from fieldcalib.solve.solver_options import CERTAIN
 
 WRONG = 0.035  # share of labels that are wrong: 3 to 4 % of SoccerNet's test annotations
 LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))

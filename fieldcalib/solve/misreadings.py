@@ -23,7 +23,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE, side_of
 from fieldcalib.fields.sports import badminton, tennis
 from fieldcalib.solve.mislabels import LOG_ODDS, MOST_LABELS
-from fieldcalib.solve.solver_options import CERTAIN, CalibrationFlags, Options
+from fieldcalib.solve.request import Options
+from fieldcalib.solve.solver_options import CERTAIN, CalibrationFlags
 
 FLAT = 1e-6  # of the extent: flatter points are of a plane, and their axes may be turned over unnoticed
 # Of the labels as given; a reading that explains all of them is said instead.
@@ -179,7 +180,7 @@ def with_exchanged_sides(
         other = solve(names)
         if not other.accepted or log_cost(other, options) + LOG_ODDS + CERTAIN >= log_cost(found, options):
             return found  # the other way is this one turned by 180 degrees
-        if about == "left and right" and options.side is None and side_of(other.required_camera.C, of) == OPPOSITE:
+        if about == "left and right" and options.task.side is None and side_of(other.required_camera.C, of) == OPPOSITE:
             continue
         return _under_given_names(other, names, Finding(What.EXCHANGED_SIDES, about))
     return found

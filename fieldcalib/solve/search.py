@@ -23,7 +23,8 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
-from fieldcalib.solve.solver_options import CERTAIN, Options
+from fieldcalib.solve.request import Options
+from fieldcalib.solve.solver_options import CERTAIN
 
 FIRST_ITERATIONS = 4  # of every initial camera
 PROMISING = 3  # number of the best cameras of a frame that are solved further,
@@ -66,7 +67,7 @@ def on_main_side(
 
     Cameras are not turned if the position is given, or if they are known to be on the other side.
     """
-    if options.side == OPPOSITE or not np.isnan(options.known[CENTER]).any():
+    if options.task.side == OPPOSITE or not np.isnan(options.known[CENTER]).any():
         return theta, prior
     other = other_side(observations, theta, options)
     turn = (other.fits & (theta[:, CENTER][:, 1] < 0.0))[:, None]
@@ -83,7 +84,7 @@ def is_against_convention(C: Array, options: Options) -> bool:
     turned by 180 degrees: its image is the same, and most cameras are on the main side.
     """
     field, is_told = options.field, not np.isnan(options.known[CENTER]).any() or not options.layout.free[PAN]
-    if field is None or options.side is not None or is_told or side_of(C, field) != OPPOSITE:
+    if field is None or options.task.side is not None or is_told or side_of(C, field) != OPPOSITE:
         return False
     sides = {side_of_stand(stand, field) for stand in options.distributions}
     return len(sides) > 1 and looks_the_same_turned(field)

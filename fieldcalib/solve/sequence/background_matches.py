@@ -23,7 +23,8 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.solver_options import Options, pixel_unit
+from fieldcalib.solve.request import Options
+from fieldcalib.solve.solver_options import pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture

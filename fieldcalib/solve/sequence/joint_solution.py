@@ -155,7 +155,7 @@ class JointSolution:
             problem.options,
             layout=layout,
             known=np.where(layout.roles == Role.FRAME, np.nan, theta),
-            object_segments=object_segments,
+            task=replace(problem.options.task, object_segments=object_segments),
             considered=self.considered.covariance,
         )
         return SharedParameters(options, self.noise)

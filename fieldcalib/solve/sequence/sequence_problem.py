@@ -34,8 +34,8 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_frames
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.request import Options
 from fieldcalib.solve.sequence.background_matches import Matched, Ties
-from fieldcalib.solve.solver_options import Options
 
 FOLLOWED = 1e-4  # relative decrease of the cost at which a further frame is done: a hundredth of a standard deviation
 
@@ -201,7 +201,7 @@ class SequenceProblem:
 
     def fitted(self, t: int, alone: Calibration | None = None) -> PixelTable:
         """Labelled pixels of frame t: all if labels are trusted, else those that its calibration `alone` accepted."""
-        if self.options.trust_labels:
+        if self.options.task.trust_labels:
             return self.pixels.of_frames([t])
         return NO_PIXELS if alone is None or not alone.accepted or alone.solved is None else alone.solved.pixels
 

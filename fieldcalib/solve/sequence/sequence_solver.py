@@ -38,6 +38,7 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import CHUNK
+from fieldcalib.solve.request import Options
 from fieldcalib.solve.sequence.background_matches import contradicted, with_tied
 from fieldcalib.solve.sequence.joint_solution import (
     JointSolution,
@@ -56,7 +57,6 @@ from fieldcalib.solve.sequence.sequence_problem import (
     without_camera,
 )
 from fieldcalib.solve.sequence.tripod_position import KnownCentres, expected_centres, near_path, on_path, voted_centres
-from fieldcalib.solve.solver_options import Options
 
 WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
 FEW = 30  # largest number of iterations with each factor,
@@ -383,7 +383,7 @@ def _initial_frames(
         theta, known = with_tied(options, problem.ties, theta, known, every, options.layout)
     untied, tied = np.flatnonzero(~known), np.flatnonzero(known & ~done)
     alone = problem.calibrate_alone(untied, options)
-    if not options.trust_labels:
+    if not options.task.trust_labels:
         alone |= problem.calibrate_alone(tied, options, {t: theta[t] for t in tied.tolist()})
     return InitialFrames(theta, known, alone)
 
