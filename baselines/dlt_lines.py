@@ -20,8 +20,14 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, run_options
-from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.arguments import (
+    add_input_and_output,
+    add_run_options,
+    add_sized_field,
+    annotation_reader,
+    field_of,
+    run_options,
+)
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR

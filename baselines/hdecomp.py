@@ -19,8 +19,15 @@ from baselines import dlt_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, positive, run_options
-from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.arguments import (
+    add_input_and_output,
+    add_run_options,
+    add_sized_field,
+    annotation_reader,
+    field_of,
+    positive,
+    run_options,
+)
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile

@@ -27,7 +27,7 @@ from data_tools.deeplab import DeepLabV3
 from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES
 from data_tools.synthetic.games import game_named
-from fieldcalib.console.field_options import SOCCER, add_named_field
+from fieldcalib.console.arguments import SOCCER, add_named_field
 from fieldcalib.localize import BACKGROUND
 
 SIZE = (455, 256)

@@ -19,8 +19,7 @@ import numpy as np
 
 from data_tools.synthetic.frames import SIZE, seen_by
 from data_tools.synthetic.games import game_named
-from fieldcalib.console.arguments import count
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera

@@ -41,7 +41,7 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import paint_share
 from fieldcalib.assess.probability import log_odds_of_paint, odds_terms, probability_given_paint, probability_right
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field

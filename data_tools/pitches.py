@@ -36,8 +36,7 @@ from data_tools.synthetic.paths import camera_path, with_displaced_lines
 from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import count
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER, count
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.ground import rays
 from fieldcalib.fields.field import Field
@@ -48,7 +47,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import IMAGES_AT_ONCE
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
+from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 
 SIZE = (960, 540)
 # Ranges of length and width, m: the usual size, those of international matches, and others that law 1 allows

@@ -48,7 +48,7 @@ from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
 from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.field_options import SOCCER, NetworkOptions, add_named_field, field_of, load_network
+from fieldcalib.console.arguments import SOCCER, NetworkOptions, add_named_field, field_of, load_network
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.images.from_images import calibrate_from_images

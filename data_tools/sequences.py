@@ -32,8 +32,8 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import BACK
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 from fieldcalib.solve.solver_options import paint_sigma
 
 FRAMES = 300  # of a clip

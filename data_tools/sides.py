@@ -27,8 +27,7 @@ from data_tools.synthetic.games import game_named
 from data_tools.truth import UNIT, points_in_view
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import image_size
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER, image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sides import OPPOSITE, turned_camera

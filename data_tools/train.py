@@ -53,8 +53,7 @@ from data_tools.synthetic.cache import check_cached_classes
 from data_tools.synthetic.games import game_named
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import image_size
-from fieldcalib.console.field_options import SOCCER, add_named_field
+from fieldcalib.console.arguments import SOCCER, add_named_field, image_size
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 from fieldcalib.localize.network import SHIPPED

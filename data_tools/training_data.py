@@ -24,7 +24,7 @@ from data_tools.synthetic.cache import read_frame
 from data_tools.synthetic.degraded import degraded
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, markings_mask
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 

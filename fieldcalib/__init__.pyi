@@ -40,7 +40,7 @@ from .solve.batch import calibrate_batch as calibrate_batch
 from .solve.from_homography import calibrate_from_homography as calibrate_from_homography
 from .solve.from_points import calibrate_from_points as calibrate_from_points
 from .solve.from_segments import calibrate_from_segments as calibrate_from_segments
-from .solve.sequence.from_sequence import calibrate_sequence as calibrate_sequence
+from .solve.sequence.sequence_solver import calibrate_sequence as calibrate_sequence
 from .solve.solver_options import DEFAULT_FLAGS as DEFAULT_FLAGS
 from .solve.solver_options import FISHEYE_FLAGS as FISHEYE_FLAGS
 from .solve.solver_options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS

@@ -30,8 +30,15 @@ from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
 from baselines.dlt_lines import homography_file
 from fieldcalib._progress import progress_bar
-from fieldcalib.console.arguments import add_input_and_output, add_run_options, annotation_reader, count, run_options
-from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.arguments import (
+    add_input_and_output,
+    add_run_options,
+    add_sized_field,
+    annotation_reader,
+    count,
+    field_of,
+    run_options,
+)
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES

@@ -17,7 +17,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
-from fieldcalib.localize.network_grid import BACKGROUND
+from fieldcalib.localize.point_selection import BACKGROUND
 from fieldcalib.problem.labelled_pixels import Pixels
 
 Edges: TypeAlias = NDArray[np.uint8]

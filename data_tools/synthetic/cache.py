@@ -19,7 +19,7 @@ import numpy as np
 from data_tools.synthetic.frames import SyntheticFrame, frame
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, Mask
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER
 from fieldcalib.io.files import parse_json_object, write_bytes, write_text
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.image import Image

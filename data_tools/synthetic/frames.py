@@ -13,7 +13,7 @@ from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import GroundView
 from fieldcalib._types import BoolArray
-from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.arguments import SOCCER
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

@@ -28,7 +28,7 @@ from data_tools.synthetic.objects import (
 from data_tools.synthetic.rink import add_boards
 from data_tools.synthetic.surroundings import GroundView, add_surroundings, random_ground, random_light
 from fieldcalib._types import Array, BoolArray, Float32
-from fieldcalib.console.field_options import SOCCER, named_field
+from fieldcalib.console.arguments import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer

@@ -13,14 +13,16 @@ from fieldcalib.assess.result import Calibration, doubted, in_picture
 from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.arguments import (
     add_camera,
+    add_field,
     add_input_and_output,
     add_run_options,
     annotation_reader,
+    field_of,
     positive,
+    prior_of,
     probability,
     run_options,
 )
-from fieldcalib.console.field_options import add_field, field_of, prior_of
 from fieldcalib.console.options import add_options, given, option
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError

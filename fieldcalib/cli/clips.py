@@ -25,7 +25,7 @@ import numpy as np
 from fieldcalib._progress import progress_bar, say, solving
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, RunRequest
-from fieldcalib.console.field_options import digest_of, load_network, or_search
+from fieldcalib.console.arguments import digest_of, load_network, or_search
 from fieldcalib.images.clip.from_video import PART, calibrate_clip
 from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text

@@ -14,11 +14,10 @@ import numpy as np
 from fieldcalib import metrics
 from fieldcalib._progress import say, show
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import add_most_bytes, add_run_options, add_size, positive
-from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.arguments import add_most_bytes, add_run_options, add_size, add_sized_field, field_of, positive
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
-from fieldcalib.metrics.scores import CompoundScore
+from fieldcalib.metrics.accuracy import CompoundScore
 from fieldcalib.metrics.views import is_homography
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions

@@ -15,14 +15,17 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import counted, show
 from fieldcalib.console.arguments import (
+    NetworkOptions,
     add_image_limits,
     add_inputs,
     add_labels,
     add_run_options,
+    add_sized_field,
+    digest_of,
     folder_name,
+    load_network,
     run_options,
 )
-from fieldcalib.console.field_options import NetworkOptions, add_sized_field, digest_of, load_network
 from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed

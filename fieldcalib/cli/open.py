@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fieldcalib._extras import imported
 from fieldcalib._progress import say
 from fieldcalib.assess.findings import Verdict
-from fieldcalib.console.field_options import add_named_field
+from fieldcalib.console.arguments import add_named_field
 from fieldcalib.results.entry import read
 
 if TYPE_CHECKING:

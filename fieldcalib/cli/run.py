@@ -21,16 +21,20 @@ from fieldcalib.cli.clips import run_clip, run_several, run_stream
 from fieldcalib.cli.open import check_page, open_at_first_doubt
 from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import (
+    NetworkOptions,
     add_camera,
     add_cut,
+    add_field,
     add_format,
     add_image_limits,
     add_inputs,
     add_run_options,
     cut_of,
+    digest_of,
     folder_name,
+    load_network,
+    or_search,
 )
-from fieldcalib.console.field_options import NetworkOptions, add_field, digest_of, load_network, or_search
 from fieldcalib.console.options import add_options
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field

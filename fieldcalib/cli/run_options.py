@@ -11,8 +11,7 @@ from typing import Any, cast, get_args
 from fieldcalib.assess.findings import UP_TO_SIDE
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import KnownCamera
-from fieldcalib.console.arguments import cut_of, run_options
-from fieldcalib.console.field_options import NetworkOptions, field_of, prior_of
+from fieldcalib.console.arguments import NetworkOptions, cut_of, field_of, prior_of, run_options
 from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field

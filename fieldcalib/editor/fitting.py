@@ -20,7 +20,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network, localize
-from fieldcalib.localize.network_grid import classes_without_segment
+from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Weights
 from fieldcalib.problem.layout import Layout

@@ -53,9 +53,8 @@ from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
-from fieldcalib.localize.batches import check_network
-from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.localize.network_grid import classes_without_segment
+from fieldcalib.localize.network import SegmentationNetwork, check_network
+from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.picture_shape import Declared
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order

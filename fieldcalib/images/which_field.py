@@ -17,7 +17,7 @@ from fieldcalib.images.search.picture_stripes import PictureToSearch
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
-from fieldcalib.localize.network_grid import classes_without_segment
+from fieldcalib.localize.point_selection import classes_without_segment
 
 POINTS = 300  # of a field's markings, at which a camera from the network is compared with the stripes in the picture
 MARGIN = 0.8  # of the best score: a field that reaches it explains the pictures about as well

@@ -1,30 +1,130 @@
 """The files of frames: found in folders and zips, read up to a size, and written whole or not at all.
 
+Members of zips are unpacked part by part: what a part becomes in memory is bounded. A temporary file is locked by its
+writer, and a lock ends with its process: that is how files are found that a killed process has left.
+
 YAML, as far as JSON could hold it too: without aliases, and without keys that are given twice.
 """
 
 from __future__ import annotations
 
+import bz2
+import copy
 import errno
 import json
 import math
 import os
 import re
 import stat
+import sys
 import tempfile
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, BinaryIO, TypeAlias
+from typing import IO, Any, BinaryIO, Protocol, TypeAlias
 
 import yaml
 
-from fieldcalib.io.stale_temporaries import TEMPORARY, locked, remove_abandoned
-from fieldcalib.io.zips import Readable, open_member
+TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
+
+if sys.platform == "win32":
+
+    @contextmanager
+    def locked(handle: int) -> Iterator[None]:
+        """Do nothing: temporary files are not removed here, and need no lock."""
+        yield
+
+    def remove_abandoned(folder: Path) -> None:
+        """Do nothing: whether a file's writer is alive is not known."""
+
+else:
+    import fcntl
+
+    @contextmanager
+    def locked(handle: int) -> Iterator[None]:
+        """Lock an open file while the context lasts, even if the handle is closed; not where there are no locks."""
+        lock = os.dup(handle)
+        try:
+            with suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        finally:
+            os.close(lock)
+
+    @lru_cache(maxsize=100)
+    def remove_abandoned(folder: Path) -> None:
+        """Remove the temporary files of a folder whose writers are dead; once for each folder in a process.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> with tempfile.TemporaryDirectory() as name:
+        ...     (Path(name) / f"{TEMPORARY}1.mp4").touch()
+        ...     remove_abandoned(Path(name))
+        ...     list(Path(name).iterdir())
+        []
+        """
+        for path in folder.glob(f"{TEMPORARY}*"):
+            with suppress(OSError):  # another process removes it, or one writes to it, or there are no locks
+                handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+                try:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+                finally:
+                    os.close(handle)
+
+
+PACKED_AT_ONCE = 4096  # bytes
+
+
+class Readable(Protocol):
+    """A file that is read from its beginning to its end."""
+
+    def read(self, count: int, /) -> bytes:
+        """At most that many bytes; none at the end."""
+
+
+@contextmanager
+def open_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Iterator[Readable]:
+    """Open a member of a zip, to be read in parts.
+
+    Errors are those of `zipfile`, of many classes.
+    """
+    if member.compress_type != zipfile.ZIP_BZIP2:
+        with archive.open(member) as file:
+            yield file
+        return
+    packed = copy.copy(member)
+    packed.compress_type, packed.file_size = zipfile.ZIP_STORED, member.compress_size
+    del packed.CRC  # that of the unpacked content
+    with archive.open(packed) as file:
+        yield _Bzip2Member(file, member.CRC)
+
+
+class _Bzip2Member:
+    """A member in bzip2, unpacked as far as it is read. `zipfile` unpacks 4 kB as a whole, to 10 GB at most."""
+
+    def __init__(self, packed: IO[bytes], checksum: int) -> None:
+        self._packed, self._expected, self._checksum = packed, checksum, 0
+        self._unpacker = bz2.BZ2Decompressor()
+
+    def read(self, count: int, /) -> bytes:
+        part = b""
+        while not part and not self._unpacker.eof:
+            packed = self._packed.read(PACKED_AT_ONCE) if self._unpacker.needs_input else b""
+            if self._unpacker.needs_input and not packed:
+                raise zipfile.BadZipFile("its end is missing")
+            part = self._unpacker.decompress(packed, count)
+        self._checksum = zlib.crc32(part, self._checksum)
+        if self._unpacker.eof and not part and self._checksum != self._expected:
+            raise zipfile.BadZipFile("its checksum is not that in the zip")
+        return part
+
 
 HIDDEN = re.compile(r"\.")
 ESCAPE = re.compile(r"\\u(dc[89a-f][0-9a-f])")  # bytes from 128 on in Python's names of files

@@ -1,4 +1,4 @@
-"""A segmentation network in ONNX: images to class probabilities.
+"""A segmentation network in ONNX: images to class probabilities, from which points are selected (`localize`).
 
 Its only input is (N, 3, height, width) float32: images resized to that size, whatever their aspect ratio, channels in
 the order given by its JSON file (`fieldcalib.localize.network`), values in 0..1 with `mean` subtracted and divided
@@ -19,23 +19,27 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from fieldcalib._checks import file_path, whole_number
+from fieldcalib._checks import file_path, named, whole_number
 from fieldcalib._types import Float32
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object
-from fieldcalib.io.image import Image, checked_image
-from fieldcalib.localize.batches import Network
-from fieldcalib.localize.network_grid import BACKGROUND
+from fieldcalib.io.image import Image, checked_image, each_checked, size_of
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
+from fieldcalib.localize.point_selection import BACKGROUND, Localization, ridge_points
+from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.processes.jobs import in_order
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
@@ -388,3 +392,87 @@ def _continued(image: Image, left: int, right: int) -> Image:
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
     first, last = (np.repeat(side, count, axis=1) for side, count in zip(sides, (left, right), strict=True))
     return np.concatenate([first, image, last], axis=1).astype(np.uint8)
+
+
+PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tuple[int, int]], Localization]
+
+
+class Network(Protocol):
+    """`SegmentationNetwork`, or anything else that gives class probabilities of images."""
+
+    @property
+    def classes(self) -> Sequence[str]:
+        """Class of each probability map: a segment of the object or "background"."""
+
+    def __call__(self, images: Sequence[Image]) -> Float32:
+        """Probabilities (N, K, h, w) of the K classes, on a grid that covers each of N images."""
+
+
+def check_network(network: object) -> None:
+    """Raise a ValueError if an object is no `Network`."""
+    if isinstance(network, type) or not callable(network) or not hasattr(network, "classes"):
+        raise ValueError(f"expected a network, as SegmentationNetwork.load(path) returns it, got {network!r}")
+
+
+def localize(
+    object_segments: ObjectSegments,
+    images: Iterable[Image],
+    network: Network,
+    *,
+    select: PointSelection = ridge_points,
+    executor: Executor | None = None,
+) -> list[Localization]:
+    """Labelled pixels of images.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object that the network was trained for, e.g. `soccer()`.
+    images : iterable of (height, width, 3) uint8 arrays
+        Blue, green, red; of any sizes. The network gets `IMAGES_AT_ONCE` of them in one call.
+    network : Network
+        A `SegmentationNetwork`, or any other source of class probabilities.
+    select : callable
+        `ridge_points`, or `skeleton_points` as in the paper.
+    executor : concurrent.futures.Executor, optional
+        Runs the work on the images, as in `calibrate_from_images`.
+
+    Returns
+    -------
+    list of Localization
+        One per image; empty where nothing is detected.
+
+    Raises
+    ------
+    ValueError
+        If an image is not such an array, the images are not in a list, a class is not a segment of the object, or
+        `object_segments` or `network` has a wrong type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import soccer
+    >>> class Blind:
+    ...     classes = ("background", "Middle line")
+    ...     def __call__(self, images):
+    ...         return np.zeros((len(images), 2, 90, 160), np.float32)
+    >>> localize(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
+    [Localization(pixels={}, weights={})]
+    """
+    check_object(object_segments)
+    check_network(network)
+    if not callable(select):
+        raise ValueError(f"select must be a function, as fieldcalib.localize.ridge_points, got {named(select)}")
+    of_part = partial(_localized, object_segments, network=network, select=select)
+    parts = in_parts(each_checked(images), IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
+    return [found for part in in_order(executor, of_part, parts) for found in part]
+
+
+def _localized(
+    object_segments: ObjectSegments, images: Sequence[Image], *, network: Network, select: PointSelection
+) -> list[Localization]:
+    """Labelled pixels of the images that the network gets in one call."""
+    return [
+        select(probability, network.classes, object_segments, size_of(image))
+        for image, probability in zip(images, network(images), strict=True)
+    ]

@@ -1,10 +1,10 @@
 from .accuracy import THRESHOLDS as THRESHOLDS
 from .accuracy import Confusion as Confusion
 from .accuracy import SegmentEvaluation as SegmentEvaluation
+from .accuracy import compound_score as compound_score
 from .accuracy import evaluate_segments as evaluate_segments
 from .distance import ProjectionError as ProjectionError
 from .distance import projection_error as projection_error
 from .overlap import iou_part as iou_part
 from .overlap import iou_whole as iou_whole
-from .scores import compound_score as compound_score
 from .views import Prediction as Prediction

@@ -7,7 +7,7 @@ from .from_homography import calibrate_from_homography as calibrate_from_homogra
 from .from_homography import camera_from_homography as camera_from_homography
 from .from_points import calibrate_from_points as calibrate_from_points
 from .from_segments import calibrate_from_segments as calibrate_from_segments
-from .sequence.from_sequence import calibrate_sequence as calibrate_sequence
+from .sequence.sequence_solver import calibrate_sequence as calibrate_sequence
 from .solver_options import DEFAULT_FLAGS as DEFAULT_FLAGS
 from .solver_options import FISHEYE_FLAGS as FISHEYE_FLAGS
 from .solver_options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS

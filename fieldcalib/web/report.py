@@ -3,11 +3,16 @@
 The file has at most `MOST_BYTES`, whatever the number of frames: pictures are made smaller and then fewer, and rows of
 good frames are left out last. The file says what was left out. To follow its advice it names the commands to type, with
 the folder and the input of the run (`Commands`).
+
+The page's JavaScript modules are bundled into one script (`bundled`). They use only these forms: ``import { a, b as c }
+from "./other.js";``, and ``export`` before a function, a class or a constant. Each module becomes a function that is
+called once and returns its exports.
 """
 
 from __future__ import annotations
 
 import base64
+import json
 import os
 import re
 import shlex
@@ -16,6 +21,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from dataclasses import replace as changed
+from hashlib import sha256
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +37,7 @@ from fieldcalib.assess.result import ANGLE_NAMES, Calibration, camera_from_line
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.files import BrokenFileError, write_text
+from fieldcalib.io.files import BrokenFileError, escaped, write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.image_files import stored_size
 from fieldcalib.io.results import BROKEN
@@ -39,9 +46,122 @@ from fieldcalib.results.pictures import Pictures
 from fieldcalib.run_folder.frame_record import kind_of
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import is_finished, read_summary
-from fieldcalib.web.bundle import as_json, bundled, one_file, styles
 from fieldcalib.web.pictures import Thumbnails, frames_to_show
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of
+
+STATIC = Path(__file__).with_name("static")
+IMPORT = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"\./([\w-]+)\.js";', re.MULTILINE)
+EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const|let) +(\w+))", re.MULTILINE)
+PICTURE = re.compile(r'url\("([\w-]+\.svg)"\)')
+OTHER = re.compile(r"^(?:import|export)\b.*|\bimport\(.*", re.MULTILINE)
+
+PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="referrer" content="no-referrer">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<title>{title}</title>
+<link rel="icon" href="{icon}">
+<style>
+{style}
+</style>
+</head>
+<body>
+{data}
+<script>{script}</script>
+</body>
+</html>
+"""
+
+
+def bundled(entry: str) -> str:
+    """Bundle a module of the page, and the modules that it imports, into one script.
+
+    Raises
+    ------
+    ValueError
+        If a module imports or exports in another form, or modules import each other in a circle.
+    """
+    parts: dict[str, str] = {}
+    _add(entry, parts, ())
+    return '"use strict";\n' + "\n".join(parts.values())
+
+
+def _add(name: str, parts: dict[str, str], importers: tuple[str, ...]) -> None:
+    """Add a module after the modules that it imports."""
+    if name in importers:
+        raise ValueError(f"modules import each other: {' -> '.join((*importers, name))}")
+    if name in parts:
+        return
+    source = (STATIC / f"{name}.js").read_text(encoding="utf-8")
+    for found in IMPORT.finditer(source):
+        _add(found[2], parts, (*importers, name))
+    exported = ", ".join(found[1] for found in EXPORT.finditer(source))
+    body = EXPORT.sub("", IMPORT.sub(_taken, source))
+    if other := OTHER.search(body):
+        raise ValueError(f"{name}.js: expected import {{ }} from and export of declarations, got {other[0]!r}")
+    parts[name] = f"const {_variable(name)} = (() => {{\n{body}\nreturn {{ {exported} }};\n}})();"
+
+
+def _taken(found: re.Match[str]) -> str:
+    names = re.sub(r"(\w+)\s+as\s+(\w+)", r"\1: \2", found[1].strip())
+    return f"const {{ {names} }} = {_variable(found[2])};"
+
+
+def styles(*names: str) -> str:
+    """Join style sheets of the page, with their pictures inlined."""
+    text = "\n".join((STATIC / f"{name}.css").read_text(encoding="utf-8") for name in names)
+    return PICTURE.sub(lambda found: f'url("{_inlined(found[1])}")', text)
+
+
+def _inlined(svg: str) -> str:
+    content = base64.b64encode((STATIC / svg).read_bytes()).decode()
+    return f"data:image/svg+xml;base64,{content}"
+
+
+def _variable(module: str) -> str:
+    return f"module_{module.replace('-', '_')}"
+
+
+def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> str:
+    """Make an HTML file that contains its style, script and data, and may fetch nothing.
+
+    Parameters
+    ----------
+    title : str
+    style, script : str
+        CSS and JavaScript.
+    data : mapping of str to JSON
+        Values by the ids of the HTML elements from which the script reads them.
+
+    Examples
+    --------
+    >>> '<script type="application/json" id="data">["\\\\u003c/b>"]' in one_file("Title", "", "", {"data": ["</b>"]})
+    True
+    """
+    script = "\n" + script.strip("\n").replace("</script", "<\\/script").replace("<!--", "<\\!--") + "\n"
+    digest = base64.b64encode(sha256(script.encode()).digest()).decode()
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data: blob:; "
+        f"base-uri 'none'; form-action 'none'"
+    )
+    elements = [f'<script type="application/json" id="{id}">{as_json(value)}</script>' for id, value in data.items()]
+    return PAGE.format(
+        policy=policy,
+        title=escape(escaped(title)),
+        icon=_inlined("icon.svg"),
+        style=style.replace("</", "<\\/"),
+        data="\n".join(elements),
+        script=script,
+    )
+
+
+def as_json(value: Any) -> str:
+    """Format JSON so that it may stand in HTML: no tag and no comment can begin in it."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
 
 LOOK_AND_LABEL = Remedy(
     "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"

@@ -23,7 +23,7 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
-from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
+from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 
 FIELD = soccer()
 LOSS = RobustLoss("cauchy", 3.0)

@@ -14,12 +14,11 @@ from views import camera
 from data_tools.synthetic.film import Scene, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.findings import WAS_SQUASHED, Verdict
-from fieldcalib.cli.camera_options import KnownCamera
+from fieldcalib.cli.camera_options import KnownCamera, read_intrinsics
 from fieldcalib.console.arguments import Default
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.exports.opencv import format_opencv
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.samples import TrueFrame
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.metrics.distance import camera_difference

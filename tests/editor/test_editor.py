@@ -13,9 +13,8 @@ from fieldcalib import Camera, calibrate_batch, calibrate_from_homography, calib
 from fieldcalib.assess.findings import NoCameraError, Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.advice import GRID, click_errors, likely_labels, next_mark
 from fieldcalib.editor.edit import History, Known, Marks
-from fieldcalib.editor.frame import REACH, FrameEditor, snapped
+from fieldcalib.editor.frame import GRID, REACH, FrameEditor, click_errors, likely_labels, next_mark, snapped
 
 FIELD, SIZE = soccer(), (960, 540)
 TRUTH = Camera.from_angles(-0.3, 1.35, 0.01, 1500.0, (0.0, 66.0, -16.0), SIZE)

@@ -7,8 +7,7 @@ import sys
 import pytest
 from waiting import wait_until
 
-from fieldcalib.io.files import write_bytes
-from fieldcalib.io.stale_temporaries import TEMPORARY, remove_abandoned
+from fieldcalib.io.files import TEMPORARY, remove_abandoned, write_bytes
 
 WRITER = """
 import sys, time

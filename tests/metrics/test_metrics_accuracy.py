@@ -23,7 +23,7 @@ from fieldcalib.io.soccernet import (
     parse_annotation,
 )
 from fieldcalib.metrics import THRESHOLDS, Confusion, accuracy, evaluate_segments
-from fieldcalib.metrics.polylines import sample_segments
+from fieldcalib.metrics.accuracy import sample_segments
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -214,7 +214,7 @@ def images():
     """A batch of two images, and one more."""
     image = render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("images.from_images", "localize.batches"):
+        for module in ("images.from_images", "localize.network"):
             patch.setattr(f"fieldcalib.{module}.IMAGES_AT_ONCE", 2)
         yield [np.roll(image, shift, axis=0) for shift in range(0, 6, 2)]
 

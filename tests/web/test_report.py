@@ -14,10 +14,9 @@ import fieldcalib
 from fieldcalib import Camera, soccer
 from fieldcalib.assess.findings import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, REMEDIES, SMALLER, Advice, Tool, how
 from fieldcalib.draw.scene import render_field
-from fieldcalib.web import bundle, report
-from fieldcalib.web.bundle import bundled, one_file
+from fieldcalib.web import report
 from fieldcalib.web.pictures import Thumbnails, frames_to_show
-from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, Commands, ReportTable, write_report
+from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, Commands, ReportTable, bundled, one_file, write_report
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 3)]
 LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
@@ -208,7 +207,7 @@ def test_the_table_keeps_to_its_bytes_and_the_worst_rows(most):
 
 
 def test_the_parts_of_a_report_are_as_large_together_as_it_may_be():
-    rest = len(bundled("report")) + sum((bundle.STATIC / f"{name}.css").stat().st_size for name in report.STYLES)
+    rest = len(bundled("report")) + sum((report.STATIC / f"{name}.css").stat().st_size for name in report.STYLES)
     parts = report.TABLE_BYTES + report.STATE_BYTES + report.PICTURE_BYTES * 4 / 3
     assert (
         0.9 * report.MOST_BYTES < parts + rest < report.MOST_BYTES - 100_000
@@ -258,7 +257,7 @@ def test_a_script_of_all_modules_has_no_imports_left():
 def test_other_forms_of_modules_are_refused(source, tmp_path, monkeypatch):
     (tmp_path / "one.js").write_text(source)
     (tmp_path / "dom.js").write_text("export const a = 1;")
-    monkeypatch.setattr(bundle, "STATIC", tmp_path)
+    monkeypatch.setattr(report, "STATIC", tmp_path)
     with pytest.raises(ValueError, match=r"one\.js: expected import"):
         bundled("one")
 
@@ -266,7 +265,7 @@ def test_other_forms_of_modules_are_refused(source, tmp_path, monkeypatch):
 def test_modules_in_a_circle_are_refused(tmp_path, monkeypatch):
     for one, other in (("a", "b"), ("b", "a")):
         (tmp_path / f"{one}.js").write_text(f'import {{ x }} from "./{other}.js";\n')
-    monkeypatch.setattr(bundle, "STATIC", tmp_path)
+    monkeypatch.setattr(report, "STATIC", tmp_path)
     with pytest.raises(ValueError, match="a -> b -> a"):
         bundled("a")
 
@@ -275,7 +274,7 @@ def test_modules_are_made_once_and_names_may_be_changed(tmp_path, monkeypatch):
     (tmp_path / "base.js").write_text("export const one = 1;\nexport async function two() {}\n")
     (tmp_path / "left.js").write_text('import { one as first, two } from "./base.js";\nexport class Left {}\n')
     (tmp_path / "top.js").write_text('import { Left } from "./left.js";\nimport {\n  one,\n} from "./base.js";\n')
-    monkeypatch.setattr(bundle, "STATIC", tmp_path)
+    monkeypatch.setattr(report, "STATIC", tmp_path)
     script = bundled("top")
     assert script.count("const module_base =") == 1
     assert "return { one, two };" in script

@@ -1,4 +1,4 @@
-"""Joint calibration of frames of one camera: `from_sequence` is the entry, `sequence_solver` outlines the steps."""
+"""Joint calibration of frames of one camera: `sequence_solver` has the entry, and outlines the steps."""
 
 import lazy_loader
 

@@ -29,7 +29,7 @@ from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, missing_
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
+from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS
 
 FIELD = soccer()

@@ -16,11 +16,10 @@ from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.sequence.from_sequence import calibrate_sequence
 from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, solved_with_known_sizes
 from fieldcalib.solve.sequence.joint_start import Start
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
-from fieldcalib.solve.sequence.sequence_solver import _with_more_labels
+from fieldcalib.solve.sequence.sequence_solver import _with_more_labels, calibrate_sequence
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 
 FIELD = soccer()
