@@ -40,9 +40,6 @@ def compiled_module() -> ModuleType | None:
     except RuntimeError as error:
         LOG.info(NO_FOLDER, error)
         return None
-    from fieldcalib.problem.compile_cache import log_compilation
-
-    log_compilation(module.__name__)
     return module
 
 

@@ -1,6 +1,6 @@
 """Compiled functions that Numba keeps on the disk; where they cannot be read or written, they are compiled anew.
 
-Log message while Numba compiles, to explain why the first calibration after an installation takes long.
+A log message says that Numba compiles, to explain why the first calibration after an installation takes long.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache as once
 from typing import Any, TypeVar, cast
 
 from numba import njit
-from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 LOG = logging.getLogger(__name__)
@@ -45,13 +45,16 @@ def _bear_faults(cache: Any) -> None:
     load, save = cache.load_overload, cache.save_overload
 
     def load_overload(signature: Any, target: Any) -> Any:
+        found = None
         try:
-            return load(signature, target)
+            found = load(signature, target)
         except Exception:  # of a torn pickle, of any class
             LOG.info(DAMAGED.format(cache.cache_path))
             with suppress(OSError):
                 cache.flush()
-            return None
+        if found is None:
+            _say_compiling()
+        return found
 
     def save_overload(signature: Any, data: Any) -> None:
         try:
@@ -62,22 +65,7 @@ def _bear_faults(cache: Any) -> None:
     cache.load_overload, cache.save_overload = load_overload, save_overload
 
 
-class _CompilationListener(event.Listener):
-    """Listens for the first function of one module that is not in Numba's cache."""
-
-    def __init__(self, module: str) -> None:
-        self.module = module
-        self.done = False
-
-    def on_start(self, event: Any) -> None:
-        if not self.done and event.data["dispatcher"].py_func.__module__ == self.module:
-            self.done = True
-            LOG.info(COMPILING)
-
-    def on_end(self, event: Any) -> None:
-        """Ignore the end of a compilation."""
-
-
-def log_compilation(module: str) -> None:
-    """Log once, as information, when the first function of a module is about to be compiled."""
-    event.register("numba:compile", _CompilationListener(module))
+@once
+def _say_compiling() -> None:
+    """Log once that functions are compiled, since that takes long."""
+    LOG.info(COMPILING)

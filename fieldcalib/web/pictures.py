@@ -73,11 +73,11 @@ class ShownPictures:
         return content
 
 
-def jpeg(image: Image, width: int) -> bytes:
+def jpeg(image: Image, width: int, quality: int = QUALITY) -> bytes:
     """Encode an image as JPEG, at most `width` pixels wide."""
     import cv2
 
-    _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, content = cv2.imencode(".jpg", at_most_wide(image, width), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return content.tobytes()
 
 
@@ -115,7 +115,7 @@ class Thumbnails:
         """Add the image of a frame, if it is wanted."""
         if id not in self._ranks:
             return
-        self.jpegs[id] = _jpeg(image, self.width)
+        self.jpegs[id] = jpeg(image, self.width, THUMBNAIL_QUALITY)
         while self.size > self.most_bytes:
             self._shrink()
 
@@ -126,17 +126,7 @@ class Thumbnails:
             del self.jpegs[max(self.jpegs, key=self._ranks.__getitem__)]
             return
         self.width = narrower[0]
-        self.jpegs = {id: _jpeg(_image(jpeg), self.width) for id, jpeg in self.jpegs.items()}
-
-
-def _jpeg(image: Image, width: int) -> bytes:
-    import cv2
-
-    height = max(round(image.shape[0] * width / image.shape[1]), 1)
-    if width < image.shape[1]:
-        image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, THUMBNAIL_QUALITY])
-    return content.tobytes()
+        self.jpegs = {id: jpeg(_image(one), self.width, THUMBNAIL_QUALITY) for id, one in self.jpegs.items()}
 
 
 def _image(jpeg: bytes) -> Image:
