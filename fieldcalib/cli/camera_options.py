@@ -27,6 +27,9 @@ from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
 
 CAMERA_FILE_KEY = "x_focal_length"  # in this package's own camera files
+SQUARE = "square"
+SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
+OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +78,6 @@ def _of_opencv(content: bytes) -> Intrinsics:
 
     found = parse_opencv(content)
     return Intrinsics(found.camera_matrix, found.dist_coeffs, found.image_size, found.fisheye)
-
-
-SQUARE = "square"
-
-SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
-OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
 def crop(text: str) -> Crop:

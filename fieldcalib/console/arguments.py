@@ -46,6 +46,10 @@ NO_PRIOR = "none"
 NOT_RECORDED = frozenset(
     {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
 )
+SOCCER = "soccer"
+KNOWN = "known"
+NOMINAL = "nominal"
+FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 
 def add_inputs(parser: argparse.ArgumentParser, help: str, *, streams: bool = False) -> None:
@@ -294,12 +298,6 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, cv2.fisheye's k1 k2 k3 "
         f"k4, or as much as the labels call for ({USUAL_LENS})",
     )
-
-
-SOCCER = "soccer"
-KNOWN = "known"
-NOMINAL = "nominal"
-FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 
 def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL, *, auto: bool = False) -> None:

@@ -64,6 +64,16 @@ PLACES = 9  # number of places on a marking where a mark may be set
 BORDER = 0.02  # of width and height: nearer to the border of the image clicks are awkward
 APART = 30.0  # px of a 960 x 540 image: marks nearer to each other on one marking snap to the same paint
 GRID = (9, 7)  # ground points along and across the field at which the camera's errors are computed
+REACH = 8.0  # px of a 960 x 540 image: largest distance from a click to the line it snaps to
+WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones nearby
+LEAST_CONTRAST = 6.0  # grey values: least strength of a line, from its blurred second derivative
+NEAR_MIDDLE = 0.75  # px: largest distance of a pixel from the middle of the line that it belongs to
+MARGIN = 4  # px beyond the reach, for `NEAR_MIDDLE` and the neighbours of two differences
+LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
+LARGEST_TURN = np.sin(np.radians(25.0))  # sine of the angle between a line and its expected direction
+NEAREST = 12  # matches around a mark that correct the homography, which has no lens
+NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
+NEAR = 30.0  # px of a 960 x 540 image: a projected marking within this is the one clicked on
 
 
 def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[str]:
@@ -226,19 +236,6 @@ def _places(camera: Camera, field: Field, marks: Mapping[str, Array]) -> PixelTa
     member, xy = member[free], xy[free]
     weight = 1.0 / np.bincount(member, minlength=len(samples))[member]
     return PixelTable(tuple(samples), 1, np.zeros(len(member), np.intp), member, xy, weight)
-
-
-REACH = 8.0  # px of a 960 x 540 image: largest distance from a click to the line it snaps to
-WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones nearby
-LEAST_CONTRAST = 6.0  # grey values: least strength of a line, from its blurred second derivative
-NEAR_MIDDLE = 0.75  # px: largest distance of a pixel from the middle of the line that it belongs to
-MARGIN = 4  # px beyond the reach, for `NEAR_MIDDLE` and the neighbours of two differences
-LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
-LARGEST_TURN = np.sin(np.radians(25.0))  # sine of the angle between a line and its expected direction
-NEAREST = 12  # matches around a mark that correct the homography, which has no lens
-
-NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
-NEAR = 30.0  # px of a 960 x 540 image: a projected marking within this is the one clicked on
 
 
 def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Array:

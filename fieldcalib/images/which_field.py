@@ -12,8 +12,8 @@ from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.search.court_search import courts_in
-from fieldcalib.images.search.picture_stripes import PictureToSearch
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network

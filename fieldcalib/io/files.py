@@ -80,6 +80,16 @@ else:
 
 
 PACKED_AT_ONCE = 4096  # bytes
+HIDDEN = re.compile(r"\.")
+ESCAPE = re.compile(r"\\u(dc[89a-f][0-9a-f])")  # bytes from 128 on in Python's names of files
+YAML = (".yaml", ".yml")
+MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
+LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
+NO_ROOM = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
+READ_AT_ONCE = 4096  # bytes: LZMA unpacks each part as a whole, to 7000 times that at most
+# Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
+WRONG_RECORD = (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError)
+Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
 
 class Readable(Protocol):
@@ -124,20 +134,6 @@ class _Bzip2Member:
         if self._unpacker.eof and not part and self._checksum != self._expected:
             raise zipfile.BadZipFile("its checksum is not that in the zip")
         return part
-
-
-HIDDEN = re.compile(r"\.")
-ESCAPE = re.compile(r"\\u(dc[89a-f][0-9a-f])")  # bytes from 128 on in Python's names of files
-YAML = (".yaml", ".yml")
-MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
-LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
-NO_ROOM = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
-READ_AT_ONCE = 4096  # bytes: LZMA unpacks each part as a whole, to 7000 times that at most
-
-# Errors of reading nested JSON whose lists, numbers and keys are not what they should be.
-WRONG_RECORD = (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError)
-
-Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
 
 class BrokenFileError(ValueError):

@@ -47,6 +47,7 @@ HALVED = 4  # times the network's input: larger images are halved first, which c
 # Of 35 frames of a 9:16 window, stretched 1 has an accepted camera, continued to 4:5, 1:1, 4:3 and 16:9 it is 6 to 10.
 SHAPE = 4.0 / 3.0  # width by height, to which narrower pictures are continued
 EDGE = 8  # px at a side, whose mean continues it: single pixels of players and paint would make long stripes
+PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tuple[int, int]], Localization]
 
 
 @dataclass(frozen=True)
@@ -392,9 +393,6 @@ def _continued(image: Image, left: int, right: int) -> Image:
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
     first, last = (np.repeat(side, count, axis=1) for side, count in zip(sides, (left, right), strict=True))
     return np.concatenate([first, image, last], axis=1).astype(np.uint8)
-
-
-PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tuple[int, int]], Localization]
 
 
 class Network(Protocol):

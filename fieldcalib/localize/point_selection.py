@@ -22,6 +22,28 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import Pixels, check_object, split_circles
 
 BACKGROUND = "background"  # class of pixels that show no marking; several classes may have this name
+# Chosen by eye on broadcast frames; results hardly depend on them within a factor of two: on 31 images of WC14 IoU_part
+# is 95.9 % (mean) and one camera is not accepted; with any one constant halved or doubled, 95.8 to 96.0 % and 1 to 4.
+# Lengths are in pixels of the grid.
+LEAST_PIXEL_PROBABILITY = 0.2  # pixels below are ignored
+LEAST_PEAK = 0.5  # blobs whose largest probability is below are discarded
+LEAST_MASS = 3.0  # sum of the probabilities of a segment's pixels: less is noise
+LEAST_BLOB_SHARE = 0.2  # of the mass of the heaviest blob of a class: lighter blobs are noise
+LARGEST_GAP = 0.5  # between pieces of a segment, as a share of the length found so far
+RULER_FITS = 2  # the second one is reweighted by the distances from the first
+HALF_WEIGHT_DISTANCE = 3.0  # px from the ruler at which the weight is halved: a band is a few px wide
+# px from the ruler, plus a share of the segment's length (sag of a distorted line): pixels beyond are of other objects
+LARGEST_DISTANCE, LARGEST_SAG = 4.0, 0.03
+END_MARGIN = 1.5  # px cut off at either end of a segment: there the band is round or merges with another segment
+SHORTEST_SLICE = 2.5  # px: the errors of neighbouring pixels of a network are correlated
+LEAST_SLICES = 2  # points that determine a line
+MOST_SLICES, MOST_ARC_SLICES = 12, 20  # more cost time in the solver
+LEAST_SLICE_SHARE = 0.3  # of the mean mass of the slices: lighter ones are mostly hidden
+POINTS_PER_SEGMENT = 20.0  # number of points of probability 1 that carries the weight of one segment without a weight
+LEAST_RADIUS = 1e-9  # of an ellipse mapped to the unit circle: avoids a division by zero at its centre
+LEAST_WEIGHT = 1e-9  # of the pixels of a line: avoids a division by zero where there are none
+POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
+LEAST_PIXELS = 4  # of a mask: smaller ones are noise
 
 
 @dataclass(frozen=True)
@@ -90,32 +112,6 @@ def check_classes(probability: Float32, classes: Sequence[str], object_segments:
 def classes_without_segment(classes: Sequence[str], object_segments: ObjectSegments) -> list[str]:
     """Classes of a network that are neither a segment of the object nor the background."""
     return [name for name in classes if name != BACKGROUND and name not in object_segments]
-
-
-# Chosen by eye on broadcast frames; results hardly depend on them within a factor of two: on 31 images of WC14 IoU_part
-# is 95.9 % (mean) and one camera is not accepted; with any one constant halved or doubled, 95.8 to 96.0 % and 1 to 4.
-# Lengths are in pixels of the grid.
-LEAST_PIXEL_PROBABILITY = 0.2  # pixels below are ignored
-LEAST_PEAK = 0.5  # blobs whose largest probability is below are discarded
-LEAST_MASS = 3.0  # sum of the probabilities of a segment's pixels: less is noise
-LEAST_BLOB_SHARE = 0.2  # of the mass of the heaviest blob of a class: lighter blobs are noise
-LARGEST_GAP = 0.5  # between pieces of a segment, as a share of the length found so far
-RULER_FITS = 2  # the second one is reweighted by the distances from the first
-HALF_WEIGHT_DISTANCE = 3.0  # px from the ruler at which the weight is halved: a band is a few px wide
-# px from the ruler, plus a share of the segment's length (sag of a distorted line): pixels beyond are of other objects
-LARGEST_DISTANCE, LARGEST_SAG = 4.0, 0.03
-END_MARGIN = 1.5  # px cut off at either end of a segment: there the band is round or merges with another segment
-SHORTEST_SLICE = 2.5  # px: the errors of neighbouring pixels of a network are correlated
-LEAST_SLICES = 2  # points that determine a line
-MOST_SLICES, MOST_ARC_SLICES = 12, 20  # more cost time in the solver
-LEAST_SLICE_SHARE = 0.3  # of the mean mass of the slices: lighter ones are mostly hidden
-POINTS_PER_SEGMENT = 20.0  # number of points of probability 1 that carries the weight of one segment without a weight
-
-LEAST_RADIUS = 1e-9  # of an ellipse mapped to the unit circle: avoids a division by zero at its centre
-LEAST_WEIGHT = 1e-9  # of the pixels of a line: avoids a division by zero where there are none
-
-POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
-LEAST_PIXELS = 4  # of a mask: smaller ones are noise
 
 
 def ridge_points(

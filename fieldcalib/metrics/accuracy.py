@@ -35,6 +35,13 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 from fieldcalib.processes.jobs import in_order
 
 LINE_SPACING, CIRCLE_SPACING = 0.9, 0.2  # m, as in SoccerNet's evaluation
+THRESHOLDS = (5.0, 10.0, 20.0)  # px
+CHUNK = 64  # frames projected together
+# Number of points that a projected segment without annotation counts for in the table by points.
+LINE_POINTS, CIRCLE_POINTS = 2, 9
+TP, FP, FN = 0, 1, 2
+CompoundScore: TypeAlias = Literal["printed", "tables"]
+WEIGHTS = (0.5, 0.35, 0.15)  # of AC@5, AC@10, AC@20
 
 
 class Samples(NamedTuple):
@@ -147,13 +154,6 @@ def distances_to_polylines(xy: Array, polylines: Polylines, index: IntArray) -> 
     share = np.einsum("ij,ij->i", offset, along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
     offset -= np.clip(share, 0.0, 1.0)[:, None] * along
     return np.sqrt(np.minimum.reduceat(np.einsum("ij,ij->i", offset, offset), first))
-
-
-THRESHOLDS = (5.0, 10.0, 20.0)  # px
-CHUNK = 64  # frames projected together
-# Number of points that a projected segment without annotation counts for in the table by points.
-LINE_POINTS, CIRCLE_POINTS = 2, 9
-TP, FP, FN = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -530,10 +530,6 @@ def _accuracy(segments: IntArray) -> Array:
     """AC (F, T) of counts (F, T, L, 3)."""
     counts = segments.sum(axis=2)
     return np.asarray(counts[..., TP] / np.maximum(counts.sum(axis=-1), 1))
-
-
-CompoundScore: TypeAlias = Literal["printed", "tables"]
-WEIGHTS = (0.5, 0.35, 0.15)  # of AC@5, AC@10, AC@20
 
 
 def compound_score(

@@ -74,6 +74,19 @@ PAGE = """<!doctype html>
 </body>
 </html>
 """
+LOOK_AND_LABEL = Remedy(
+    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
+)
+UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
+MOST_BYTES = 20_000_000  # of the file
+PICTURE_BYTES = 7_500_000  # of JPEGs; as base64 in the file they take 4/3 of this
+TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
+MOST_VIEWS = 20_000  # frames: a table of more gets no views of the ground, which would not fit anyway
+STYLES = ("style", "report")
+VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers, which differ among frames with one reason
+VIEW_POINTS = 12  # points of the polygon of the ground in view
+MOST_LETTERS = 240  # of a reason
+NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
 
 def bundled(entry: str) -> str:
@@ -161,23 +174,6 @@ def one_file(title: str, style: str, script: str, data: Mapping[str, Any]) -> st
 def as_json(value: Any) -> str:
     """Format JSON so that it may stand in HTML: no tag and no comment can begin in it."""
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-
-LOOK_AND_LABEL = Remedy(
-    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
-)
-UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
-
-MOST_BYTES = 20_000_000  # of the file
-PICTURE_BYTES = 7_500_000  # of JPEGs; as base64 in the file they take 4/3 of this
-TABLE_BYTES, STATE_BYTES = 7_000_000, 2_500_000  # of the table, and of what is drawn on pictures
-MOST_VIEWS = 20_000  # frames: a table of more gets no views of the ground, which would not fit anyway
-STYLES = ("style", "report")
-
-VALUES = re.compile(r"'[^']*'|[0-9]+(?:\.[0-9]+)?")  # names and numbers, which differ among frames with one reason
-VIEW_POINTS = 12  # points of the polygon of the ground in view
-MOST_LETTERS = 240  # of a reason
-NOTHING: Mapping[str, Any] = {"id": "", "status": BROKEN, "message": ""}
 
 
 def remedy_of(line: Mapping[str, Any]) -> Remedy:

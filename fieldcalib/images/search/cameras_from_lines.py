@@ -54,7 +54,7 @@ def few_line_hypotheses(lines: LongLines, field: Field, size: tuple[int, int], w
 def focal_lengths(field: Field, widened: float = 1.0) -> Array:
     """Focal lengths to try for the field's cameras, in widths of the picture, in even ratios.
 
-    Removing the distortion of a picture (`fieldcalib.images.search.straightened.Bend`) widens its field of view by the
+    Removing the distortion of a picture (`fieldcalib.images.search.long_lines.Bend`) widens its field of view by the
     factor `widened`: a wide lens with 90 degrees then has up to 120.
     """
     fov = np.radians([stand.fov for stand in field.stands or field.named_stands.values()])

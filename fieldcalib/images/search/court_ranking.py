@@ -7,26 +7,30 @@ likeliest. Two cameras count as the same if they project a grid of points on the
 Some fields look the same some steps further along: yard lines repeat every 5 yards (`Field.repeats`). If neither an end
 of the field nor anything else in view tells the yard lines apart, the camera moved along the field by some steps takes
 the same picture (`moved_by_steps`), and is no rival.
+
+What is found in a picture is kept (`PictureToSearch`): stripes, lines and ellipses once, ranked cameras once per field.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses
+from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses, circles_of
 from fieldcalib.images.search.cameras_from_lines import few_line_hypotheses
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, hypotheses, stands
-from fieldcalib.images.search.ellipses import Ellipse
-from fieldcalib.images.search.long_lines import LongLines
-from fieldcalib.images.search.straightened import Bend
+from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
+from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
+from fieldcalib.images.search.stripes import StripeColours, Stripes, at_working_size, find_stripes
+from fieldcalib.io.image import Image
 
 ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points per camera, and number of cameras kept for the next round
 PULLED = 100  # best cameras that are pulled onto stripes, with the points of the second round
@@ -41,6 +45,8 @@ BEYOND = 0.1  # share of the picture beyond its border within which the field is
 OTHER = 20.0  # px: cameras whose grids differ by more than this in the median are different cameras
 
 MOST_STEPS = 10  # of `Field.repeats` by which a camera is moved: half the length of an American football field
+LINES = 16  # long lines used for hypotheses: 15 do as well as 26
+ELLIPSES = 6  # ellipses used for hypotheses: on ice there are also ellipses of letters
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,3 +231,88 @@ def moved_by_steps(camera: Camera, field: Field) -> list[Camera]:
         return []
     steps = [sign * k * field.repeats for k in range(1, MOST_STEPS + 1) for sign in (-1.0, 1.0)]
     return [camera.moved(camera.R, camera.C + (x, 0.0, 0.0)) for x in steps]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureToSearch:
+    """A picture to be searched for one or more fields; its stripes are found once."""
+
+    image: Image
+    """(height, width, 3), blue, green, red."""
+    _found: dict[bool, PictureStripes] = field(default_factory=dict, repr=False)
+
+    def stripes(self, *, lighter: bool) -> PictureStripes:
+        """Stripes of the picture that are lighter than the ground, or darker."""
+        if lighter not in self._found:
+            self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter)
+        return self._found[lighter]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureStripes:
+    """Stripes of a picture, all or those of one paint, and what follows from them."""
+
+    seen: Stripes
+    """Stripes at their pixels in the picture."""
+    straight: Stripes
+    """Stripes at their pixels in the picture without its distortion."""
+    colours: StripeColours
+    bend: Bend
+    """Distortion of the picture."""
+    _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, image: Image, *, lighter: bool, bend: Bend | None = None) -> PictureStripes:
+        """Find the stripes of an image of the working size, and its distortion from them unless `bend` is given."""
+        stripes = find_stripes(image, lighter=lighter)
+        bend = bend or bend_of(stripes)
+        return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
+
+    def take(self, index: IntArray) -> PictureStripes:
+        """Select stripes by index."""
+        return PictureStripes(self.seen.take(index), self.straight.take(index), self.colours.take(index), self.bend)
+
+    @cached_property
+    def unbent(self) -> PictureStripes:
+        """The stripes if the lens had no distortion."""
+        return self.with_bend(0.0)
+
+    def with_bend(self, a: float) -> PictureStripes:
+        """Assume another distortion of the picture (`Bend.a`)."""
+        bend = replace(self.bend, a=a)
+        return PictureStripes(self.seen, bend.straight(self.seen), self.colours, bend)
+
+    @cached_property
+    def lines(self) -> LongLines:
+        """Long lines of the picture without distortion."""
+        return long_lines(self.straight, LINES)
+
+    @cached_property
+    def ellipses(self) -> tuple[Ellipse, ...]:
+        """Ellipses of the picture without distortion."""
+        return find_ellipses(self.straight, ELLIPSES)
+
+    @cached_property
+    def maps(self) -> StripeMaps:
+        """Tables of likelihood ratios in the picture."""
+        return StripeMaps.of(self.seen)
+
+    @cached_property
+    def straight_maps(self) -> StripeMaps:
+        """Tables of likelihood ratios in the picture without distortion."""
+        return self.maps if self.bend.a == 0.0 else StripeMaps.of(self.straight)
+
+    def curves(self, court: Field) -> Curves:
+        """Long lines, and ellipses if the field has circles; finding ellipses takes 0.1 s."""
+        return self.lines, self.ellipses if len(circles_of(court)) else ()
+
+    def ranked_from_above(self, court: Field) -> Ranked:
+        """Rank the cameras that look down on a field."""
+        return rank_from_above(self.lines, self.straight_maps, court, self.bend)
+
+    def ranked(self, court: Field, *, are_cut_out: bool) -> Ranked:
+        """Rank the cameras for a field, once; `are_cut_out` as in `rank_cameras`."""
+        if (court, are_cut_out) not in self._ranked:
+            ranked = rank_cameras(self.curves(court), self.straight_maps, court, self.bend, are_cut_out=are_cut_out)
+            self._ranked[court, are_cut_out] = ranked
+        return self._ranked[court, are_cut_out]

@@ -1,7 +1,7 @@
 """Search for the camera of a court from a picture alone: no network, no labels.
 
 picture, scaled to 1280 columns
-  |  stripes; lens distortion, so that stripes lie on straight lines   stripes, straightened
+  |  stripes; lens distortion, so that stripes lie on straight lines   stripes, long_lines
   |  the longest of these lines, and ellipses                          long_lines, ellipses
   v
 hypotheses: cameras that project four lines of the field onto four     court_hypotheses
@@ -37,6 +37,8 @@ from fieldcalib.images.refinement import Refined, on_field_as_seen
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, stands
 from fieldcalib.images.search.court_ranking import (
     GRID,
+    PictureStripes,
+    PictureToSearch,
     Ranked,
     Rivals,
     are_apart,
@@ -49,7 +51,6 @@ from fieldcalib.images.search.court_ranking import (
 )
 from fieldcalib.images.search.court_refinement import FOUND, refine_courts, with_errors, with_hidden_markings
 from fieldcalib.images.search.long_lines import LongLines
-from fieldcalib.images.search.picture_stripes import PictureStripes, PictureToSearch
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.images.search.stripes import StripeColours, Stripes
 from fieldcalib.io.image import Image, checked_image, size_of

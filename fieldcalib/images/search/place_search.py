@@ -41,6 +41,7 @@ from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_o
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within, unit
 from fieldcalib.images.search.court_ranking import (
     Curves,
+    PictureStripes,
     Ranked,
     distances,
     first_apart,
@@ -51,9 +52,7 @@ from fieldcalib.images.search.court_ranking import (
 from fieldcalib.images.search.court_refinement import refine_courts, with_errors, with_hidden_markings
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.ellipses import Ellipse
-from fieldcalib.images.search.long_lines import LongLines
-from fieldcalib.images.search.picture_stripes import PictureStripes
-from fieldcalib.images.search.straightened import Bend
+from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size
 from fieldcalib.io.image import Image, size_of
@@ -100,7 +99,7 @@ class Place:
     zoom: tuple[float, float]
     """Least and largest focal length, in widths of the picture."""
     bend: float = 0.0
-    """Distortion of its pictures (`fieldcalib.images.search.straightened.Bend`), about the same for all focal
+    """Distortion of its pictures (`fieldcalib.images.search.long_lines.Bend`), about the same for all focal
     lengths."""
 
     def focal_lengths(self, width: int, step: float) -> Array:

@@ -66,6 +66,21 @@ from fieldcalib.solve.sequence.sequence_problem import (
 from fieldcalib.solve.sequence.tripod_position import KnownCentres, expected_centres, near_path, on_path, voted_centres
 from fieldcalib.solve.solver_options import CalibrationFlags, Prior, default_flags, paint_sigma
 
+WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
+FEW = 30  # largest number of iterations with each factor,
+APPROACHED = 1e-3  # and relative decrease of the cost at which the next factor takes over
+HELD = 1e-6  # prior standard deviation, in any unit, that keeps a parameter at its value
+SAME = 0.3  # m: centres nearer to each other than this belong to the same minimum
+APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
+AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
+MOST_CENTRES = 2  # centres with most votes from which frames are solved together
+GIVEN_SIZE = (0.0, 0.0)  # m: length and width of a start, minus the given length and width
+OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
+RUNS = 4  # number of runs of consecutive frames: if one run is wrong, the others may agree without it
+FIRST = 60  # number of frames that are calibrated one by one, to find the position of the tripod
+ROUNDS = 3  # rounds of solving all together and then every frame again
+OFF_PATH = "its centre is off the path of the frames around it"
+
 
 def calibrate_sequence(
     object_segments: ObjectSegments,
@@ -155,24 +170,6 @@ def calibrate_sequence(
     if start is not None and len(start) != len(problem):
         raise ValueError(f"start must be a calibration of the same {len(problem)} frames, got {len(start)}")
     return solve_sequence(problem, start).calibration
-
-
-WIDTHS = (25.0, 5.0)  # factors of the scale of the loss, in turn: lines are 20 to 100 px off after wrong starts
-FEW = 30  # largest number of iterations with each factor,
-APPROACHED = 1e-3  # and relative decrease of the cost at which the next factor takes over
-HELD = 1e-6  # prior standard deviation, in any unit, that keeps a parameter at its value
-SAME = 0.3  # m: centres nearer to each other than this belong to the same minimum
-APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
-AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
-MOST_CENTRES = 2  # centres with most votes from which frames are solved together
-GIVEN_SIZE = (0.0, 0.0)  # m: length and width of a start, minus the given length and width
-OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
-RUNS = 4  # number of runs of consecutive frames: if one run is wrong, the others may agree without it
-
-FIRST = 60  # number of frames that are calibrated one by one, to find the position of the tripod
-ROUNDS = 3  # rounds of solving all together and then every frame again
-
-OFF_PATH = "its centre is off the path of the frames around it"
 
 
 def best_of_other_starts(

@@ -11,8 +11,8 @@ from pictures import picture
 from data_tools.score_courts import fitted
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
+from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.search.court_search import CourtEvidence, Picture, probabilities
-from fieldcalib.images.search.picture_stripes import PictureToSearch
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)

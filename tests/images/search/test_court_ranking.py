@@ -7,7 +7,7 @@ from fieldcalib import Camera
 from fieldcalib.fields import tennis
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.court_ranking import Ranked, Rivals, are_apart, distances, grid_of, seen_grids
-from fieldcalib.images.search.straightened import Bend
+from fieldcalib.images.search.long_lines import Bend
 
 SIZE = (1280, 720)
 FIELD = tennis()

@@ -29,8 +29,7 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.images.search import cameras_from_lines
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.search.court_search import find_courts
-from fieldcalib.images.search.long_lines import LongLines, long_lines
-from fieldcalib.images.search.straightened import Bend, bend_of
+from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines
 from fieldcalib.images.search.stripe_likelihood import (
     HALF_SEEN,
     SEEN,

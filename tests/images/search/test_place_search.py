@@ -15,9 +15,8 @@ from fieldcalib.geometry.rotation import angles_from_rotation
 from fieldcalib.images.search.cameras_from_ellipses import circles_of
 from fieldcalib.images.search.cameras_from_lines import LEVEL
 from fieldcalib.images.search.court_hypotheses import FieldLines
-from fieldcalib.images.search.long_lines import LongLines
+from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.place_search import BEYOND, STEP, Place, apart, search_from, views_through
-from fieldcalib.images.search.straightened import Bend
 from fieldcalib.solve.request import Task
 
 COURT = tennis()
