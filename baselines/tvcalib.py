@@ -45,7 +45,7 @@ from fieldcalib.console.arguments import (
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Segment
-from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
+from fieldcalib.fields.traits import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.projective import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types

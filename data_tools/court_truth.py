@@ -24,8 +24,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.catalogue import field as field_named
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import TURN
+from fieldcalib.fields.field import TURN, Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 

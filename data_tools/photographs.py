@@ -44,10 +44,9 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, looks_the_same_turned, turned_camera
 from fieldcalib.fields.ground import LEVEL
-from fieldcalib.fields.sides import looks_the_same_turned, turned_camera
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image

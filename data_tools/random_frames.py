@@ -18,8 +18,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
-from fieldcalib.problem.prior import sample_theta
+from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout, sample_theta
 
 FIRST_STAND_SHARE = 0.4  # of the cameras; the others are spread evenly over the other stands
 ROLL_SIGMA = np.radians(1.0)

@@ -29,10 +29,9 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import SOCCER, image_size
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE, turned_camera
+from fieldcalib.fields.field import OPPOSITE, Field, turned_camera
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, OPPOSITE_TRIBUNE, CameraDistribution
+from fieldcalib.fields.traits import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, OPPOSITE_TRIBUNE, CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.localize.network import SegmentationNetwork

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect
-from fieldcalib._types import Array
+from fieldcalib._types import Array, expect
 
 
 def to_json(values: ArrayLike) -> Any:

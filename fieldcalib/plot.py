@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, FIELD, expect, listed, named, real_array
 from fieldcalib._extras import imported
-from fieldcalib._types import Array
+from fieldcalib._types import CAMERA, FIELD, Array, expect, listed, named, real_array
 from fieldcalib.assess.estimate import GroundError
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from synthetic import displaced, distorted
 
-from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.model import COEFFICIENTS
 from fieldcalib.geometry.rotation import rotation_from_angles

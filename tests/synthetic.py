@@ -4,7 +4,7 @@ import numpy as np
 
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.stands import MAIN_CENTER, CameraDistribution, focal_length_from_fov
+from fieldcalib.fields.traits import MAIN_CENTER, CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.rotation import rotation_from_angles
 
 IMAGE_SIZE = (1280, 720)

@@ -3,7 +3,7 @@
 An image cannot tell the left of a field from its right: turned by 180 degrees about its centre mark, the field looks
 the same from the opposite stand. So labels are named as seen from the camera's side: the camera is turned about the
 centre mark to the main side, y > 0, or, if it stands behind a goal line (|x| beyond half the length and |y| within half
-the width plus `fieldcalib.fields.sides.BEHIND_MARGIN`), to stand behind the left goal.
+the width plus `fieldcalib.fields.field.BEHIND_MARGIN`), to stand behind the left goal.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from types import MappingProxyType
 import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE, is_behind_end, looks_the_same_turned, side_of, turned_camera
+from fieldcalib.fields.field import OPPOSITE, Field, is_behind_end, looks_the_same_turned, side_of, turned_camera
 from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, soccer
-from fieldcalib.fields.stands import (
+from fieldcalib.fields.traits import (
     BEHIND_LEFT_GOAL,
     MAIN_CENTER,
     MAIN_LEFT,
@@ -26,8 +25,7 @@ from fieldcalib.fields.stands import (
     CameraDistribution,
 )
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
-from fieldcalib.problem.prior import sample_theta
+from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout, sample_theta
 
 # Broadcasts, the paper's stands, and wide ranges around these. Opposite stands and those behind the right goal are left
 # out: turned by 180 degrees, they are among these.

@@ -32,7 +32,7 @@ from fieldcalib.console.arguments import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import CameraDistribution, stands_around
+from fieldcalib.fields.traits import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 

@@ -32,9 +32,9 @@ from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.picture_shape import Declared
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.records import (
     check_covariances,
     check_parameters,

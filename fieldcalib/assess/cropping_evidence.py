@@ -15,6 +15,7 @@ from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
 from fieldcalib.problem.picture_shape import (
     LARGEST_SPREAD,
@@ -30,7 +31,6 @@ from fieldcalib.problem.picture_shape import (
     log_ratio_of_cut,
     score_of_part,
 )
-from fieldcalib.problem.pixel_table import PixelTable
 
 FAINT = 1e-6  # information, in units of the prior's, that keeps the system regular
 

@@ -32,8 +32,7 @@ from typing import Literal, NamedTuple, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, is_number
 from fieldcalib.assess.ground import ground_derivatives, pixels_of_points, projection_on
 from fieldcalib.assess.observability import Direction
 from fieldcalib.fields.field import Field, terrain_of

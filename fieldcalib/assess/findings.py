@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import expect, number, several
+from fieldcalib._types import expect, number, several
 from fieldcalib.fields.catalogue import FIELDS
 
 LOOK = "look at the overlay"

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._checks import LARGEST, expect, whole_number
 from fieldcalib._json import from_json, texts_from_json, to_json
-from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib._types import LARGEST, Array, BoolArray, Float32, IntArray, expect, whole_number
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, findings_from_json
 from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.paint_in_view import MarkingInView

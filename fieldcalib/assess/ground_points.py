@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number
-from fieldcalib._types import Array
+from fieldcalib._types import Array, is_number
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera

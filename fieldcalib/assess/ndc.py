@@ -25,10 +25,9 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
-from fieldcalib.problem.labelled_pixels import Pixels, in_left_half
+from fieldcalib.problem.labelled_pixels import Pixels, PixelTable, in_left_half
 from fieldcalib.problem.layout import PAN, Layout
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 from math import inf
 
-from fieldcalib._checks import expect, number, truth, whole_number
+from fieldcalib._types import expect, number, truth, whole_number
 from fieldcalib.assess.findings import Finding, What
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import ReadOnlyDict, expect, is_number, listed, number, truth, whole_number
 from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
-from fieldcalib._types import Array
+from fieldcalib._types import Array, ReadOnlyDict, expect, is_number, listed, number, truth, whole_number
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Solved
 from fieldcalib.assess.cropping_evidence import Picture
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
@@ -127,7 +126,7 @@ class Calibration:
     """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
     """Cameras that are as good: the one turned by 180 degrees about the centre mark, where nothing tells on which side
-    of the field the camera is (`fieldcalib.fields.sides`)."""
+    of the field the camera is (`fieldcalib.fields.field`)."""
     _found: tuple[Finding, ...] = attribute(default=(), repr=False)
     """Findings that do not follow from the other attributes, see `findings`."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, overload
 
 import numpy as np
 
-from fieldcalib._checks import expect, listed, real_array, whole_number
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread
 from fieldcalib._json import from_json, reading, texts_from_json, to_json
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, expect, listed, real_array, whole_number
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
 from fieldcalib.assess.findings import Finding, What, in_words
 from fieldcalib.assess.frame_table import (

@@ -31,9 +31,8 @@ from fieldcalib.assess.ground import Considered, ground_derivatives, ground_of_p
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Role
+from fieldcalib.problem.layout import GaussianPrior, Role
 from fieldcalib.problem.levenberg_marquardt import coupled, eliminated
-from fieldcalib.problem.prior import GaussianPrior
 
 RUNS = 8  # of frames, whose errors are assumed to be independent
 UNDETERMINED = 1e-12  # of the curvatures of the parameters: a direction of less is not determined

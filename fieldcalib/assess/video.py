@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import expect, listed
 from fieldcalib._extras import imported
 from fieldcalib._json import texts_from_json
-from fieldcalib._types import IntArray
+from fieldcalib._types import IntArray, expect, listed
 from fieldcalib.assess.findings import UP_TO_SIDE, Finding, Status, findings_from_json
 from fieldcalib.assess.frame_table import Basis, check_indices
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_calibration import NUMBERS, Codec, FrameSequence, SequenceCalibration
-from fieldcalib.fields.sides import turned_camera
+from fieldcalib.fields.field import turned_camera
 from fieldcalib.problem.picture_shape import Placement
 
 if TYPE_CHECKING:

@@ -31,8 +31,7 @@ from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
-from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image import IMAGES_AT_ONCE, Image, in_parts, size_of
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize

@@ -14,12 +14,10 @@ from fieldcalib.cli.camera_options import KnownCamera
 from fieldcalib.console.arguments import NetworkOptions, cut_of, field_of, prior_of, run_options
 from fieldcalib.console.options import given, option, switch
 from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import SIDES, Side
+from fieldcalib.fields.field import SIDES, Field, Side
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.frame_range import Cut
-from fieldcalib.io.image import Image, size_of
-from fieldcalib.io.image_files import check_pixels
+from fieldcalib.io.image import Image, check_pixels, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network
 from fieldcalib.problem.picture_shape import Placement

@@ -8,8 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._checks import listed, number
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, listed, number
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration

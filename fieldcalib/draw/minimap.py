@@ -11,8 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, FIELD, LARGEST, expect, listed, real_array
-from fieldcalib._types import Array, Float32
+from fieldcalib._types import CAMERA, FIELD, LARGEST, Array, Float32, expect, listed, real_array
 from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
 from fieldcalib.fields.field import Field

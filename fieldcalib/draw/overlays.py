@@ -12,8 +12,7 @@ from zlib import crc32
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, expect, is_number, listed, positive, real_array, truth
-from fieldcalib._types import Array
+from fieldcalib._types import CAMERA, Array, expect, is_number, listed, positive, real_array, truth
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, inset_map

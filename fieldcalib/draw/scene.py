@@ -13,8 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._checks import CAMERA, FIELD, expect, number
-from fieldcalib._types import Array, BoolArray, Float32
+from fieldcalib._types import CAMERA, FIELD, Array, BoolArray, Float32, expect, number
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
 from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field

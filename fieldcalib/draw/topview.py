@@ -9,13 +9,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, FIELD, expect, is_number, named, several
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import CAMERA, FIELD, Array, BoolArray, expect, is_number, named, several
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.image_files import LONGEST_SIDE
+from fieldcalib.io.image import LONGEST_SIDE, Image, checked_image
 
 ABOVE = 100.0  # m: height of the camera above the field; the picture of the ground does not depend on it
 PIXELS_OF_SCALE = 400.0  # default length of `Field.scale` in the picture

@@ -11,7 +11,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number, truth
+from fieldcalib._types import is_number, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Placement

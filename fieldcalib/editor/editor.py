@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from typing import Any, Self
 from warnings import warn
 
-from fieldcalib._checks import expect, file_path, truth, whole_number
+from fieldcalib._types import expect, file_path, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around

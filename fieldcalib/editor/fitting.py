@@ -22,11 +22,10 @@ from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.labelled_pixels import Weights
+from fieldcalib.problem.labelled_pixels import PixelTable, Weights
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 
-from fieldcalib._checks import expect, file_path, listed
+from fieldcalib._types import expect, file_path, listed
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.overlays import draw_calibration

@@ -28,8 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import real_array
-from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib._types import Array, Float32, IntArray, real_array
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration, in_picture
@@ -44,14 +43,12 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
-from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.io.image_files import at_most_wide, encode_image
+from fieldcalib.io.image import Image, at_most_wide, checked_image, encode_image, size_of
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.labelled_pixels import nearest_label
+from fieldcalib.problem.labelled_pixels import PixelTable, nearest_label
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.picture_shape import Declared, Placement, may_be_squashed
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.likelier_shape import likelier
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import pixel_unit

@@ -19,7 +19,7 @@ from dataclasses import field as attribute
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from fieldcalib._checks import is_number, one_of
+from fieldcalib._types import is_number, one_of
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.edit import FARTHEST, Edit, History, Known, Mark, Marks
 from fieldcalib.editor.label_files import SOCCERNET

@@ -21,5 +21,5 @@ from .sports.rugby_union import rugby_union as rugby_union
 from .sports.soccer import soccer as soccer
 from .sports.tennis import tennis as tennis
 from .sports.volleyball import volleyball as volleyball
-from .stands import DISTRIBUTIONS as DISTRIBUTIONS
-from .stands import CameraDistribution as CameraDistribution
+from .traits import DISTRIBUTIONS as DISTRIBUTIONS
+from .traits import CameraDistribution as CameraDistribution

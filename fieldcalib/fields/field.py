@@ -8,6 +8,12 @@ World coordinates: origin at the centre mark, x right along the touchline as the
 camera, z down, so that a crossbar is at z = -2.44.
 
 A plan of a field as SVG, with what cameras see of it, for notebooks.
+
+The sides of a field that looks the same once it is turned by 180 degrees about its centre mark: no marking tells such a
+field from the turned one, and no picture of its markings tells on which side of it the camera is. By convention a
+camera is on the main side: in front of the near touchline (y > 0, where the main stand is) or, if it is behind an end,
+behind the left one (x < 0). Left and right in labels of pictures are as seen from there. Turned by 180 degrees, that is
+the opposite side: beyond the far touchline, or behind the right end.
 """
 
 from __future__ import annotations
@@ -18,17 +24,28 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fieldcalib._checks import CAMERA, ReadOnlyDict, expect, is_number, listed, number, one_of, truth
 from fieldcalib._html import long_table, spread, table
-from fieldcalib._types import Array
+from fieldcalib._types import CAMERA, Array, ReadOnlyDict, expect, is_number, listed, number, one_of, truth
 from fieldcalib.fields.ground import LEVEL, Ground, Terrain
 from fieldcalib.fields.segments import Point, Segment, boxes, check_members
-from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution
-from fieldcalib.fields.traits import SURFACES, UNPAINTED, Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import (
+    DISTRIBUTIONS,
+    SOCCER_SCALE,
+    SURFACES,
+    UNPAINTED,
+    CameraDistribution,
+    Crown,
+    Halves,
+    LineLook,
+    Paint,
+    ProbabilityModel,
+    SizePrior,
+)
 from fieldcalib.geometry.camera import Camera
 
 WIDTH = 480  # px
@@ -42,6 +59,12 @@ TOLERANCE = 40.0  # the scale of a field as a multiple of the largest error of a
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
 ALIKE = 0.005  # metres: ends nearer to each other than this coincide
 ROUNDED = 6  # decimals of metres: coordinates that agree to these are the same place, computed in another way
+Side = Literal["main", "opposite"]
+MAIN: Side = "main"
+OPPOSITE: Side = "opposite"
+SIDES: tuple[Side, ...] = get_args(Side)
+BEHIND_MARGIN = 5.0  # m beyond the corners, between whose lines a camera is behind an end
+TURN: Array = np.array([-1.0, -1.0, 1.0])
 
 
 def plan(length: float, width: float, markings: Iterable[Segment], cameras: Sequence[Camera] = ()) -> str:
@@ -550,3 +573,60 @@ def terrain_of(object_segments: Mapping[str, Segment] | None) -> Terrain | None:
     """The ground that an object stands on; None where it is level, as under an object that is no field."""
     terrain = object_segments.terrain if isinstance(object_segments, Field) else None
     return None if terrain is None or terrain.is_level else terrain
+
+
+def looks_the_same_turned(field: Field) -> bool:
+    """Whether all segments of a field have a counterpart once it is turned by 180 degrees.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields import soccer
+    >>> looks_the_same_turned(soccer())
+    True
+    """
+    return len(field.symmetric) == len(field)
+
+
+def is_behind_end(C: ArrayLike, field: Field) -> bool:
+    """Whether a place (3,), metres, is behind the left or the right end of a field, not beside it."""
+    x, y, _ = np.abs(np.asarray(C, dtype=float))
+    return bool(x > field.length / 2.0 and y <= field.width / 2.0 + BEHIND_MARGIN)
+
+
+def side_of(C: ArrayLike, field: Field) -> Side:
+    """The side of a field on which a place (3,), metres, is.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields import soccer
+    >>> [side_of(C, soccer()) for C in ((10, 60, -15), (10, -60, -15), (-70, -3, -9), (70, 3, -9))]
+    ['main', 'opposite', 'main', 'opposite']
+    """
+    x, y, _ = np.asarray(C, dtype=float)
+    is_turned = x > 0.0 if is_behind_end(C, field) else y < 0.0
+    return OPPOSITE if is_turned else MAIN
+
+
+def turned_camera(camera: Camera) -> Camera:
+    """The camera turned by 180 degrees about the centre mark: it takes the same picture of the turned field."""
+    return camera.moved(camera.R * TURN, camera.C * TURN)
+
+
+def side_of_stand(stand: CameraDistribution, field: Field) -> Side:
+    """The side of a field on which the middle of a stand is."""
+    return side_of([np.mean(stand.x), np.mean(stand.y), np.mean(stand.z)], field)
+
+
+def turned_stand(stand: CameraDistribution) -> CameraDistribution:
+    """The stand turned by 180 degrees about the centre mark.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.traits import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL
+    >>> turned_stand(BEHIND_LEFT_GOAL).x == BEHIND_RIGHT_GOAL.x
+    True
+    """
+    pan = np.array(stand.pan)
+    pan = pan + (180.0 if np.mean(pan) < 0.0 else -180.0)
+    x, y = ((-high, -low) for low, high in (stand.x, stand.y))
+    return replace(stand, name=f"{stand.name}, turned", pan=tuple(pan.tolist()), x=x, y=y)

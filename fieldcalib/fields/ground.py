@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import number
-from fieldcalib._types import Array
+from fieldcalib._types import Array, number
 
 # Share of half the width over which the ridge is rounded. Real grounds are nearly roofs: of 91 frames of soccer whose
 # labels tell a crown the least costs are 849, 821, 809, 803 and 797 with 1.5, 0.5, 0.3, 0.2 and 0.1 (1323 on level

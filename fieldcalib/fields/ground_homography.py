@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._checks import CAMERA, FIELD, expect
 from fieldcalib._html import long_table, table
-from fieldcalib._types import Array
+from fieldcalib._types import CAMERA, FIELD, Array, expect
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize

@@ -16,8 +16,16 @@ from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.parts import mirrored
 from fieldcalib.fields.sports.rugby_union import BuilderWithInGoal
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import CameraDistribution, stands_beside
-from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import (
+    CameraDistribution,
+    Crown,
+    Halves,
+    LineLook,
+    Paint,
+    ProbabilityModel,
+    SizePrior,
+    stands_beside,
+)
 
 Build: TypeAlias = Callable[[float, float], Field]
 BUILDERS: Mapping[str, Build] = {  # the attributes of one that is a dataclass are parameters of the field
@@ -96,7 +104,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
 
     Three of them may be shorter than `whole_record` writes them: with ``mirrored: true`` the segments are those of the
     right bottom quarter, and their mirror images are added (`fieldcalib.fields.sports.parts.mirrored`); `stands` may be
-    the distances and heights of cameras around the field (`fieldcalib.fields.stands.stands_beside`); and a key of
+    the distances and heights of cameras around the field (`fieldcalib.fields.traits.stands_beside`); and a key of
     `paint` that is no label may be the beginning of several.
 
     Raises

@@ -15,9 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldcalib._checks import is_number, number, real_array, truth
 from fieldcalib._html import table
-from fieldcalib._types import Array
+from fieldcalib._types import Array, is_number, number, real_array, truth
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
 from fieldcalib.geometry.lens.fisheye import fisheye_vector

@@ -7,8 +7,7 @@ A line l and the points x on it satisfy ``l . x = 0``. A homography H maps point
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import LARGEST, real_array
-from fieldcalib._types import Array
+from fieldcalib._types import LARGEST, Array, real_array
 
 TINY = 1e-300  # smallest divisor, where weights or lengths may all be 0
 # Condition number of a homography beyond which its inverse has less than four digits; those of cameras, between metres

@@ -2,7 +2,7 @@
 
 A field turned by 180 degrees about its centre mark is the same field, and a camera turned with it takes the same
 picture. A person's labels name the ends of the field and so decide between the two cameras. A network names the ends
-as seen from the main side (`fieldcalib.fields.sides`), and a search finds either camera. Such a camera is therefore
+as seen from the main side (`fieldcalib.fields.field`), and a search finds either camera. Such a camera is therefore
 placed on the main side, with the turned camera as its alternative, unless the user says on which side it is: by name,
 by its position or rotation, or by a prior whose stands are all on one side.
 """
@@ -16,11 +16,11 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import (
+from fieldcalib.fields.field import (
     MAIN,
     OPPOSITE,
     SIDES,
+    Field,
     Side,
     looks_the_same_turned,
     side_of,
@@ -28,7 +28,7 @@ from fieldcalib.fields.sides import (
     turned_camera,
     turned_stand,
 )
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network

@@ -19,13 +19,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import truth
-from fieldcalib._types import Array
+from fieldcalib._types import Array, truth
 from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, Side
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
@@ -50,13 +48,12 @@ from fieldcalib.images.shape.shape_of_picture import (
     without_borders,
 )
 from fieldcalib.images.shape.why_no_camera import said_plainly
-from fieldcalib.io.image import Image, each_checked, size_of
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.network import SegmentationNetwork, check_network
 from fieldcalib.localize.point_selection import classes_without_segment
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Declared
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
@@ -285,7 +282,7 @@ def calibrate_from_images(
         Position of the camera, if one camera took all images (`fieldcalib.images.search.place_search.pooled_place`):
         the search considers cameras at this place only. Not with a network.
     side : {"main", "opposite"}, optional
-        The side of the field that the camera is on, where this looks the same from both (`fieldcalib.fields.sides`):
+        The side of the field that the camera is on, where this looks the same from both (`fieldcalib.fields.field`):
         "main" in front of the near touchline or behind the left end, "opposite" beyond the far touchline or behind the
         right end. By default the side that a given position, rotation or `prior` implies; if none does, "main", and the
         camera on the other side is in `Calibration.alternatives`.

@@ -13,8 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, truth
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, expect, truth
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.paint_in_view import paint_share
 from fieldcalib.assess.result import Calibration
@@ -44,8 +43,7 @@ from fieldcalib.images.paint.paint_evidence import (
 )
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
-from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, ImageSegments, PixelTable, Weights
 from fieldcalib.solve.field_size import with_size_from_labels
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import checked_labels

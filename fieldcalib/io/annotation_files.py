@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from fieldcalib._checks import expect, file_path
+from fieldcalib._types import expect, file_path
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.annotations import Annotation, Labels, LeftOut, renamed
 from fieldcalib.io.files import (

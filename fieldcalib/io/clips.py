@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib._checks import file_path
+from fieldcalib._types import file_path
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image, size_of

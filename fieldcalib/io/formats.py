@@ -18,7 +18,7 @@ from fieldcalib.io.coco import format_coco, parse_coco
 from fieldcalib.io.cvat import format_cvat, parse_cvat
 from fieldcalib.io.decoders import is_animated_webp
 from fieldcalib.io.files import HIDDEN, FrameFile, find_files, is_named
-from fieldcalib.io.image_files import encode_image, parse_image
+from fieldcalib.io.image import encode_image, parse_image
 from fieldcalib.io.label_studio import format_label_studio, parse_label_studio
 from fieldcalib.io.labelme import format_labelme, parse_labelme
 from fieldcalib.io.pnlcalib import parse_detections

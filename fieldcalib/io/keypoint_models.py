@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, listed, number, real_array
-from fieldcalib._types import Array
+from fieldcalib._types import FIELD, Array, expect, listed, number, real_array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer

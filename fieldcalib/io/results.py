@@ -15,7 +15,7 @@ from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from fieldcalib._checks import LARGEST, is_number
+from fieldcalib._types import LARGEST, is_number
 from fieldcalib.assess.findings import Status, Verdict
 from fieldcalib.assess.result import Calibration, camera_from_line
 from fieldcalib.geometry.camera import Camera

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
+from fieldcalib.fields.traits import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it

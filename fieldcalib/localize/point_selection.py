@@ -16,8 +16,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from fieldcalib._checks import expect, listed, several
-from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib._types import Array, BoolArray, Float32, IntArray, expect, listed, several
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import Pixels, check_object, split_circles
 

@@ -22,8 +22,20 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import FIELD, are_finite, expect, is_number, listed, number, one_of, real_array, truth
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import (
+    FIELD,
+    Array,
+    BoolArray,
+    IntArray,
+    are_finite,
+    expect,
+    is_number,
+    listed,
+    number,
+    one_of,
+    real_array,
+    truth,
+)
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import Segment

@@ -10,8 +10,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._checks import FIELD, expect, number
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import FIELD, Array, BoolArray, expect, number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size

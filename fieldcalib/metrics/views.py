@@ -7,8 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._checks import real_array
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, real_array
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
 from fieldcalib.geometry.projective import dehomogenize, homogenize

@@ -16,9 +16,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import GaussianPrior, Layout
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.prior import GaussianPrior
 
 LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count ever less
 

@@ -36,18 +36,16 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import EndRows, ObjectSegments
 from fieldcalib.fields.segments.closest import ClosestPoints
-from fieldcalib.fields.stands import SOCCER_SCALE
+from fieldcalib.fields.traits import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.compilation import compiled_closest_points
 from fieldcalib.problem.cost_term import CostTerm, Coupling, PriorTerm
-from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import LOG_F, Layout
+from fieldcalib.problem.labelled_pixels import Pixels, PixelTable
+from fieldcalib.problem.layout import LOG_F, GaussianPrior, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 

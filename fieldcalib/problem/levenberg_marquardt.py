@@ -29,8 +29,7 @@ from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.cost_term import LENS_TAILS, Coupling
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import Bounds
-from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.layout import Bounds, GaussianPrior
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 COMPACTED = 0.8  # share of the frames below which finished ones leave the batch

@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._checks import is_number, real_array
-from fieldcalib._types import Array
+from fieldcalib._types import Array, is_number, real_array
 
 LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
 

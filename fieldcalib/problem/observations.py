@@ -2,7 +2,7 @@
 
 Padded arrays (T, N, ...) hold the pixels of many frames and their segments, with a weight that is 0 where there is only
 padding: one set of rows for each kind of segment (`fieldcalib.fields.segments.rows`). They are made of a flat table
-(`fieldcalib.problem.pixel_table`), which is the form in which labelled pixels are handed on.
+(`fieldcalib.problem.labelled_pixels`), which is the form in which labelled pixels are handed on.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from fieldcalib.fields.field import terrain_of
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
 from fieldcalib.fields.segments.closest import ClosestPoints, View
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.labelled_pixels import Pixels, PixelTable, PixelWeights
 
 Kind = TypeVar("Kind", bound=Rows)
 

@@ -37,8 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldcalib._checks import whole_number
-from fieldcalib._types import Array
+from fieldcalib._types import Array, whole_number
 from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import Pixels

@@ -8,20 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import are_finite, positive
 from fieldcalib._json import from_json, to_json
-from fieldcalib._types import Array
+from fieldcalib._types import Array, are_finite, positive
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.labelled_pixels import PixelTable
+from fieldcalib.problem.layout import LOG_F, GaussianPrior, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, packed
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 
 LARGEST_PARAMETER = 1e9  # of a camera: metres, pixels or radians
 NOT_POSITIVE = 1e-6  # least eigenvalue of a matrix of correlations: rounding

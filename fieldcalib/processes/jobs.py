@@ -8,7 +8,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from threading import Lock, local
 from typing import ParamSpec, TypeVar
 
-from fieldcalib._checks import whole_number
+from fieldcalib._types import whole_number
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 
 P = ParamSpec("P")

@@ -23,25 +23,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fieldcalib._checks import file_path, truth
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
+from fieldcalib._types import file_path, truth
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import MAIN, Field, side_of
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
-from fieldcalib.fields.sides import MAIN, side_of
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, encode_image
+from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, encode_image
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement

@@ -11,12 +11,11 @@ from typing import Any, TypeAlias
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import file_path, is_number, number
 from fieldcalib._progress import Progress
+from fieldcalib._types import file_path, is_number, number
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import Side
+from fieldcalib.fields.field import Field, Side
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError

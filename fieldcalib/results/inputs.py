@@ -15,8 +15,8 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from fieldcalib._checks import file_path
 from fieldcalib._progress import Progress, progress_bar, solving
+from fieldcalib._types import file_path
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.field import Field
@@ -26,8 +26,7 @@ from fieldcalib.images.from_images import How
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
-from fieldcalib.io.image import Image, checked_image
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results

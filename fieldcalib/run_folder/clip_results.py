@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fieldcalib._checks import number
+from fieldcalib._types import number
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
@@ -29,8 +29,7 @@ from fieldcalib.io.files import (
     write_text,
 )
 from fieldcalib.io.formats import VIDEOS
-from fieldcalib.io.image import Image
-from fieldcalib.io.image_files import read_ahead, write_image
+from fieldcalib.io.image import Image, read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order

@@ -16,15 +16,14 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
-from fieldcalib._checks import is_number
 from fieldcalib._progress import Progress, progress_bar, say, waiting_for
+from fieldcalib._types import is_number
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
-from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.io.image_files import MOST_PIXELS
+from fieldcalib.io.image import MOST_PIXELS, Image, checked_image, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoReader
 from fieldcalib.problem.picture_shape import Placement

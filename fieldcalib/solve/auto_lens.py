@@ -18,9 +18,8 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.geometry.lens import FisheyeLens, lens_with
 from fieldcalib.problem.evaluation import Evaluation, with_segment_ends
-from fieldcalib.problem.layout import Layout, Role
+from fieldcalib.problem.layout import GaussianPrior, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import CERTAIN
 

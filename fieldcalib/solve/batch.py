@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, listed, several, truth
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, expect, listed, several, truth
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors, Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
@@ -23,10 +22,9 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelTable, PixelWeights, Weights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.from_segments import NOTHING_LABELLED, calibrate_checked, checked_labels
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect

@@ -40,11 +40,9 @@ from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
-from fieldcalib.problem.labelled_pixels import ImageSegments
-from fieldcalib.problem.layout import Layout, Role, SizeBlock
+from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
+from fieldcalib.problem.layout import GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.joint_solution import CrownEstimate, crown_of
 from fieldcalib.solve.sequence.joint_start import joint_evaluation

@@ -12,8 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import expect, is_number, real_array
-from fieldcalib._types import Array
+from fieldcalib._types import Array, expect, is_number, real_array
 from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses

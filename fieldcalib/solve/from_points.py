@@ -14,14 +14,13 @@ from itertools import compress
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import real_array
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, real_array
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import decompose_homography, pose_from_homography
 from fieldcalib.geometry.projective import homography_from_points, projection_from_points

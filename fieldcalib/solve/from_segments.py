@@ -17,8 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import truth
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, truth
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
@@ -27,14 +26,14 @@ from fieldcalib.assess.observability import OPEN_DIRECTION, Information
 from fieldcalib.assess.probability import UNUSUAL, largest_error
 from fieldcalib.assess.result import Calibration, found_of
 from fieldcalib.assess.verdict import STEEPLY, Evidence, implausibilities, verdict
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, turned_camera
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.sides import turned_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate, with_segment_ends
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
     Pixels,
+    PixelTable,
     PixelWeights,
     Weights,
     check_segments,
@@ -45,7 +44,6 @@ from fieldcalib.problem.least_squares import least_squares
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more_likely, with_required_lens
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels

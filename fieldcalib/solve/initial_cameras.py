@@ -12,8 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import LineRows, Rows
-from fieldcalib.fields.stands import SOCCER_SCALE
-from fieldcalib.fields.traits import DEVIATIONS
+from fieldcalib.fields.traits import DEVIATIONS, SOCCER_SCALE
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.lens import Lens
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
@@ -28,10 +27,10 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     ROLL,
     TILT,
+    GaussianPrior,
     exp_of,
 )
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.prior import GaussianPrior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short segments, depth of the nearest one
 LEAST_SPREAD = 1e-3  # of the image's diagonal, and of the depth: added to spreads, which may be 0

@@ -31,10 +31,10 @@ from fieldcalib.assess.verdict import disagreement, implausibilities, may_blame
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.labelled_pixels import PixelTable
+from fieldcalib.problem.layout import GaussianPrior
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.search import find_cameras
 from fieldcalib.solve.solver_options import CERTAIN

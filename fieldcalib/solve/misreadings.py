@@ -19,8 +19,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What, in_words
 from fieldcalib.assess.result import Calibration, found_of, with_findings
 from fieldcalib.assess.verdict import TO_BLAME
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE, side_of
+from fieldcalib.fields.field import OPPOSITE, Field, side_of
 from fieldcalib.fields.sports import badminton, tennis
 from fieldcalib.solve.mislabels import LOG_ODDS, MOST_LABELS
 from fieldcalib.solve.request import Options

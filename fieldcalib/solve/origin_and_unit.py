@@ -28,7 +28,7 @@ from fieldcalib.fields.sports.soccer import (
     PENALTY_AREA_WIDTH,
     PENALTY_MARK_DISTANCE,
 )
-from fieldcalib.fields.stands import MAIN_CENTER
+from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
 

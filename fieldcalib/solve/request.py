@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number, truth
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, is_number, truth
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, Side
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.sides import Side
-from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stand_above, stands_around
+from fieldcalib.fields.traits import SOCCER_SCALE, CameraDistribution, stand_above, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_with
 from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients
@@ -34,13 +32,14 @@ from fieldcalib.problem.layout import (
     POSE_AND_ZOOM,
     PRINCIPAL_POINT,
     ROLL,
+    GaussianPrior,
     Layout,
     Role,
     SizeBlock,
+    gaussian_priors,
 )
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
 from fieldcalib.solve.solver_options import (
     ALL,
     COUNT,

@@ -15,13 +15,11 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import implausibilities
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE, looks_the_same_turned, side_of, side_of_stand
+from fieldcalib.fields.field import OPPOSITE, Field, looks_the_same_turned, side_of, side_of_stand
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, CENTER, PAN, POSE_AND_ZOOM, Layout, Role, turned_around
+from fieldcalib.problem.layout import ANGLES, CENTER, PAN, POSE_AND_ZOOM, GaussianPrior, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import CERTAIN

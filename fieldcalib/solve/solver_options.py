@@ -14,8 +14,7 @@ import numpy as np
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import DISTRIBUTIONS, CameraDistribution, LineLook
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
 Criteria: TypeAlias = tuple[int, int, float]

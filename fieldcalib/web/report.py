@@ -29,17 +29,15 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib._checks import expect, file_path
 from fieldcalib._progress import Progress, progress_bar
-from fieldcalib._types import IntArray
+from fieldcalib._types import IntArray, expect, file_path
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, camera_from_line
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, escaped, write_text
-from fieldcalib.io.image import Image
-from fieldcalib.io.image_files import stored_size
+from fieldcalib.io.image import Image, stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
 from fieldcalib.results.pictures import Pictures

@@ -18,10 +18,9 @@ from fieldcalib.assess.sequence_errors import GRID, OwnErrors, ground_errors, ow
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, LOG_F, GaussianPrior, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 

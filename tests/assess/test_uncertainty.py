@@ -13,14 +13,22 @@ from fieldcalib.assess.uncertainty import uncertainties
 from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, Layout, Role, SizeBlock, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import (
+    ANGLES,
+    GaussianPrior,
+    Layout,
+    Role,
+    SizeBlock,
+    camera_from_theta,
+    gaussian_prior,
+    theta_from_camera,
+)
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.from_segments import calibrate_from_segments
 
 FIELD, SIZE = soccer(), (960, 540)

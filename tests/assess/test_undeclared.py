@@ -21,7 +21,7 @@ from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
 from fieldcalib.problem.picture_shape import (

@@ -14,9 +14,9 @@ from commands import calibrate, run
 
 import fieldcalib
 from fieldcalib._progress import progress_bar
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.io.files import write_bytes
-from fieldcalib.io.image_files import write_image
+from fieldcalib.io.image import write_image
 from fieldcalib.io.output_folder import output_folder
 
 # --- wrong usage ---

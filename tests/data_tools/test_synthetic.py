@@ -10,7 +10,7 @@ from data_tools.synthetic.cache import read_frame, write_cache
 from data_tools.synthetic.cameras import is_behind_goal, on_canonical_side, random_camera, random_field
 from data_tools.synthetic.degraded import random_picture
 from data_tools.synthetic.masks import markings_mask
-from fieldcalib.fields.sides import BEHIND_MARGIN
+from fieldcalib.fields.field import BEHIND_MARGIN
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 

@@ -13,8 +13,7 @@ from fieldcalib.fields import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.rugby_union import rugby_union
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint
+from fieldcalib.fields.traits import Paint, stands_beside
 from fieldcalib.io.field_files import read_field, write_field
 from fieldcalib.io.files import BrokenFileError
 

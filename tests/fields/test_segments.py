@@ -10,9 +10,8 @@ from strategies import numbers, pixel_arrays, vectors
 
 from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_circles
+from fieldcalib.problem.labelled_pixels import PixelTable, check_segments, check_weights, split_circles
 from fieldcalib.problem.observations import Observations, pack
-from fieldcalib.problem.pixel_table import PixelTable
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -12,7 +12,7 @@ from strategies import IMAGE_SIZES, cameras, pixel_arrays, unchecked_cameras
 from synthetic import in_image, visible_field_points
 
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.soccernet import (

@@ -18,11 +18,10 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.problem import compilation
 from fieldcalib.problem.evaluation import Problem, evaluate, with_segment_ends
-from fieldcalib.problem.layout import CENTER, Bounds, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, Bounds, GaussianPrior, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import compiled_cost, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
 

@@ -14,7 +14,7 @@ from synthetic import displaced, observe, random_camera, random_distorted
 from fieldcalib.fields.ground import Ground, Terrain
 from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, FisheyeLens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem, evaluate

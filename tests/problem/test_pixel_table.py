@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import pixel_arrays
 
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 
 LABELS = ("a", "b", "c")
 frames_of_labels = st.lists(

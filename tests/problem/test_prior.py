@@ -8,11 +8,18 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import generators
 
-from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, SizeBlock
-from fieldcalib.problem.prior import gaussian_prior, sample_theta
+from fieldcalib.problem.layout import (
+    LOG_ASPECT,
+    LOG_F,
+    PRINCIPAL_POINT,
+    Layout,
+    SizeBlock,
+    gaussian_prior,
+    sample_theta,
+)
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
 MAIN = {"pan": (-45, 45), "tilt": (45, 90), "roll": (-10, 10), "fov": (8.2, 90), "y": (40, 110), "z": (-40, -5)}

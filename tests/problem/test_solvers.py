@@ -8,15 +8,24 @@ from numdiff import central_differences, column_errors
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
+from fieldcalib.fields.traits import DISTRIBUTIONS, MAIN_TRIBUNE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, LOG_F, Layout, Role, SizeBlock, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import (
+    ANGLES,
+    LOG_F,
+    GaussianPrior,
+    Layout,
+    Role,
+    SizeBlock,
+    camera_from_theta,
+    gaussian_prior,
+    theta_from_camera,
+)
 from fieldcalib.problem.least_squares import least_squares
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 RADIAL = Layout.of(SIZE)

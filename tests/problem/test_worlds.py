@@ -19,8 +19,16 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
-from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution, stands_around
-from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import (
+    ALL_STANDS,
+    MAIN_CENTER,
+    CameraDistribution,
+    Halves,
+    LineLook,
+    ProbabilityModel,
+    SizePrior,
+    stands_around,
+)
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import find_lines, profiles_along

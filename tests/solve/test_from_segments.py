@@ -14,11 +14,11 @@ from fieldcalib.assess import Finding, Verdict
 from fieldcalib.assess.findings import What
 from fieldcalib.assess.probability import largest_move
 from fieldcalib.fields import CameraDistribution
-from fieldcalib.fields.stands import MAIN_CENTER
+from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import GaussianPrior, gaussian_prior
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import _best, _without_lens
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, PINHOLE_FLAGS
@@ -180,7 +180,7 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
 
 
 def test_densely_labelled_frames_are_solved_a_few_at_a_time():
-    from fieldcalib.problem.pixel_table import PixelTable
+    from fieldcalib.problem.labelled_pixels import PixelTable
     from fieldcalib.solve.batch import CHUNK, CHUNK_PIXELS, _chunks
 
     frames = [{"Middle line": np.zeros((count, 2))} for count in [0, 3, 100, 5000, 20000, *[30] * 200]]

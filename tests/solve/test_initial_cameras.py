@@ -8,7 +8,7 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.segments import Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
+from fieldcalib.fields.traits import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.layout import (
@@ -19,10 +19,11 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     Layout,
     camera_from_theta,
+    gaussian_prior,
+    gaussian_priors,
     theta_from_camera,
 )
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import gaussian_prior, gaussian_priors
 from fieldcalib.solve.initial_cameras import (
     camera_from_lines,
     ground_homographies,

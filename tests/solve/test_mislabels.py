@@ -9,12 +9,12 @@ from synthetic import observe, whole_circle_markings
 from fieldcalib.assess.findings import SuspectLabel
 from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.stands import MAIN_CENTER
+from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import GaussianPrior, gaussian_prior
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.mislabels import _without, without_mislabels
 from fieldcalib.solve.request import Task

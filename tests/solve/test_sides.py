@@ -17,10 +17,10 @@ from fieldcalib import Calibration, Tracker, calibrate_from_images, calibrate_fr
 from fieldcalib.assess.findings import UP_TO_SIDE, What
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
-from fieldcalib.fields.sides import side_of_stand, turned_camera, turned_stand
-from fieldcalib.fields.stands import ALL_STANDS, OPPOSITE_TRIBUNE
+from fieldcalib.fields.field import side_of_stand, turned_camera, turned_stand
+from fieldcalib.fields.traits import ALL_STANDS, OPPOSITE_TRIBUNE
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.io.image_files import encode_image
+from fieldcalib.io.image import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame
 from fieldcalib.solve.request import GivenCamera, Task

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._checks import number, positive, real_array, whole_number
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, number, positive, real_array, whole_number
 from fieldcalib.fields.ground import Lift, Terrain
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows

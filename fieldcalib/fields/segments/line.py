@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._checks import whole_number
-from fieldcalib._types import Array
+from fieldcalib._types import Array, whole_number
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments.closest import (
     LEAST_LENGTH,

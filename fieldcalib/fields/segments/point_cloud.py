@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._checks import real_array, truth, whole_number
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, real_array, truth, whole_number
 from fieldcalib.fields.segments.closest import ClosestPoints, CurveSearch, View, at_points, away_from_zero, on_ground
 from fieldcalib.fields.segments.rows import Rows
 from fieldcalib.fields.segments.segment import Segment, Vector, mirrored_point

@@ -9,8 +9,7 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fieldcalib._checks import are_finite, is_number, real_array
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, are_finite, is_number, real_array
 from fieldcalib.fields.segments.rows import Rows
 
 Vector = tuple[float, float, float]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, upright
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, Crown, Paint, ProbabilityModel
+from fieldcalib.fields.traits import UNPAINTED, Crown, Paint, ProbabilityModel, stands_beside
 
 FEET, YARD, INCH = 0.3048, 0.9144, 0.0254
 LENGTH, WIDTH = 120.0 * YARD, 160.0 * FEET  # between the inner edges of the border, end zones included

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.parts import across, along, court, hanging_net, on_ground
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import ProbabilityModel
+from fieldcalib.fields.traits import ProbabilityModel, stands_beside
 
 # In metres. Lines belong to the areas that they bound: to the outer edges.
 LENGTH, WIDTH, SINGLES_WIDTH = 13.40, 6.10, 5.18

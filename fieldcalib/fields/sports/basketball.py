@@ -9,8 +9,7 @@ import numpy as np
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, upright, with_top
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import ProbabilityModel
+from fieldcalib.fields.traits import ProbabilityModel, stands_beside
 
 FOOT, INCH = 0.3048, 0.0254
 RING_STEEL = 0.018  # thickness: 16 to 20 mm

@@ -5,8 +5,7 @@ from __future__ import annotations
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, on_ground, right_area, right_goal
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import GRASS, Paint, ProbabilityModel
+from fieldcalib.fields.traits import GRASS, Paint, ProbabilityModel, stands_beside
 
 # Outer edges of the lines, in metres.
 LENGTH, WIDTH = 91.40, 55.00

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldcalib._checks import is_number
+from fieldcalib._types import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_area, right_goal, with_top
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Paint, ProbabilityModel, SizePrior, stands_beside
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LINE_WIDTH = 0.08

@@ -5,8 +5,7 @@ from __future__ import annotations
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_area, right_goal
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel, stands_beside
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LENGTH, WIDTH = 40.0, 20.0

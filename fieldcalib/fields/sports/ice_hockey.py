@@ -8,12 +8,11 @@ from itertools import product
 
 import numpy as np
 
-from fieldcalib._checks import is_number
+from fieldcalib._types import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, court, on_ground, right_goal
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior, stands_beside
 
 FEET = 0.3048
 POST = 0.06  # metres: diameter of the goal's tubes, 2 3/8 in

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.parts import across, along, court, hanging_net, upright
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel, stands_beside
 
 # In metres.
 LENGTH, WIDTH = 20.0, 10.0  # between the walls

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fieldcalib._checks import is_number
+from fieldcalib._types import is_number
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.parts import across, along, court, on_ground, upright
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import GRASS, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import GRASS, LineLook, Paint, ProbabilityModel, SizePrior, stands_beside
 
 # Law 1, in metres.
 LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play

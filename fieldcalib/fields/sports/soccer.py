@@ -8,12 +8,21 @@ from functools import lru_cache
 
 import numpy as np
 
-from fieldcalib._checks import is_number, truth
+from fieldcalib._types import is_number, truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, on_ground, upright
-from fieldcalib.fields.stands import ALL_STANDS, MAIN_TRIBUNE, SOCCER_SCALE
-from fieldcalib.fields.traits import GRASS, Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import (
+    ALL_STANDS,
+    GRASS,
+    MAIN_TRIBUNE,
+    SOCCER_SCALE,
+    Halves,
+    LineLook,
+    Paint,
+    ProbabilityModel,
+    SizePrior,
+)
 
 # Laws of the Game, law 1, in metres.
 PENALTY_AREA_DEPTH = 16.5

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.parts import across, along, court, hanging_net, on_ground
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel, stands_beside
 
 # Outer edges of the lines, in metres.
 LENGTH, DOUBLES_WIDTH, SINGLES_WIDTH = 23.77, 10.97, 8.23

@@ -5,8 +5,7 @@ from __future__ import annotations
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.parts import across, along, court, on_ground
-from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel, stands_beside
 
 # In metres, to the outer edges of the lines.
 LENGTH, WIDTH = 18.0, 9.0

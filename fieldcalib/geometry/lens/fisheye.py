@@ -18,8 +18,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import real_array
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, real_array
 from fieldcalib.geometry.lens.model import SymmetricLens, constant, dot
 
 LARGEST_ANGLE = 0.5 * np.pi

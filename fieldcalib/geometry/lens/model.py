@@ -13,8 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import real_array
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, real_array
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")  # OpenCV's order
 POWERS = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])  # of rho / f, by which a coefficient is corner-normalised

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import truth, whole_number
-from fieldcalib._types import Array
+from fieldcalib._types import Array, truth, whole_number
 from fieldcalib.geometry.projective import finite_homography
 from fieldcalib.images.background.background_motion import (
     LEAST_POINTS,

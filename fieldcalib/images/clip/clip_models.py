@@ -28,7 +28,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip.clip_problem import Cells, between
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import Ties
 from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit

@@ -11,7 +11,7 @@ from fieldcalib.images.background.matches import Matches
 from fieldcalib.images.from_images import How, calibrate_alone
 from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.io.image import Image
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import LEAST_CELLS, cell_means
 from fieldcalib.solve.sequence.sequence_problem import SequenceProblem

@@ -55,6 +55,7 @@ from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, wi
 from fieldcalib.images.shape.shape_of_picture import SCORE_OF_SOFTNESS, log_ratio_of_squash, window_prior
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import (
     LARGEST_SPREAD,
     SURE,
@@ -65,7 +66,6 @@ from fieldcalib.problem.picture_shape import (
     principal_point_sigma,
     squash_log_odds,
 )
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.sequence.sequence_solver import solve_sequence
 from fieldcalib.solve.solver_options import CERTAIN, Prior, checked_prior
 

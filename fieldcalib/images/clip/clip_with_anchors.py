@@ -21,7 +21,7 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.paint.detected_lines import with_replaced
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.io.image import Image
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
 FAR, SIGMAS = 12.0, 3.0  # px of 960 x 540 plus standard deviations of the projection: labels farther off are wrong

@@ -27,9 +27,9 @@ from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.picture_shape import Declared
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 from fieldcalib.solve.sequence.joint_solution import OTHER_SIZE

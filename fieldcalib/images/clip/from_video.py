@@ -25,10 +25,10 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import named
+from fieldcalib._types import named
 from fieldcalib.assess.video import Shape, VideoCalibration
+from fieldcalib.fields.field import Side
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.sides import Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.clip.clip_models import crown_notes
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
@@ -38,8 +38,7 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.shape.why_no_camera import has_cameras, notes_without_camera
 from fieldcalib.io.clips import clip_reader
-from fieldcalib.io.image import Image, checked_image, size_of
-from fieldcalib.io.image_files import read_ahead
+from fieldcalib.io.image import Image, checked_image, read_ahead, size_of
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded

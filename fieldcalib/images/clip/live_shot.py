@@ -33,8 +33,8 @@ from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.sequence.background_matches import Ties, stepped, with_tied
 from fieldcalib.solve.sequence.sequence_problem import (
     SharedParameters,

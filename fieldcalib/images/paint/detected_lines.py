@@ -22,8 +22,8 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import Strips, find_lines, pixels_of_lines, profiles_along
 from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import calibrate_pixels
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import paint_sigma, pixel_unit

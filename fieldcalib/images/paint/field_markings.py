@@ -11,8 +11,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, outwards
-from fieldcalib.fields.stands import SOCCER_SCALE
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import SOCCER_SCALE, LineLook, Paint
 
 POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale
 HIGHEST_NET = 2.0  # m: that of volleyball is higher

@@ -18,7 +18,7 @@ from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
 # Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or

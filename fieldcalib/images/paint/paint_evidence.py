@@ -41,7 +41,7 @@ from fieldcalib.images.paint.line_profiles import (
     profiles_along,
 )
 from fieldcalib.io.image import Image
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.labelled_pixels import PixelTable
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for

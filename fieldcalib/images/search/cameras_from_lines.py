@@ -18,7 +18,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.stands import focal_length_from_fov
+from fieldcalib.fields.traits import focal_length_from_fov
 from fieldcalib.images.search.court_hypotheses import (
     Cameras,
     FieldLines,

@@ -19,9 +19,8 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import STEEPLY
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import TURN, looks_the_same_turned
-from fieldcalib.fields.stands import stand_above
+from fieldcalib.fields.field import TURN, Field, looks_the_same_turned
+from fieldcalib.fields.traits import stand_above
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.long_lines import LongLines
 

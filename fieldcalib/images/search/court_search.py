@@ -29,8 +29,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.findings import Finding, Status, What
 from fieldcalib.assess.result import Calibration, with_findings
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import OPPOSITE
+from fieldcalib.fields.field import OPPOSITE, Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.refinement import Refined, on_field_as_seen

@@ -26,13 +26,11 @@ from itertools import islice, permutations
 
 import numpy as np
 
-from fieldcalib._checks import listed
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, listed
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.sides import MAIN, TURN, Side, side_of
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.field import MAIN, TURN, Field, Side, side_of
+from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.images.camera_side import CameraSide

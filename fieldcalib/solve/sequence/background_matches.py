@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._checks import is_number, listed, real_array
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, is_number, listed, real_array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
+from fieldcalib.problem.layout import PRINCIPAL_POINT, GaussianPrior, Layout
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import pixel_unit
 

@@ -13,10 +13,9 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, ZoomLaw
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, ZoomLaw, gaussian_priors
 from fieldcalib.problem.observations import Observations, pack
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.sequence.background_matches import with_tied

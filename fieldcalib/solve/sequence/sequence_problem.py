@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._checks import several
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray, several
 from fieldcalib.assess.frame_table import ACCEPTED, BASES, IMPROBABLE, STATUSES, Basis, FrameTable
 from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
@@ -26,11 +25,10 @@ from fieldcalib.fields.field import tolerance_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, evaluate
-from fieldcalib.problem.layout import CENTER, CROWN, FIELD_SIZE
+from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
+from fieldcalib.problem.layout import CENTER, CROWN, FIELD_SIZE, GaussianPrior
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_frames
 from fieldcalib.solve.from_segments import NOTHING_LABELLED
 from fieldcalib.solve.initial_cameras import given_cameras

@@ -37,12 +37,10 @@ from fieldcalib.assess.sequence_errors import OwnErrors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
-from fieldcalib.problem.layout import CENTER, Layout, Role
+from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable, Weights
+from fieldcalib.problem.layout import CENTER, GaussianPrior, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.pixel_table import PixelTable
-from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import CHUNK, checked_batch
 from fieldcalib.solve.request import Options, Task
 from fieldcalib.solve.sequence.background_matches import Matched, contradicted, with_tied

@@ -14,8 +14,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.result import Calibration
-from fieldcalib.problem.layout import CENTER
-from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.layout import CENTER, GaussianPrior
 
 # At 25 frames per second: cameras on wires and drones accelerate by 5 m/s^2 and fly at up to 10 m/s.
 ACCELERATION = 0.008  # m per frame squared: standard deviation of a coordinate

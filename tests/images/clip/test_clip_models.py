@@ -24,8 +24,8 @@ from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes, Shots, a
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Declared
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import cell_means
 

@@ -23,8 +23,8 @@ from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import parts_of, within_borders
 from fieldcalib.io.samples import TrueFrame
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Crop, Placement
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.run_folder.frame_source import ClipInput, VideoFrames
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS

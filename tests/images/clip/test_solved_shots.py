@@ -21,7 +21,7 @@ from fieldcalib.images.clip.solved_shots import (
     solve_tripods,
 )
 from fieldcalib.images.from_images import How
-from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.request import Task
 
 PLACE = ("x", "y", "z")

@@ -12,9 +12,9 @@ from data_tools.synthetic.paths import camera_path
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
 from fieldcalib.fields import badminton
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.traits import CameraDistribution
+from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import CENTER
-from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, solved_with_known_sizes
 from fieldcalib.solve.sequence.joint_start import Start

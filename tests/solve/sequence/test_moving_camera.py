@@ -17,8 +17,7 @@ from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_vi
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.images.background.background_motion import background_motion, mapped, plane_motion
 from fieldcalib.io.samples import TrueFrame
-from fieldcalib.problem.layout import CENTER
-from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.layout import CENTER, GaussianPrior
 from fieldcalib.solve.sequence.sequence_problem import SHARED_IN_MOTION
 from fieldcalib.solve.sequence.sequence_solver import OFF_PATH
 from fieldcalib.solve.sequence.tripod_position import (
