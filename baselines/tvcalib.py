@@ -43,8 +43,8 @@ from fieldcalib.console.arguments import (
     run_options,
 )
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Segment
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import Segment
 from fieldcalib.fields.traits import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.projective import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles

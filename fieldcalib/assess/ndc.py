@@ -21,8 +21,8 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Segment
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
 from fieldcalib.problem.labelled_pixels import Pixels, PixelTable, in_left_half

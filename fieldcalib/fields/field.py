@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,8 @@ from fieldcalib.fields.traits import (
     SizePrior,
 )
 from fieldcalib.geometry.camera import Camera
+
+ObjectSegments: TypeAlias = Mapping[str, Segment]
 
 WIDTH = 480  # px
 MARGIN = 0.08  # around the field, as a share of its diagonal
@@ -569,7 +571,7 @@ def tolerance_of(field: Field | None) -> float:
     return SOCCER_SCALE / TOLERANCE if field is None else field.tolerance
 
 
-def terrain_of(object_segments: Mapping[str, Segment] | None) -> Terrain | None:
+def terrain_of(object_segments: ObjectSegments | None) -> Terrain | None:
     """The ground that an object stands on; None where it is level, as under an object that is no field."""
     terrain = object_segments.terrain if isinstance(object_segments, Field) else None
     return None if terrain is None or terrain.is_level else terrain

@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, truth
 from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
-from fieldcalib.fields.field import Field, Side
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES

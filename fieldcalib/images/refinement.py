@@ -17,8 +17,7 @@ from fieldcalib._types import Array, BoolArray, expect, truth
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.paint_in_view import paint_share
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.paint.detected_lines import (

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fieldcalib._types import expect, file_path
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.io.annotations import Annotation, Labels, LeftOut, renamed
 from fieldcalib.io.files import (
     MOST_BYTES,

@@ -31,7 +31,7 @@ from typing import Any, Protocol, Self, TypeAlias
 import numpy as np
 
 from fieldcalib._types import Float32, file_path, named, whole_number
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object
 from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, each_checked, in_parts, size_of

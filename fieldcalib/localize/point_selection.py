@@ -17,7 +17,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray, expect, listed, several
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.labelled_pixels import Pixels, check_object, split_circles
 
 BACKGROUND = "background"  # class of pixels that show no marking; several classes may have this name

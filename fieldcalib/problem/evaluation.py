@@ -33,8 +33,9 @@ from functools import cached_property, reduce
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.fields.ground import Terrain
-from fieldcalib.fields.segments import EndRows, ObjectSegments
+from fieldcalib.fields.segments import EndRows
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.traits import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray, real_array
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Segment, check_members
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import Segment, check_members
 
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.field import terrain_of
+from fieldcalib.fields.field import ObjectSegments, terrain_of
 from fieldcalib.fields.ground import Terrain
-from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
+from fieldcalib.fields.segments import ROWS, EndRows, Rows, Segment
 from fieldcalib.fields.segments.closest import ClosestPoints, View
 from fieldcalib.problem.labelled_pixels import Pixels, PixelTable, PixelWeights
 

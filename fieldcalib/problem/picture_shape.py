@@ -38,7 +38,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._types import Array, whole_number
-from fieldcalib.fields.segments import ObjectSegments, Segment
+from fieldcalib.fields.field import ObjectSegments
+from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import Pixels
 

@@ -18,8 +18,7 @@ from fieldcalib._types import Array, IntArray, expect, listed, several, truth
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors, Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelTable, PixelWeights, Weights

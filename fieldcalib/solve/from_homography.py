@@ -18,8 +18,8 @@ from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.verdict import disagreement, implausibilities
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Point
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.homography import decompose_homography

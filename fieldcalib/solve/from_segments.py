@@ -26,8 +26,7 @@ from fieldcalib.assess.observability import OPEN_DIRECTION, Information
 from fieldcalib.assess.probability import UNUSUAL, largest_error
 from fieldcalib.assess.result import Calibration, found_of
 from fieldcalib.assess.verdict import STEEPLY, Evidence, implausibilities, verdict
-from fieldcalib.fields.field import Field, turned_camera
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments, turned_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate, with_segment_ends
 from fieldcalib.problem.labelled_pixels import (

@@ -13,7 +13,7 @@ import numpy as np
 from fieldcalib.assess.findings import SHAPE, WAS_SQUASHED, Finding, Verdict, What
 from fieldcalib.assess.probability import largest_move
 from fieldcalib.assess.result import Calibration, found_of, in_picture, with_findings
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 from fieldcalib.problem.picture_shape import (
     Declared,

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, is_number, truth
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field, Side
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.fields.traits import SOCCER_SCALE, CameraDistribution, stand_above, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_with

@@ -12,8 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.traits import DISTRIBUTIONS, CameraDistribution, LineLook
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None

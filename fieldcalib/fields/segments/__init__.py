@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from reprlib import repr as short
-from typing import TypeAlias
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from fieldcalib.fields.segments.segment import Segment as Segment
 
 __all__ = ["Arc", "Line", "Point", "PointCloud"]  # what Tab shows
 
-ObjectSegments: TypeAlias = Mapping[str, Segment]
 
 KINDS: tuple[type[Segment], ...] = (Point, Line, Arc, PointCloud)
 ROWS: tuple[type[Rows], ...] = (LineRows, ArcRows, CurveRows, PointRows, CloudRows, EndRows)
@@ -55,13 +53,13 @@ def outwards(segment: Segment, X: Array, along: Array) -> Array:
     return np.asarray(np.where(inside, -across, across) + 0.0)
 
 
-def boxes(segments: ObjectSegments) -> tuple[Array, Array]:
+def boxes(segments: Mapping[str, Segment]) -> tuple[Array, Array]:
     """Least and largest coordinates (L, 3) of each segment, metres."""
     samples = [segment.sample() for segment in segments.values()]
     return np.array([X.min(axis=0) for X in samples]), np.array([X.max(axis=0) for X in samples])
 
 
-def check_members(segments: ObjectSegments) -> None:
+def check_members(segments: Mapping[str, Segment]) -> None:
     """Raise a ValueError that names the first member that is not a segment."""
     for name, segment in segments.items():
         if not isinstance(segment, Segment):

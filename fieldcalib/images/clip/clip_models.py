@@ -24,7 +24,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.images.clip.clip_problem import Cells, between
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras

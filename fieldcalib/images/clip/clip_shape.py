@@ -47,8 +47,7 @@ from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
 from fieldcalib.assess.video import Shape
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_alone
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders

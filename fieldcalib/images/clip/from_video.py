@@ -27,8 +27,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import named
 from fieldcalib.assess.video import Shape, VideoCalibration
-from fieldcalib.fields.field import Side
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments, Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
 from fieldcalib.images.clip.clip_models import crown_notes
 from fieldcalib.images.clip.clip_shape import ShapeEstimator

@@ -17,8 +17,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.label_errors import LEAST_FRAMES, misfit, rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.images.background.keyframe_tracking import TiedFrame
 from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
 from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of

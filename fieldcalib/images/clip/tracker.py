@@ -21,8 +21,7 @@ from fieldcalib._types import truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, in_picture
-from fieldcalib.fields.field import Side
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments, Side
 from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
 from fieldcalib.images.clip.clip_problem import Cells, cells_of
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator

@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, outwards
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import outwards
 from fieldcalib.fields.traits import SOCCER_SCALE, LineLook, Paint
 
 POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale

@@ -25,8 +25,7 @@ from fieldcalib.assess.cropping_evidence import principal_point_of, score
 from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.assess.verdict import STEEPLY
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines
 from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.refinement import ToRefine, refine_all

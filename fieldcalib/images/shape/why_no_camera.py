@@ -11,7 +11,7 @@ from fieldcalib.assess.findings import NOT_SOCCER, Finding, Status, What
 from fieldcalib.assess.result import Calibration, with_findings
 from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.shape.shape_of_picture import Method
 from fieldcalib.io.image import Image, size_of

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray, is_number, listed, real_array
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import PRINCIPAL_POINT, GaussianPrior, Layout

@@ -10,8 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, ZoomLaw, gaussian_priors

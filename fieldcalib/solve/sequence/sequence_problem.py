@@ -21,8 +21,7 @@ from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors, own_errors
-from fieldcalib.fields.field import tolerance_of
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments, tolerance_of
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable

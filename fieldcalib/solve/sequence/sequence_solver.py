@@ -34,7 +34,7 @@ from fieldcalib.assess.label_errors import is_contradicted, is_of_wrong_model, m
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.sequence_errors import OwnErrors
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable, Weights
