@@ -30,7 +30,7 @@ from fieldcalib.console.arguments import (
 )
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
-from fieldcalib.geometry.projective import SINGULAR
+from fieldcalib.geometry.homography import SINGULAR
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels

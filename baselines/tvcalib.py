@@ -46,7 +46,7 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.segments import Segment
 from fieldcalib.fields.traits import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
-from fieldcalib.geometry.projective import TINY, homogenize
+from fieldcalib.geometry.homography import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles

@@ -26,7 +26,7 @@ from fieldcalib._types import Array
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import TURN, Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 
 TRUTH = Path(__file__).parents[1] / "tests" / "court_truth.json"
 UNIT = 1280.0  # columns of the image in whose pixels distances are given

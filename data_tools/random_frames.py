@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.simulated import SHORTEST_SEGMENT
-from fieldcalib.assess.noise import SHARED_NOISE
+from fieldcalib.assess.label_errors import SHARED_NOISE
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera

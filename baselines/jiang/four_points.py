@@ -14,8 +14,7 @@ from torch.nn.functional import grid_sample
 from fieldcalib._types import Array
 from fieldcalib.draw.ground import Ground, painted
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.homography import ALIGNMENTS
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import ALIGNMENTS, dehomogenize, homogenize
 
 CANONICAL = np.array([[-0.5, 0.1], [0.5, 0.1], [0.5, 0.5], [-0.5, 0.5]])
 """Four points of the picture, on the borders of its lower part, which shows the ground in all broadcasts."""

@@ -18,8 +18,7 @@ from torch.utils.data import Dataset
 from baselines.jiang.four_points import CANONICAL, points_of_homography
 from baselines.jiang.networks import SIZE, squashed
 from fieldcalib._types import Array
-from fieldcalib.geometry.homography import ALIGNMENTS
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import ALIGNMENTS, dehomogenize, homogenize
 from fieldcalib.io.formats import HOMOGRAPHIES, IMAGES
 from fieldcalib.io.image import Image
 from fieldcalib.metrics import iou_whole

@@ -12,7 +12,7 @@ from data_tools.simulated import observe
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import homogenize
+from fieldcalib.geometry.homography import homogenize
 
 PIXELS_PER_LINE = (3, 3)  # least and most
 MATCH_NOISE = 0.3  # px at 1920 x 1080: residual of optical flow between frames of a measured sequence

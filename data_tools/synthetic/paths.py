@@ -17,8 +17,8 @@ from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.homography import homogenize
 from fieldcalib.geometry.lens.model import POWERS
-from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.solve.solver_options import paint_sigma
 

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
 from fieldcalib._types import Array, ReadOnlyDict, expect, is_number, listed, number, truth, whole_number
-from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Solved
-from fieldcalib.assess.cropping_evidence import Picture
+from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Picture, Solved
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
     CAUSE_REMEDIES,

@@ -28,7 +28,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.estimate import relative_to_markings
 from fieldcalib.assess.ground import Considered, ground_derivatives, ground_of_pixels, projection_on
-from fieldcalib.assess.noise import Noise, gram
+from fieldcalib.assess.label_errors import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import GaussianPrior, Role

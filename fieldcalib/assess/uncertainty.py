@@ -32,7 +32,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.ground import if_level
-from fieldcalib.assess.noise import Noise, gram, size_and_curvature
+from fieldcalib.assess.label_errors import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.fields.field import Field

@@ -25,7 +25,7 @@ from fieldcalib.io.files import whole_file
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.players import read_players
 from fieldcalib.io.samples import PLAYERS, TRUTH, TrueFrame, read_cameras, read_positions, sample
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
 from fieldcalib.run_folder.results import MOTION, OVERLAY, REPORT

@@ -11,8 +11,7 @@ from pathlib import Path
 from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized, write_all
 from fieldcalib.console.arguments import add_format, add_run_options, folder_name, run_options
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
-from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.output_folder import check_targets
+from fieldcalib.io.output_folder import check_targets, whole_lines
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
 from fieldcalib.run_folder.frame_record import Outcome, is_squashed
 from fieldcalib.run_folder.record import PARQUET, RunRecord, Shard

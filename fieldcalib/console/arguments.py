@@ -22,9 +22,9 @@ from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named, likely_fields
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.traits import DISTRIBUTIONS
-from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError
+from fieldcalib.io.formats import read_labels
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow

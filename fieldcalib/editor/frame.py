@@ -40,7 +40,7 @@ from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
 from fieldcalib.io.image import Image, at_most_wide, checked_image, encode_image, size_of

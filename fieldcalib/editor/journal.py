@@ -27,8 +27,7 @@ from fieldcalib.editor.label_versions import Announced, State, Versions
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
 from fieldcalib.io.formats import OTHER_ANNOTATIONS
-from fieldcalib.io.line_log import LineLog, whole_lines
-from fieldcalib.io.output_folder import FolderInUseError, locked_folder, output_folder
+from fieldcalib.io.output_folder import FolderInUseError, LineLog, locked_folder, output_folder, whole_lines
 
 JOURNAL = "edits.jsonl"
 NOTES = frozenset(("saved", "taken_back", "written"))  # keys of notes about files

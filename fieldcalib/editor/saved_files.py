@@ -38,7 +38,7 @@ from fieldcalib.io.files import (
 )
 from fieldcalib.io.formats import CAMERAS, OVERLAYS
 from fieldcalib.io.image import encode_image
-from fieldcalib.io.line_log import LineLog
+from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.run_folder.clip_results import read_clip, write_clip

@@ -10,7 +10,7 @@ from fieldcalib._html import long_table, table
 from fieldcalib._types import CAMERA, FIELD, Array, expect
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 
 SAMPLES = 33  # along each axis of the picture, and of the field
 

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._html import table
 from fieldcalib._types import Array, is_number, number, real_array, truth
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
 from fieldcalib.geometry.lens.fisheye import fisheye_vector
 from fieldcalib.geometry.lens.model import POWERS, opencv_vector, shortest_opencv_vector
-from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles, rotation_from_vector
 
 LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning

@@ -26,7 +26,7 @@ from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.refinement import (
     Refined,
     ToRefine,
@@ -41,12 +41,12 @@ from fieldcalib.images.search.place_search import Place, search_from
 from fieldcalib.images.shape.shape_of_picture import (
     Method,
     Step,
+    said_plainly,
     with_aspect_estimated,
     with_enlarged_parts,
     with_shape_compared,
     without_borders,
 )
-from fieldcalib.images.shape.why_no_camera import said_plainly
 from fieldcalib.io.image import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.network import SegmentationNetwork, check_network

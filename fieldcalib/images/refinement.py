@@ -27,8 +27,7 @@ from fieldcalib.images.paint.detected_lines import (
     with_replaced,
     with_traced,
 )
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import Strips, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, Strips, pixels_of_lines, profiles_along
 from fieldcalib.images.paint.paint_evidence import (
     PaintEvidence,
     Ridges,

@@ -9,6 +9,6 @@ from . import soccernet as soccernet
 from . import tvcalib as tvcalib
 from . import videos as videos
 from . import wc14 as wc14
-from .annotation_files import read_annotations as read_annotations
+from .formats import read_annotations as read_annotations
 from .keypoint_models import KeyPoints as KeyPoints
 from .keypoint_models import key_points as key_points

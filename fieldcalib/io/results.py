@@ -20,7 +20,7 @@ from fieldcalib.assess.findings import Status, Verdict
 from fieldcalib.assess.result import Calibration, camera_from_line
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
-from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.output_folder import whole_lines
 from fieldcalib.io.parquet import read_parquet
 
 LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.geometry.homography import ALIGNMENTS, Alignment
-from fieldcalib.geometry.projective import SINGULAR, finite_homography
+from fieldcalib.geometry.homography import ALIGNMENTS, SINGULAR, Alignment, finite_homography
 from fieldcalib.io.files import BrokenFileError
 
 AlignmentName: TypeAlias = Literal["wc14", "chen", "jiang"]

@@ -9,8 +9,8 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, real_array
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
-from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 Prediction: TypeAlias = Camera | Array
 """A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""

@@ -10,7 +10,7 @@ segment: with X* the closest point and n the unit normal of the segment's image 
 r is stationary in the position of X* along the curve, so the derivative of the search drops out. The robust loss acts
 on the data alone. Pixels and prior (`fieldcalib.problem.cost_term`) are terms of the cost
 (`fieldcalib.problem.cost_term`). Others link frames of one camera: static points of the background
-(`fieldcalib.problem.background`), and the smooth path of a camera that moves (`fieldcalib.problem.smooth_path`).
+(`fieldcalib.problem.frame_ties`), and the smooth path of a camera that moves (`fieldcalib.problem.frame_ties`).
 
 Ends of segments: pixels that lie past the end of their line or arc are pulled back to that end.
 
@@ -40,15 +40,14 @@ from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.traits import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
-from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.compilation import compiled_closest_points
 from fieldcalib.problem.cost_term import CostTerm, Coupling, PriorTerm
+from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm, PathTerm, SmoothPath
 from fieldcalib.problem.labelled_pixels import Pixels, PixelTable
 from fieldcalib.problem.layout import LOG_F, GaussianPrior, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.projection import Projection
-from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 
 # Fields of view from 0.3 to 170 degrees: outside, fits collapse to a point or to a plane and overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width

@@ -15,10 +15,18 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
-from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
+from fieldcalib.io.formats import (
+    ANNOTATIONS,
+    CAMERAS,
+    NO_SIZE,
+    AnnotatedFrame,
+    FramesFound,
+    frames_in,
+    is_of_soccernet,
+    parse_frame,
+)
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned

@@ -15,9 +15,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.annotation_files import frames_in, parse_frame
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, named_in_errors, read_regular_file
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format, frames_in, parse_frame
 from fieldcalib.io.results import ResultFile, lines_file
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord

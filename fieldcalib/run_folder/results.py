@@ -36,8 +36,7 @@ from fieldcalib.io.files import (
     write_text,
 )
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.line_log import LineLog, whole_lines
-from fieldcalib.io.output_folder import ELSEWHERE, check_targets, output_folder
+from fieldcalib.io.output_folder import ELSEWHERE, LineLog, check_targets, output_folder, whole_lines
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
 from fieldcalib.run_folder.frame_record import Outcome, ToLookAt, has_finding, is_squashed, kind_of

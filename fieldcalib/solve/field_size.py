@@ -44,8 +44,7 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
 from fieldcalib.problem.layout import GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.sequence.joint_solution import CrownEstimate, crown_of
-from fieldcalib.solve.sequence.joint_start import joint_evaluation
+from fieldcalib.solve.sequence.joint_solution import CrownEstimate, crown_of, joint_evaluation
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
 LIKELY = 0.5  # probability of the given size from which on it is kept

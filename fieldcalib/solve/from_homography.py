@@ -22,8 +22,7 @@ from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.homography import decompose_homography
-from fieldcalib.geometry.projective import dehomogenize, finite_homography, homogenize
+from fieldcalib.geometry.homography import decompose_homography, dehomogenize, finite_homography, homogenize
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.solve.misreadings import WIDTHS

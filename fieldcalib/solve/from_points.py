@@ -22,8 +22,12 @@ from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.homography import decompose_homography, pose_from_homography
-from fieldcalib.geometry.projective import homography_from_points, projection_from_points
+from fieldcalib.geometry.homography import (
+    decompose_homography,
+    homography_from_points,
+    pose_from_homography,
+    projection_from_points,
+)
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import LOG_F_RANGE, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, checked_weight

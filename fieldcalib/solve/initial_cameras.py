@@ -13,9 +13,8 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import LineRows, Rows
 from fieldcalib.fields.traits import DEVIATIONS, SOCCER_SCALE
-from fieldcalib.geometry.homography import decompose_homography
+from fieldcalib.geometry.homography import decompose_homography, fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.lens import Lens
-from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.layout import (
     ANGLES,

@@ -33,8 +33,8 @@ from fieldcalib.assess import Verdict, findings
 from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy, What
 from fieldcalib.assess.result import doubted, in_picture
 from fieldcalib.fields import Field, badminton, tennis
-from fieldcalib.geometry.projective import homography_from_points
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.geometry.homography import homography_from_points
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.paint.paint_evidence import paint_evidence
 from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.localize import SegmentationNetwork

@@ -13,11 +13,11 @@ from tripods import SIZE, chain, matched, operated, panned
 
 from fieldcalib.assess.estimate import motion_in_view
 from fieldcalib.assess.ground import Considered
-from fieldcalib.assess.noise import FOUND_BESIDE, Noise
+from fieldcalib.assess.label_errors import FOUND_BESIDE, Noise
 from fieldcalib.assess.sequence_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.layout import CENTER, LOG_F, GaussianPrior, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack

@@ -16,7 +16,7 @@ from data_tools.simulated import observe as demo_labels
 from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.cropping_evidence import _freed, largest_error_of_part, principal_point_of, score, seems_part
+from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, score, seems_part
 from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named

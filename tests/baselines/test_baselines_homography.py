@@ -8,7 +8,7 @@ from synthetic import observe, whole_circle_markings
 from baselines import dlt_lines, hdecomp
 from fieldcalib import Camera, Line, Status, soccer
 from fieldcalib.geometry import ALIGNMENTS
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.labelled_pixels import check_segments
 

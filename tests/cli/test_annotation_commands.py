@@ -14,9 +14,8 @@ from views import camera
 from baselines import dlt_lines, hdecomp
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Arc, Line
-from fieldcalib.io.annotation_files import read_annotations
 from fieldcalib.io.annotations import Annotation
-from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
+from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, read_annotations
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.run_folder import work_units
 

@@ -13,7 +13,7 @@ from fieldcalib.io import samples
 from fieldcalib.io.samples import read_cameras, read_positions
 from fieldcalib.io.soccernet import parse_camera
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 
 SHOWN = (0, 1, 2, 30, 31, 32)
 

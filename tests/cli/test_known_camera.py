@@ -21,7 +21,7 @@ from fieldcalib.io.exports.opencv import format_opencv
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.samples import TrueFrame
 from fieldcalib.io.soccernet import format_camera
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.solver_options import CalibrationFlags as F
 

@@ -26,7 +26,7 @@ from fieldcalib.io.image import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.run_folder import frame_source
 from fieldcalib.run_folder.frame_source import Frame
 

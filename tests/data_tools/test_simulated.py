@@ -9,7 +9,7 @@ from data_tools.simulated import IMAGE_SIZE, observe, pan_over_field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 
 FIELD = soccer()
 

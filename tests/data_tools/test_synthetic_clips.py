@@ -20,7 +20,7 @@ from data_tools.synthetic.paths import (
 )
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 
 
 def angles_of(cameras):

@@ -14,8 +14,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point
 from fieldcalib.fields.traits import WHITE, Paint
 from fieldcalib.images import refine_on_image
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import find_lines, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, find_lines, pixels_of_lines, profiles_along
 
 PIXEL = 0.02  # m
 

@@ -13,8 +13,8 @@ from strategies import anywhere, cameras, numbers, vectors
 from synthetic import in_image, visible_field_points
 
 from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
-from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 SIZE = (1920, 1080)
 CENTRE = np.array([960.0, 540.0])

@@ -11,8 +11,13 @@ from synthetic import visible_field_points
 from fieldcalib.fields.segments import Line, Point
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.homography import ALIGNMENTS, decompose_homography, pose_from_homography
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import (
+    ALIGNMENTS,
+    decompose_homography,
+    dehomogenize,
+    homogenize,
+    pose_from_homography,
+)
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.solve.from_homography import GROUND_POINTS, camera_from_homography, closed_form
 

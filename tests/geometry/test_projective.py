@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from strategies import angle, bounded, moved, numbers
 
-from fieldcalib.geometry.projective import (
+from fieldcalib.geometry.homography import (
     dehomogenize,
     finite_homography,
     fit_lines,

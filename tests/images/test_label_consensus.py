@@ -9,7 +9,7 @@ from views import camera
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.request import Task

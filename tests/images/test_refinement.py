@@ -15,8 +15,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import Strips, find_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, Strips, find_lines, profiles_along
 from fieldcalib.images.refinement import (
     ToRefine,
     line_support,

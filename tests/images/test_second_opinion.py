@@ -10,7 +10,7 @@ from views import camera
 
 from fieldcalib import KNOWN_INTRINSICS_FLAGS, Camera, calibrate_from_images, soccer
 from fieldcalib.assess.findings import Status
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
 

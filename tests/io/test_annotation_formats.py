@@ -14,10 +14,17 @@ from hypothesis import strategies as st
 from strategies import texts
 
 import fieldcalib
-from fieldcalib.io.annotation_files import AnnotatedFrame, frames_in, read_annotations, read_labels, tool_of
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError, FrameFile
-from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
+from fieldcalib.io.formats import (
+    ANNOTATIONS,
+    OTHER_ANNOTATIONS,
+    AnnotatedFrame,
+    frames_in,
+    read_annotations,
+    read_labels,
+    tool_of,
+)
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 
 OF_MANY = ("cvat", "labelstudio", "coco")

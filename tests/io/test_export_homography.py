@@ -14,7 +14,7 @@ from synthetic import visible_field_points
 
 from fieldcalib import Camera, soccer
 from fieldcalib.fields import field_homography
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.io.exports.homography import homography_files
 
 BENT = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (0.0, 65.0, -16.0), (960, 540), k=(0.08, 0.0))

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from fieldcalib.io.line_log import LineLog, whole_lines
+from fieldcalib.io.output_folder import LineLog, whole_lines
 
 
 @pytest.mark.parametrize("cut", range(0, 13))

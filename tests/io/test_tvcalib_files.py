@@ -11,7 +11,7 @@ from strategies import cameras, unchecked_cameras
 from synthetic import visible_field_points
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import camera_to_record
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output, parse_per_sample_output

@@ -10,8 +10,7 @@ from synthetic import visible_field_points
 
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.geometry.homography import ALIGNMENTS
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import ALIGNMENTS, dehomogenize, homogenize
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.soccernet import parse_annotation

@@ -19,7 +19,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.network import NetworkDescription, resized
 from fieldcalib.localize.point_selection import image_from_grid
-from fieldcalib.metrics.distance import camera_difference
+from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss

@@ -8,7 +8,7 @@ from strategies import cameras, examples, vectors
 
 from fieldcalib import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.metrics import iou_part, iou_whole, projection_error
 
 SIZE = (960, 540)

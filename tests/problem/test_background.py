@@ -11,8 +11,8 @@ from strategies import bounded, examples, vectors
 from synthetic import observe
 
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.layout import LOG_F, Layout, Role, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss

@@ -13,11 +13,11 @@ from tripods import SIZE, panned
 
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.frame_ties import TAILS, PathTerm, SmoothPath
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.smooth_path import TAILS, PathTerm, SmoothPath
 
 LAYOUT = Layout.of(SIZE).with_roles(Role.SHARED, "principal point", "k1").fixed("k2", "aspect")
 

@@ -30,8 +30,7 @@ from fieldcalib.fields.traits import (
     stands_around,
 )
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import find_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, find_lines, profiles_along
 from fieldcalib.images.refinement import line_support, refine_on_image
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import split_circles

@@ -53,7 +53,7 @@ def test_frames_are_read_unit_by_unit(tmp_path, monkeypatch):
         ahead.append(len(read) - results.done)
         results.done += 1
 
-    monkeypatch.setattr("fieldcalib.io.annotation_files.ANNOTATIONS", replace(ANNOTATIONS, read=reading))
+    monkeypatch.setattr("fieldcalib.io.formats.ANNOTATIONS", replace(ANNOTATIONS, read=reading))
     monkeypatch.setattr(ResultsWriter, "add", adding)
     assert calibrate(tmp_path / "out", written(tmp_path / "in", 9)) == 0
     assert ahead == [2, 1] * 4 + [1]

@@ -15,9 +15,8 @@ from synthetic import random_frames
 
 from fieldcalib import _progress as waiting
 from fieldcalib import read
-from fieldcalib.io import line_log
 from fieldcalib.io.files import FrameFile, write_bytes
-from fieldcalib.io.line_log import LineLog
+from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands
 from fieldcalib.run_folder import work_units
@@ -101,7 +100,7 @@ class Ending:
     """Lets the log fail at the n-th line."""
 
     def __init__(self, count, error):
-        self.left, self.error, self.append = count, error, line_log.LineLog.append
+        self.left, self.error, self.append = count, error, LineLog.append
 
     def __call__(self, log, line):
         if not self.left:
@@ -124,7 +123,7 @@ def test_what_was_done_is_not_lost(
     out = tmp_path / "out"
     ending = Ending(2 * count + torn, error)
     with monkeypatch.context() as patch:
-        patch.setattr(line_log.LineLog, "append", lambda log, line: ending(log, line))
+        patch.setattr(LineLog, "append", lambda log, line: ending(log, line))
         assert calibrate(out, annotated_folder) == code
     assert f"{count} frame{'s' * (count > 1)} done in {out}: --resume goes on with the run" in capsys.readouterr().err
     assert [line["id"] for line in lines_of(out)] == list("abcd")[:count]
@@ -163,7 +162,7 @@ def test_a_line_that_cannot_be_read_removes_nothing(annotated_folder, tmp_path, 
 
 
 def test_a_run_that_did_nothing_leaves_nothing(annotated_folder, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(line_log.LineLog, "append", lambda log, line: Ending(0, NO_SPACE)(log, line))
+    monkeypatch.setattr(LineLog, "append", lambda log, line: Ending(0, NO_SPACE)(log, line))
     assert calibrate(tmp_path / "out", annotated_folder) == 2
     assert capsys.readouterr().err.splitlines()[-1] == "fieldcalib: no space left on device"
     assert list((tmp_path / "out").iterdir()) == []

@@ -75,7 +75,7 @@ def test_a_frame_that_takes_too_much_memory_is_broken(annotated_folder, tmp_path
             raise MemoryError
         return {}
 
-    monkeypatch.setattr("fieldcalib.io.annotation_files.ANNOTATIONS", replace(ANNOTATIONS, read=parse))
+    monkeypatch.setattr("fieldcalib.io.formats.ANNOTATIONS", replace(ANNOTATIONS, read=parse))
     (tmp_path / "a.json").write_text("{}")
     (tmp_path / "b.json").write_bytes(bytes(6000))
     assert calibrate(tmp_path / "out", tmp_path) == 1

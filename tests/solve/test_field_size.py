@@ -9,7 +9,7 @@ from numdiff import central_differences, column_errors
 from strategies import angle, cameras, examples, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.noise import Noise
+from fieldcalib.assess.label_errors import Noise
 from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.sports.soccer import soccer

@@ -7,7 +7,7 @@ from objects import SIZE, points_in_view, relative_error, without_focal_length
 from strategies import cameras
 
 from fieldcalib import Camera, Status, calibrate_from_homography, soccer
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
 

@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,

@@ -11,7 +11,7 @@ from objects import SIZE, any_object, objects, relative_error
 from strategies import bounded, examples, numbers, vectors
 
 from fieldcalib import PINHOLE_FLAGS, Camera, calibrate_from_points
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.from_points import Cameras, Points, _start, resect

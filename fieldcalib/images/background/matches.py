@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, truth, whole_number
-from fieldcalib.geometry.projective import finite_homography
+from fieldcalib.geometry.homography import finite_homography
 from fieldcalib.images.background.background_motion import (
     LEAST_POINTS,
     RANSAC_TOLERANCE,

@@ -26,8 +26,8 @@ from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.images.clip.clip_problem import Cells, between
-from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.frame_ties import BackgroundTerm
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import Ties

@@ -41,7 +41,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.cropping_evidence import FAINT
+from fieldcalib.assess.camera_errors import FAINT
 from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, SEVERAL_VIEWS, SHAPE, WAS_SQUASHED
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.result import Calibration

@@ -24,7 +24,7 @@ from fieldcalib.images.clip.clip_shape import OFF_MIDDLE, better_of_enlarged, ma
 from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import PixelTable

@@ -31,7 +31,7 @@ from fieldcalib.images.clip.finished_clip import LEAST_LINES
 from fieldcalib.images.clip.keyframes import labels_of
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import Layout

@@ -1,8 +1,8 @@
 """Search for the paint of projected markings in an image: its lines, its place and its width.
 
-`field_markings` samples the markings of a field; `line_profiles` samples the image across them where a camera projects
-them; `detected_lines` finds their lines as labelled pixels; `paint_evidence` decides which markings lie on paint and
-which beside it.
+`line_profiles` samples the markings of a field, and the image across them where a camera projects them;
+`detected_lines` finds their lines as labelled pixels; `paint_evidence` decides which markings lie on paint and which
+beside it.
 """
 
 import lazy_loader

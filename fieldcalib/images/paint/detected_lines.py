@@ -19,8 +19,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import Strips, find_lines, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, Strips, find_lines, pixels_of_lines, profiles_along
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.losses import RobustLoss

@@ -1,4 +1,4 @@
-"""Detection of painted lines near projected markings, in intensity profiles across the markings.
+"""Detection of painted lines near projected markings, in intensity profiles across the markings (`Markings`).
 
 All profiles are sampled at once by cv2.remap, in steps of a third of the expected line width, so that one filter fits
 lines at any distance. (skimage.measure.profile_line samples one profile per call.)
@@ -6,21 +6,26 @@ lines at any distance. (skimage.measure.profile_line samples one profile per cal
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.field import Field, ObjectSegments
+from fieldcalib.fields.segments import outwards
+from fieldcalib.fields.traits import SOCCER_SCALE, LineLook, Paint
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 
+POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale
+HIGHEST_NET = 2.0  # m: that of volleyball is higher
+UPRIGHT = 0.5  # vertical share of the direction of posts; edges of nets sag by less
 # Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or
 # doubled, 1 to 4, except where a number is given below. IoU_part stays within 95.6 and 96.0 % (mean).
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
@@ -32,7 +37,6 @@ ROWS, ROW_SPACING = 3, 2.0  # parallel rows, and px between them, that are avera
 NEIGHBOURS = 5  # successive profiles, the middle one is judged: most must show the line at the same offset
 SAME_LINE = 2.0  # px: tolerance of that offset
 PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
-
 BLUR = 1.5  # px of any image: width added to lines by lens, motion and compression
 # samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
 FLANK = 4
@@ -42,6 +46,109 @@ LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a p
 OTHER_COLOUR = 4.0  # times the median colour difference of ground: what differs more is not ground; 99 % of ground less
 SAME_GROUND = 0.2  # of a line's contrast: smaller colour differences between both sides come from lossy compression
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
+
+
+@dataclass(frozen=True)
+class Markings:
+    """Points along the middle of the paint of an object's markings, segment by segment."""
+
+    labels: tuple[str, ...]
+    member: IntArray
+    """Index into `labels` of each point, (N,)."""
+    X: Array
+    """Points on the field, metres, (N, 3)."""
+    along: Array
+    """Unit vectors along the segments, (N, 3)."""
+    on_ground: BoolArray
+    """Whether the whole segment is on the ground, (N,)."""
+    width: Array
+    """Width of the paint, metres, (N,)."""
+    inwards: Array
+    """Vectors from the middle of the paint to the segment, which may be the edge of the paint, metres, (N, 3)."""
+    is_arc: BoolArray
+    """Whether each segment is an arc, (len(labels),)."""
+    painted: Array
+    """Share of each segment that is painted, less than 1 for dashes, (len(labels),)."""
+    look: LineLook
+    """Appearance of the lines."""
+
+    @cached_property
+    def net(self) -> tuple[str, ...]:
+        """Labels of the edges of a low net across the middle of the field, which may be taken for lines on the ground.
+
+        Examples
+        --------
+        >>> from fieldcalib.fields import tennis, volleyball
+        >>> sorted(Markings.of(tennis()).net), Markings.of(volleyball()).net
+        (['Net bottom', 'Net top'], ())
+        """
+        across = ~self.on_ground & (self.X[:, 0] == 0.0) & (np.abs(self.along[:, 2]) < UPRIGHT)
+        is_low = np.min(self.X[across, 2], initial=0.0) > -HIGHEST_NET
+        return tuple(self.labels[k] for k in np.unique(self.member[across])) if is_low else ()
+
+    @classmethod
+    def of(cls, object_segments: ObjectSegments) -> Markings:
+        """Sample the markings painted along the segments of an object; a circle that has halves is taken once, whole.
+
+        An object that is no `Field` gets the default `LineLook`. The markings of the last 16 fields are cached.
+        """
+        return _of_field(object_segments) if isinstance(object_segments, Field) else cls._along(object_segments)
+
+    @classmethod
+    def _along(cls, object_segments: ObjectSegments) -> Markings:
+        look, scale = LineLook(), SOCCER_SCALE
+        paint_of: Callable[[str], Paint] = dict.fromkeys(object_segments, Paint(width=look.width)).__getitem__
+        if isinstance(object_segments, Field):
+            look, scale = object_segments.lines, object_segments.scale
+            paint_of = object_segments.paint_of
+        whole = {segment.whole for segment in object_segments.values() if segment.is_whole}
+        paint = {label: paint_of(label) for label in object_segments}
+        markings = {
+            label: segment
+            for label, segment in object_segments.items()
+            if segment.is_curve and (segment.is_whole or segment.whole not in whole) and paint[label].is_along
+        }
+        # a segment may be the edge of its paint: lines are looked for in the middle of the paint, `inwards` leads back
+        points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
+        counts = [len(X) for X in points]
+        member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])
+        if isinstance(object_segments, Field):
+            X = object_segments.terrain.raised(X)
+        along, inwards = _along(member, X), np.zeros_like(X)
+        for index, (label, segment) in enumerate(markings.items()):
+            if paint[label].outwards:
+                own = member == index
+                inwards[own] = -paint[label].outwards * outwards(segment, X[own], along[own])
+        return cls(
+            tuple(markings),
+            member,
+            X - inwards,
+            along,
+            np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
+            np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
+            inwards,
+            np.array([segment.is_arc for segment in markings.values()], dtype=bool),
+            np.array([paint[label].painted for label in markings], dtype=float),
+            look,
+        )
+
+
+@lru_cache(maxsize=16)
+def _of_field(field: Field) -> Markings:
+    markings = Markings._along(field)
+    for values in vars(markings).values():
+        if isinstance(values, np.ndarray):
+            values.flags.writeable = False
+    return markings
+
+
+def _along(member: IntArray, X: Array) -> Array:
+    """Unit vectors (N, 3) along curves at their points X (N, 3), from one neighbour on the same curve to the other."""
+    index = np.arange(len(X))
+    before, after = np.maximum(index - 1, 0), np.minimum(index + 1, len(X) - 1)
+    before, after = (np.where(member[at] == member, at, index) for at in (before, after))
+    d = X[after] - X[before]
+    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)

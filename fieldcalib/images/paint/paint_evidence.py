@@ -30,10 +30,10 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.paint_in_view import CONFIRMED, LEAST_PLACES, LONG, UNSEEN, MarkingInView
 from fieldcalib.assess.verdict import STEEPLY
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
 from fieldcalib.images.paint.line_profiles import (
     LUMA,
     SPACING,
+    Markings,
     Profiles,
     Strips,
     colours_across,

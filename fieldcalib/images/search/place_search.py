@@ -47,8 +47,7 @@ from fieldcalib.images.search.court_ranking import (
     in_order,
     principal_point,
 )
-from fieldcalib.images.search.court_refinement import refine_courts, with_errors, with_hidden_markings
-from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.court_search import find_courts, refine_courts, with_errors, with_hidden_markings
 from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled

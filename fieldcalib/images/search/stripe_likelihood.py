@@ -31,7 +31,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_vector
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.search.court_hypotheses import Cameras
 from fieldcalib.images.search.stripes import Stripes
 from fieldcalib.problem.projection import pinhole_derivatives

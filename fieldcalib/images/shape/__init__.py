@@ -1,7 +1,7 @@
 """The hypotheses of what a picture shows of which frame (`fieldcalib.problem.picture_shape`), asked of a picture.
 
 `borders_and_windows` and `enlarged` measure evidence in its pixels, `shape_of_picture` calibrates it by each hypothesis
-and chooses; `why_no_camera` states what is wrong with pictures that give no camera.
+and chooses; it also states what is wrong with pictures that give no camera.
 """
 
 import lazy_loader

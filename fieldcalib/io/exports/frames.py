@@ -12,8 +12,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.geometry.lens.model import nonzero_coefficients
-from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 # World to world and camera to camera: half a turn about x, its own inverse.
 TURN = np.diag([1.0, -1.0, -1.0])

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray, is_number, listed, real_array
 from fieldcalib.fields.field import Field, ObjectSegments
-from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.layout import PRINCIPAL_POINT, GaussianPrior, Layout
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss

@@ -22,8 +22,8 @@ from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors, own_errors
 from fieldcalib.fields.field import ObjectSegments, tolerance_of
-from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.frame_ties import BackgroundPairs
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import CENTER, CROWN, FIELD_SIZE, GaussianPrior
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -46,7 +46,7 @@ NOTHING: Mapping[int, Calibration] = MappingProxyType({})
 
 
 class PixelNoise(NamedTuple):
-    """Noise of the labelled pixels (`fieldcalib.assess.noise`)."""
+    """Noise of the labelled pixels (`fieldcalib.assess.label_errors`)."""
 
     sigma: float
     kappa: float

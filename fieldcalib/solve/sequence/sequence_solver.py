@@ -35,8 +35,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.sequence_errors import OwnErrors
 from fieldcalib.fields.field import ObjectSegments
-from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.frame_ties import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable, Weights
 from fieldcalib.problem.layout import CENTER, GaussianPrior, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
@@ -46,11 +46,13 @@ from fieldcalib.solve.request import Options, Task
 from fieldcalib.solve.sequence.background_matches import Matched, contradicted, with_tied
 from fieldcalib.solve.sequence.joint_solution import (
     JointSolution,
+    JointStart,
+    Start,
+    joint_start,
     solved_on_its_ground,
     solved_together,
     solved_with_known_sizes,
 )
-from fieldcalib.solve.sequence.joint_start import JointStart, Start, joint_start
 from fieldcalib.solve.sequence.sequence_problem import (
     SHARED,
     PixelNoise,

@@ -10,8 +10,7 @@ from fieldcalib.editor.fitting import is_stray
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.paint.detected_lines import FEW, with_traced
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import Strips, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, Strips, profiles_along
 from fieldcalib.images.paint.paint_evidence import paint_evidence, wide_strips, with_lines
 
 FIELD, SMALL = soccer(), (600, 338)

@@ -24,7 +24,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.field_markings import Markings
+from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, missing_net, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments

@@ -14,8 +14,7 @@ from fieldcalib.assess.findings import SMALLER, Verdict
 from fieldcalib.assess.paint_in_view import MarkingInView, paint_findings, paint_is_too_wide, paint_width
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images import refine_on_image
-from fieldcalib.images.paint.field_markings import Markings
-from fieldcalib.images.paint.line_profiles import profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.paint.paint_evidence import paint_evidence, paint_widths, widths_by_marking, with_widths
 
 CAMERA = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))

@@ -9,8 +9,7 @@ from fieldcalib import Camera
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.fields import futsal, tennis
-from fieldcalib.images.search.court_refinement import with_hidden_markings
-from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.court_search import find_courts, with_hidden_markings
 from fieldcalib.images.search.place_search import Place, search_from
 from fieldcalib.solve.request import Task
 

@@ -11,7 +11,7 @@ from tripods import SIZE, chain, far_off, matched, panned
 
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.background import BackgroundTerm
+from fieldcalib.problem.frame_ties import BackgroundTerm
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import (

@@ -16,8 +16,7 @@ from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.solve.request import Task
-from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, solved_with_known_sizes
-from fieldcalib.solve.sequence.joint_start import Start
+from fieldcalib.solve.sequence.joint_solution import LARGEST_SIZE_SIGMA, Start, solved_with_known_sizes
 from fieldcalib.solve.sequence.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence.sequence_solver import _with_more_labels, calibrate_sequence
 from fieldcalib.solve.sequence.tripod_position import voted_centres
