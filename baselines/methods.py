@@ -25,7 +25,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES
-from fieldcalib.io.image import Image, parse_image
+from fieldcalib.io.image_files import Image, parse_image
 from fieldcalib.io.pnlcalib import Detections, keypoint_field, parse_detections
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName

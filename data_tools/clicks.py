@@ -49,7 +49,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import CAMERAS, IMAGES
-from fieldcalib.io.image import at_most_wide, size_of
+from fieldcalib.io.image_files import at_most_wide, size_of
 from fieldcalib.io.results import LINES
 from fieldcalib.problem.picture_shape import BROADCAST_SHAPE
 from fieldcalib.run_folder.frame_record import calibration_line

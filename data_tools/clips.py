@@ -40,7 +40,7 @@ from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip
 from fieldcalib.images.clip.keyframes import KeyframeLabels, read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How
-from fieldcalib.io.image import Image, read_ahead
+from fieldcalib.io.image_files import Image, read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import Padded, SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera

@@ -17,7 +17,7 @@ from data_tools.court_truth import UNIT, distances
 from fieldcalib._types import Array
 from fieldcalib.fields.field import TURN
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image, parse_image
+from fieldcalib.io.image_files import Image, parse_image
 
 FIELD = "volleyball"
 RIGHT = 15.0 * UNIT / 3840.0  # px of an image of 1280 columns: the largest median distance of a right camera

@@ -9,7 +9,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 SIZE = (1280, 720)
 GREEN = (50.0, 120.0, 60.0)  # blue, green, red

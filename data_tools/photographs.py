@@ -49,7 +49,7 @@ from fieldcalib.fields.ground import LEVEL
 from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.solve.solver_options import paint_sigma
 

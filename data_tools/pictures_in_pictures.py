@@ -44,7 +44,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.image import Image, parse_image, size_of
+from fieldcalib.io.image_files import Image, parse_image, size_of
 from fieldcalib.localize.network import SegmentationNetwork
 
 LARGEST_ERROR, RIGHT = 1.0, 5.0  # metres; px of `UNIT`

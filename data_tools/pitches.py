@@ -44,7 +44,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.solve.sequence.sequence_solver import calibrate_sequence
 

@@ -14,7 +14,7 @@ import fieldcalib
 from fieldcalib import Calibration, Camera, soccer
 from fieldcalib._types import Array
 from fieldcalib.draw import contact_sheet, draw_calibration, draw_segments, render_field
-from fieldcalib.io.image import Image, write_image
+from fieldcalib.io.image_files import Image, write_image
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(0.42, 1.36, 0.0, 1250.0, (0.0, 66.0, -17.0), SIZE)

@@ -61,7 +61,7 @@ from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.court_search import CourtEvidence, FoundCourt, find_courts
-from fieldcalib.io.image import Image, parse_image
+from fieldcalib.io.image_files import Image, parse_image
 from fieldcalib.io.videos import VideoReader
 
 SIZE = (960, 540)

@@ -53,7 +53,7 @@ from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, in_parts, parse_image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, parse_image
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.io.wc14 import parse_homography

@@ -23,7 +23,7 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.search.place_search import pooled_place
-from fieldcalib.io.image import parse_image
+from fieldcalib.io.image_files import parse_image
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

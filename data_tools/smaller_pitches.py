@@ -35,7 +35,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.clip.from_video import calibrate_video
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.image import Image, parse_image
+from fieldcalib.io.image_files import Image, parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 
 SHARES = (1.0, 0.8, 0.7, 0.6)

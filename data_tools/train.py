@@ -55,7 +55,7 @@ from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER, add_named_field, image_size
 from fieldcalib.io.files import write_bytes
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize.network import SHIPPED
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2

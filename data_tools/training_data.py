@@ -26,7 +26,7 @@ from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, markings_mask
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes

@@ -44,7 +44,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.image import Image, parse_image
+from fieldcalib.io.image_files import Image, parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 from fieldcalib.run_folder.labelled_frames import read_frames

@@ -21,7 +21,7 @@ from views import BROADCAST
 from fieldcalib import SegmentationNetwork, calibrate_batch, calibrate_from_images, calibrate_from_segments, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images import refine_on_image
-from fieldcalib.io.image import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments

@@ -43,7 +43,7 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels

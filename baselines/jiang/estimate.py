@@ -24,7 +24,7 @@ from fieldcalib._types import Array
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import read_regular_file
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize import SegmentationNetwork, localize
 
 CostName: TypeAlias = Literal["learned", "lines"]

@@ -10,7 +10,7 @@ from torch.nn.functional import adaptive_avg_pool2d
 from torch.nn.utils.parametrizations import spectral_norm
 
 from baselines.jiang.four_points import CANONICAL, field_drawing, homography_of_points, warped_field
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 WIDTH = 64  # channels of ResNet-18's first stage
 SIZE = 256  # px: width and height of the pictures

@@ -20,7 +20,7 @@ from baselines.jiang.networks import SIZE, squashed
 from fieldcalib._types import Array
 from fieldcalib.geometry.homography import ALIGNMENTS, dehomogenize, homogenize
 from fieldcalib.io.formats import HOMOGRAPHIES, IMAGES
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.metrics import iou_whole
 
 FIRST_SHARE = 0.5  # share of a batch that comes from the first folder, however few pictures that has

@@ -24,7 +24,7 @@ from fieldcalib.console.arguments import SOCCER, add_named_field, count, image_s
 from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_bytes
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200

@@ -22,7 +22,7 @@ from data_tools.synthetic.masks import CLASSES, Mask
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.io.files import parse_json_object, write_bytes, write_text
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.io.soccernet import format_annotation, format_camera
 from fieldcalib.problem.labelled_pixels import Pixels
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldcalib._types import Float32
 from fieldcalib.draw.scene import Colour
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 V = TypeVar("V")
 Range = tuple[float, float]

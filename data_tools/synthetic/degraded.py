@@ -7,7 +7,7 @@ import numpy as np
 
 from data_tools.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 from fieldcalib._types import Float32
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 
 def degraded(image: Image, rng: np.random.Generator) -> Image:

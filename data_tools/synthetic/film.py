@@ -36,7 +36,7 @@ from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import write_text
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.io.samples import TRUTH, TrueFrame
 from fieldcalib.io.soccernet import camera_to_record
 from fieldcalib.io.videos import VideoWriter

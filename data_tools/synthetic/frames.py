@@ -17,7 +17,7 @@ from fieldcalib.console.arguments import SOCCER
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 SIZE = (512, 288)
 EMPTY_SHARE = 0.05  # share of frames without a field

@@ -17,7 +17,7 @@ from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 PIECE, STRIPE = 1.5, 0.2  # m: lengths of the pieces that bars are drawn in, each with its own thickness; of stripes
 BAR = 0.06  # m: thickness of bars by default

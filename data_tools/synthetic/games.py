@@ -34,7 +34,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size

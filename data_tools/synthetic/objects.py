@@ -22,7 +22,7 @@ from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, GOAL_WIDTH
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 FINER = 4  # samples across a pixel for the share of it that a thin bar covers
 FARTHEST = 1e4  # px: shapes that reach farther outside the image are too close to the camera to be drawn

@@ -9,7 +9,7 @@ import numpy as np
 
 from data_tools.synthetic.colours import vivid_colour
 from fieldcalib._types import BoolArray
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 FONT = cv2.FONT_HERSHEY_DUPLEX
 

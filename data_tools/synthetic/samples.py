@@ -17,7 +17,7 @@ from data_tools.synthetic.film import LEAST_PATH, PAINTED, Scene, cameras_as_tex
 from data_tools.synthetic.paths import with_displaced_lines
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_text
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.samples import FILES, PLAYERS, TRUTH, TrueFrame
 from fieldcalib.io.soccernet import format_camera
 from fieldcalib.io.videos import VideoWriter

@@ -30,7 +30,7 @@ from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, write_text
 from fieldcalib.io.formats import ANNOTATIONS, FILE_PER_IMAGE, OTHER_ANNOTATIONS, VIDEOS
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, in_parts, size_of
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of
 from fieldcalib.io.output_folder import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize

@@ -14,7 +14,7 @@ from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import can_name_files
-from fieldcalib.io.image import Image, write_image
+from fieldcalib.io.image_files import Image, write_image
 from fieldcalib.io.output_folder import INTERRUPTED, check_targets
 from fieldcalib.io.videos import VideoWriter
 

@@ -31,7 +31,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.boxes import GAME_STATE, KINDS, Box, BoxRow, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN_SYSTEMS, check_system, scale_of_system, to_system
 from fieldcalib.io.files import parse_json_object, read_regular_file, whole_file, write_text
-from fieldcalib.io.image import in_parts
+from fieldcalib.io.image_files import in_parts
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.players import POINT, SYSTEM
 from fieldcalib.solve.origin_and_unit import hint_of_another_size

@@ -43,7 +43,7 @@ from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.results.entry import read

@@ -17,7 +17,7 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import SIDES, Field, Side
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.frame_range import Cut
-from fieldcalib.io.image import Image, check_pixels, size_of
+from fieldcalib.io.image_files import Image, check_pixels, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network
 from fieldcalib.problem.picture_shape import Placement

@@ -20,7 +20,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image import Image, write_image
+from fieldcalib.io.image_files import Image, write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.frame_source import files_read

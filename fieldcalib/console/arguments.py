@@ -26,7 +26,7 @@ from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError
 from fieldcalib.io.formats import read_labels
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image import MOST_PIXELS
+from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network, SegmentationNetwork

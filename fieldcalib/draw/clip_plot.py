@@ -15,7 +15,7 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, draw_text, fixed_point, text_size
 from fieldcalib.draw.sheet import checked_calibrations
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 FINER = 2  # drawn at twice the size and reduced: OpenCV's letters have rough edges

@@ -17,7 +17,7 @@ from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image_files import Image, checked_image
 
 DARK: Colour = (24, 24, 24)
 LARGEST_MAP = 4096  # px

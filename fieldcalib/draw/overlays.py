@@ -19,7 +19,7 @@ from fieldcalib.draw.minimap import DARK, inset_map
 from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
 from fieldcalib.fields.field import Field, ObjectSegments, terrain_of
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image_files import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, check_object
 
 MAGENTA: Colour = (220, 40, 255)

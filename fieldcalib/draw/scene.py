@@ -20,7 +20,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 WHITE: Colour = (242, 248, 244)
 WIDEST = 1000.0  # m, of a line

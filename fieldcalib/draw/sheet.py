@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import expect, listed, whole_number
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import Colour, draw_text, text_size
-from fieldcalib.io.image import LONGEST_SIDE, Image, checked_image
+from fieldcalib.io.image_files import LONGEST_SIDE, Image, checked_image
 
 BACKGROUND: Colour = (30, 27, 25)
 CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # scales of OpenCV's font

@@ -13,7 +13,7 @@ from fieldcalib._types import CAMERA, FIELD, Array, BoolArray, expect, is_number
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import LONGEST_SIDE, Image, checked_image
+from fieldcalib.io.image_files import LONGEST_SIDE, Image, checked_image
 
 ABOVE = 100.0  # m: height of the camera above the field; the picture of the ground does not depend on it
 PIXELS_OF_SCALE = 400.0  # default length of `Field.scale` in the picture

@@ -36,7 +36,7 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
-from fieldcalib.io.image import Image, write_image
+from fieldcalib.io.image_files import Image, write_image
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras

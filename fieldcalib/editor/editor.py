@@ -24,7 +24,7 @@ from fieldcalib.editor.saved_files import LastSave, NewRun, Stored
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.decoders import DEFAULT_RATE
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL

@@ -18,7 +18,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate

@@ -32,7 +32,7 @@ from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image_files import Image, checked_image
 from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored
 
 AT_ONCE = 5000  # rows of the table that are read before the page is shown; more are read in a thread

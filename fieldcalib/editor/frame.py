@@ -43,7 +43,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
-from fieldcalib.io.image import Image, at_most_wide, checked_image, encode_image, size_of
+from fieldcalib.io.image_files import Image, at_most_wide, checked_image, encode_image, size_of
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import PixelTable, nearest_label
 from fieldcalib.problem.losses import RobustLoss

@@ -12,7 +12,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.solve.solver_options import pixel_unit
 
 OFFSIDE_COLOUR = (40, 220, 255)  # blue, green, red

@@ -37,7 +37,7 @@ from fieldcalib.io.files import (
     write_text,
 )
 from fieldcalib.io.formats import CAMERAS, OVERLAYS
-from fieldcalib.io.image import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line

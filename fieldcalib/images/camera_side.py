@@ -30,7 +30,7 @@ from fieldcalib.fields.field import (
 )
 from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, CalibrationFlags, Prior, checked_prior

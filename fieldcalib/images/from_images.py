@@ -47,7 +47,7 @@ from fieldcalib.images.shape.shape_of_picture import (
     with_shape_compared,
     without_borders,
 )
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.network import SegmentationNetwork, check_network
 from fieldcalib.localize.point_selection import classes_without_segment

@@ -39,7 +39,7 @@ from fieldcalib.images.paint.paint_evidence import (
     with_lines,
     with_widths,
 )
-from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, ImageSegments, PixelTable, Weights
 from fieldcalib.solve.field_size import with_size_from_labels

@@ -15,7 +15,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.search.court_search import courts_in
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.point_selection import classes_without_segment
 

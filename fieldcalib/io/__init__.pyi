@@ -4,6 +4,7 @@ from . import exports as exports
 from . import field_files as field_files
 from . import files as files
 from . import formats as formats
+from . import image_files as image_files
 from . import pnlcalib as pnlcalib
 from . import soccernet as soccernet
 from . import tvcalib as tvcalib

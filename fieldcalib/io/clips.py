@@ -16,7 +16,7 @@ import numpy as np
 from fieldcalib._types import file_path
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.io.videos import VideoReader
 
 

@@ -18,7 +18,7 @@ from typing import Any, cast
 import numpy as np
 
 from fieldcalib.io.files import BrokenFileError, FrameFile
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 DEFAULT_RATE = 25.0  # frames per second, where the file says nothing
 FASTEST = 1000.0  # frames per second: larger frame rates are errors of the file

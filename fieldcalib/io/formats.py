@@ -34,7 +34,7 @@ from fieldcalib.io.files import (
     parse_json_object,
     read_json_or_yaml,
 )
-from fieldcalib.io.image import encode_image, parse_image
+from fieldcalib.io.image_files import encode_image, parse_image
 from fieldcalib.io.label_studio import format_label_studio, parse_label_studio
 from fieldcalib.io.labelme import format_labelme, parse_labelme
 from fieldcalib.io.pnlcalib import parse_detections

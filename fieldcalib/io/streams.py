@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from fieldcalib.io.decoders import NO_VIDEO, AvDecoder, check_av
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
-from fieldcalib.io.image import MOST_PIXELS
+from fieldcalib.io.image_files import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader
 
 STDIN = "-"

@@ -1,6 +1,6 @@
 """Videos: read frame by frame, and drawn pictures written as one.
 
-Frames are images as in `fieldcalib.io.image`, turned as the video's metadata say.
+Frames are images as in `fieldcalib.io.image_files`, turned as the video's metadata say.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, check_av, file_decoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, native_name, replacement
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
-from fieldcalib.io.image import MOST_PIXELS, Image, check_pixels, size_of
+from fieldcalib.io.image_files import MOST_PIXELS, Image, check_pixels, size_of
 from fieldcalib.problem.picture_shape import LEAST_ASPECT
 
 INTERLACED = (
@@ -52,7 +52,7 @@ class FrameReader:
     Raises
     ------
     BrokenFileError
-        If it has no frame in the cut, or too large ones (`fieldcalib.io.image.check_pixels`).
+        If it has no frame in the cut, or too large ones (`fieldcalib.io.image_files.check_pixels`).
     ValueError
         If there can be no frame in the cut.
     """

@@ -34,7 +34,7 @@ from fieldcalib._types import Float32, file_path, named, whole_number
 from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, each_checked, in_parts, size_of
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, each_checked, in_parts, size_of
 from fieldcalib.localize.point_selection import BACKGROUND, Localization, ridge_points
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.jobs import in_order

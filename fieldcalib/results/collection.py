@@ -39,7 +39,7 @@ from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, encode_image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, encode_image
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement

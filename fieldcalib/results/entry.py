@@ -20,7 +20,7 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.io.results import lines_file
 from fieldcalib.localize import Network
 from fieldcalib.results.collection import Results

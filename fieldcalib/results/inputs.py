@@ -26,7 +26,7 @@ from fieldcalib.images.from_images import How
 from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, checked_image, in_parts
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results

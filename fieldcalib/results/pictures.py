@@ -18,7 +18,7 @@ from fieldcalib.io.clips import in_order
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.image_files import Image, checked_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.run_folder.frame_source import ArrayFrames, FileFrames, FrameSource, VideoFrames, ignored, in_cut
 

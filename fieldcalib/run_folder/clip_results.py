@@ -29,7 +29,7 @@ from fieldcalib.io.files import (
     write_text,
 )
 from fieldcalib.io.formats import VIDEOS
-from fieldcalib.io.image import Image, read_ahead, write_image
+from fieldcalib.io.image_files import Image, read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order

@@ -17,7 +17,7 @@ from typing import TypeAlias
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.images.clip.tracker import Tracker, tracker_of
 from fieldcalib.images.from_images import How, calibrate_pictures
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_source import Frame, checked_frames, whole_frame

@@ -21,7 +21,7 @@ from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, What, how
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import CAMERAS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.io.results import broken_line
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 

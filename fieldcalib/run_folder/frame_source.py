@@ -23,7 +23,7 @@ from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
-from fieldcalib.io.image import MOST_PIXELS, Image, checked_image, size_of
+from fieldcalib.io.image_files import MOST_PIXELS, Image, checked_image, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoReader
 from fieldcalib.problem.picture_shape import Placement

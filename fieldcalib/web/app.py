@@ -30,7 +30,7 @@ from fieldcalib.editor.measure import distance, draw_line_across, ground_point, 
 from fieldcalib.editor.saved_files import HISTORY
 from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.image import Image, encode_image
+from fieldcalib.io.image_files import Image, encode_image
 from fieldcalib.web.guard import Guard, TooLargeError
 from fieldcalib.web.jobs import ClipJob, Worker
 from fieldcalib.web.pictures import LARGEST, ShownPictures

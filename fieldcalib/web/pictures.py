@@ -14,7 +14,7 @@ from threading import Lock
 
 import numpy as np
 
-from fieldcalib.io.image import Image, at_most_wide
+from fieldcalib.io.image_files import Image, at_most_wide
 from fieldcalib.run_folder.frame_source import FrameSource
 
 QUALITY = 88  # of JPEGs for the page

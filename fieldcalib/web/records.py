@@ -26,7 +26,7 @@ from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import homogenize
-from fieldcalib.io.image import size_of
+from fieldcalib.io.image_files import size_of
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 from fieldcalib.solve.solver_options import LENS_FLAGS
 

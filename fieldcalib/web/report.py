@@ -37,7 +37,7 @@ from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, escaped, write_text
-from fieldcalib.io.image import Image, stored_size
+from fieldcalib.io.image_files import Image, stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
 from fieldcalib.results.pictures import Pictures

@@ -12,7 +12,7 @@ from fieldcalib import Camera
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.web.report import write_report
 

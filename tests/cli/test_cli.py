@@ -16,7 +16,7 @@ import fieldcalib
 from fieldcalib._progress import progress_bar
 from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.io.files import write_bytes
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import output_folder
 
 # --- wrong usage ---

@@ -10,7 +10,7 @@ from networks import FIELD, looked_at
 
 from fieldcalib import Camera
 from fieldcalib.draw.scene import render_field
-from fieldcalib.io.image import parse_image
+from fieldcalib.io.image_files import parse_image
 from fieldcalib.io.videos import VideoReader, VideoWriter
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 4)]

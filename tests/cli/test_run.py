@@ -19,10 +19,10 @@ from views import camera
 from fieldcalib.assess.findings import Status
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images, calibrate_pictures
-from fieldcalib.io import image as io_image
+from fieldcalib.io import image_files
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.image import IMAGES_AT_ONCE, NO_IMAGE, parse_image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, NO_IMAGE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
@@ -289,7 +289,7 @@ def test_one_bad_image_does_not_end_the_run(know, tmp_path, capsys):
 
 
 def test_large_images_are_not_in_memory_together(know, tmp_path, monkeypatch):
-    monkeypatch.setattr(io_image, "PIXELS_AT_ONCE", 30_000)
+    monkeypatch.setattr(image_files, "PIXELS_AT_ONCE", 30_000)
     for name in "abcde":
         (tmp_path / f"{name}.png").write_bytes(encoded(np.zeros((100, 200, 3), np.uint8)))
     network, at_once = know([None] * 5), []

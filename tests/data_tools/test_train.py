@@ -34,7 +34,7 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.cli.main import main as fieldcalib
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.field_files import write_field
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.run_folder.record import RunRecord
 
 STEPS = 3

@@ -22,7 +22,7 @@ from strategies import examples
 from fieldcalib.io import decoders
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image import AHEAD, read_ahead
+from fieldcalib.io.image_files import AHEAD, read_ahead
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoReader, VideoWriter
 

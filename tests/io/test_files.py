@@ -12,7 +12,7 @@ import pytest
 from fieldcalib.io import files
 from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
 from fieldcalib.io.formats import IMAGES
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.videos import VideoReader
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.image import LONGEST_SIDE, encode_image, parse_image, stored_size, write_image
+from fieldcalib.io.image_files import LONGEST_SIDE, encode_image, parse_image, stored_size, write_image
 
 SUFFIXES = (".jpg", ".png", ".bmp", ".tif", ".webp")
 

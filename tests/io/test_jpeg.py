@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.image import parse_image
+from fieldcalib.io.image_files import parse_image
 
 RNG = np.random.default_rng(0)
 SCENE = cv2.GaussianBlur(RNG.integers(0, 255, (270, 481, 3), dtype=np.uint8), (0, 0), 2.0)

@@ -11,7 +11,7 @@ from commands import calibrate, lines_of, run, write_two_annotations
 
 from fieldcalib import read
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.image import write_image
+from fieldcalib.io.image_files import write_image
 from fieldcalib.run_folder.record import RunOptions, RunRecord
 
 

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from fieldcalib.io.image import AHEAD, read_ahead
+from fieldcalib.io.image_files import AHEAD, read_ahead
 
 
 class Source:

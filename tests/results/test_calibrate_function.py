@@ -17,7 +17,7 @@ import fieldcalib
 from fieldcalib import Camera, calibrate, read, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.image import NO_IMAGE
+from fieldcalib.io.image_files import NO_IMAGE
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.localize.network import SegmentationNetwork

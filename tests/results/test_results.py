@@ -41,7 +41,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import ANNOTATIONS
-from fieldcalib.io.image import checked_image
+from fieldcalib.io.image_files import checked_image
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.problem import RobustLoss
 from fieldcalib.problem.picture_shape import Declared, Placement

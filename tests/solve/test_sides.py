@@ -20,7 +20,7 @@ from fieldcalib.fields import tennis
 from fieldcalib.fields.field import side_of_stand, turned_camera, turned_stand
 from fieldcalib.fields.traits import ALL_STANDS, OPPOSITE_TRIBUNE
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.io.image import encode_image
+from fieldcalib.io.image_files import encode_image
 from fieldcalib.localize import localize
 from fieldcalib.solve.from_segments import calibrate_frame
 from fieldcalib.solve.request import GivenCamera, Task

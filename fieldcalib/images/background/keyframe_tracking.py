@@ -33,7 +33,7 @@ from fieldcalib.images.background.matching_frame import (
     same_picture,
     shared_view,
 )
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 EVERY = 12  # frames from one keyframe to the next: half a second
 BACK = (1, 2, 4)  # a keyframe is matched with the first, second and fourth keyframe before it

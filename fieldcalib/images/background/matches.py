@@ -28,7 +28,7 @@ from fieldcalib.images.background.background_motion import (
     shape_change,
 )
 from fieldcalib.images.background.matching_frame import BORDER, MOST_CORNERS, Frame, pair, same_picture, to_full
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 # Lengths are in pixels of the reduced frames.
 WINDOW = 11  # px of the optical flow; 15 and 21 take 2 and 3 times as long, and their residuals are 0 to 0.1 px smaller

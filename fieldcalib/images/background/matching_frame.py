@@ -20,7 +20,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.images.background.background_motion import mapped
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 # Lengths are in pixels of a picture of this width.
 WIDTH = 320

@@ -10,7 +10,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.images.background.matches import Matches
 from fieldcalib.images.from_images import How, calibrate_alone
 from fieldcalib.images.paint.detected_lines import line_loss
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.background_matches import LEAST_CELLS, cell_means

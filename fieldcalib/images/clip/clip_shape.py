@@ -52,7 +52,7 @@ from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_al
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
 from fieldcalib.images.shape.shape_of_picture import SCORE_OF_SOFTNESS, log_ratio_of_squash, window_prior
-from fieldcalib.io.image import Image, each_checked, size_of
+from fieldcalib.io.image_files import Image, each_checked, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import (

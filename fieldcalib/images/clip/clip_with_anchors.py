@@ -20,7 +20,7 @@ from fieldcalib.images.clip.keyframes import KeyframeLabels, Keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.paint.detected_lines import with_replaced
 from fieldcalib.images.refinement import near_labels
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 

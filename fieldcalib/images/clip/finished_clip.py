@@ -26,7 +26,7 @@ from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.picture_shape import Declared

@@ -37,7 +37,7 @@ from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.shape.shape_of_picture import has_cameras, notes_without_camera
 from fieldcalib.io.clips import clip_reader
-from fieldcalib.io.image import Image, checked_image, read_ahead, size_of
+from fieldcalib.io.image_files import Image, checked_image, read_ahead, size_of
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded

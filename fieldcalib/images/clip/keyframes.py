@@ -27,7 +27,7 @@ from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, place_of, search_from
 from fieldcalib.images.shape.enlarged import Detail, softness_of_shot
 from fieldcalib.images.shape.shape_of_picture import window_prior
-from fieldcalib.io.image import IMAGES_AT_ONCE, Image, size_of
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, size_of
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.layout import Layout

@@ -32,7 +32,7 @@ from fieldcalib.images.clip.keyframes import labels_of
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines
 from fieldcalib.images.paint.line_profiles import Markings
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.sequence.background_matches import Ties, stepped, with_tied

@@ -37,7 +37,7 @@ from fieldcalib.images.clip.live_shot import (
 )
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import paint_evidence, widths_by_marking, with_widths
-from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError

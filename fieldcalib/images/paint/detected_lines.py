@@ -20,7 +20,7 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.line_profiles import Markings, Strips, find_lines, pixels_of_lines, profiles_along
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.batch import calibrate_pixels

@@ -19,7 +19,7 @@ from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.segments import outwards
 from fieldcalib.fields.traits import SOCCER_SCALE, LineLook, Paint
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.solve.solver_options import pixel_unit
 

@@ -40,7 +40,7 @@ from fieldcalib.images.paint.line_profiles import (
     pixels_of_lines,
     profiles_along,
 )
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.

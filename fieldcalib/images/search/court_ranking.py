@@ -30,7 +30,7 @@ from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
 from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import StripeColours, Stripes, at_working_size, find_stripes
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points per camera, and number of cameras kept for the next round
 PULLED = 100  # best cameras that are pulled onto stripes, with the points of the second round

@@ -63,7 +63,7 @@ from fieldcalib.images.search.court_ranking import (
 from fieldcalib.images.search.long_lines import LongLines
 from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
 from fieldcalib.images.search.stripes import StripeColours, Stripes
-from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 

@@ -52,7 +52,7 @@ from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 
 WORKING_WIDTH = 1280  # columns; enlarged to this, pictures of 426 columns are searched as well as larger ones
 LEAST_SIDE = 16  # px: least size of the shorter side of very narrow pictures

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.problem.picture_shape import BROADCAST_SHAPE, Placement
 
 BLACK = 30  # brightest channel; black of video is 16

@@ -22,7 +22,7 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.images.paint.line_profiles import LUMA
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 PIECE, EVERY = 64, 4  # px: length of the pieces whose spectrum is taken; one row and one column in four is used
 COARSE, FINE = slice(4, 9), slice(17, 24)  # bands of the spectrum, of 32 up to Nyquist's frequency

@@ -35,7 +35,7 @@ from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.images.shape.borders_and_windows import parts_of
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, softness
-from fieldcalib.io.image import Image, size_of
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.problem.picture_shape import (
     ENLARGED_SHARE,
     SURE_ANYWHERE,

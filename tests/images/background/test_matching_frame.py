@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fieldcalib.images.background.matches import match_background
 from fieldcalib.images.background.matching_frame import Frame, blobs_on_ground, thumbnail
-from fieldcalib.io.image import Image
+from fieldcalib.io.image_files import Image
 
 GRASS, WOOD = (60, 140, 60), (110, 170, 210)
 SIZE = (320, 180)

@@ -17,7 +17,7 @@ from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.images.shape.shape_of_picture import without_borders
-from fieldcalib.io.image import size_of
+from fieldcalib.io.image_files import size_of
 from fieldcalib.solve.request import Task
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)
