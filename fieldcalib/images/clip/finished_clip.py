@@ -289,7 +289,7 @@ def _markings_seen(
     }
     if not seen:
         return {}
-    widths = _together([lines.widths[int(frames[k])] for k in seen])
+    widths = pooled_widths([lines.widths[int(frames[k])] for k in seen])
     seen = {k: with_widths(one, widths) for k, one in seen.items()}
     looked_at = np.array(list(seen))
     nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
@@ -298,14 +298,19 @@ def _markings_seen(
 
 
 def _motion(calibration: SequenceCalibration, piece: IntArray, k: int, camera: Camera) -> Array:
-    """Motion (2,) of the lower part of a picture to the next frame of its piece or to the one before, pixels."""
+    """Motion (2,) of a picture to the next frame of its piece or to the one before, pixels."""
     around = (t for t in (k + 1, k - 1) if 0 <= t < len(piece) and piece[t] == piece[k])
     other = next((one for t in around if (one := calibration[t].camera) is not None), camera)
+    return picture_motion(camera, other)
+
+
+def picture_motion(camera: Camera, other: Camera) -> Array:
+    """Motion (2,) of the lower part of a picture from one camera to another, pixels."""
     xy = np.multiply(camera.image_size, (0.5, 0.75))
     return np.nan_to_num(other.project(camera.image_to_field(xy)) - xy)
 
 
-def _together(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+def pooled_widths(widths: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     """Pool the widths measured in several frames: those of all markings, for each marking."""
     every = np.concatenate([np.zeros(0), *(some for one in widths for some in one.values())])
     return {label: every for one in widths for label in one}

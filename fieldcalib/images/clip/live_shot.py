@@ -19,22 +19,26 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import STEP, Basis, FrameTable
-from fieldcalib.assess.paint_in_view import MarkingInView
+from fieldcalib.assess.label_errors import is_contradicted, misfit
+from fieldcalib.assess.paint_in_view import MarkingInView, paint_confirms, paint_contradicts
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors
-from fieldcalib.fields.field import tolerance_of
+from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframePair
 from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of
-from fieldcalib.images.clip.finished_clip import LEAST_LINES
-from fieldcalib.images.clip.keyframes import labels_of
+from fieldcalib.images.clip.finished_clip import LEAST_LINES, picture_motion, pooled_widths
+from fieldcalib.images.clip.keyframes import are_consistent, labels_of
 from fieldcalib.images.from_images import How
-from fieldcalib.images.paint.detected_lines import detected_lines
+from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.paint_evidence import BAND, Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image_files import Image
+from fieldcalib.problem.compilation import compiled_module
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import FIELD_SIZE, LOG_F, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
+from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.sequence.background_matches import Ties, stepped, with_tied
 from fieldcalib.solve.sequence.sequence_problem import (
     SharedParameters,
@@ -42,9 +46,13 @@ from fieldcalib.solve.sequence.sequence_problem import (
     solved_rows,
     table_without_cameras,
 )
-from fieldcalib.solve.sequence.sequence_solver import solve_from_cameras, solve_sequence
+from fieldcalib.solve.sequence.sequence_solver import solve_from_cameras, solve_sequence, with_frames_alone
+from fieldcalib.solve.solver_options import pixel_unit
 
-MOST_KEYS = 40  # last keyframes of a shot that are solved together: 20 seconds
+MOST_KEYS, RECENT = 30, 12  # keyframes of a tripod that are solved together, and the last ones among them: 6 seconds
+MOST_TRIPODS = 4  # earlier shots whose tripods are remembered
+WIDTHS_EVERY, MOST_WIDTHS = 25, 20  # frames after which the width of the paint is measured again; measurements kept
+LOST_AFTER = 8  # frames, a third of a second: if the paint contradicts the cameras for longer, they are lost
 MOST_EXTRAPOLATED = 12  # successive untied frames whose camera is extrapolated: half a second
 
 
@@ -111,6 +119,8 @@ class ShotProblem:
     """Layout of the parameters of cameras that are known already; None without any."""
     cameras: Mapping[int, Array] = field(default_factory=dict)
     """Parameters (n,) of these cameras."""
+    tripods: Sequence[SolvedShot] = ()
+    """Earlier shots, from whose tripods the new keyframe may have been taken as long as no camera is known."""
 
 
 class ShotSolution(NamedTuple):
@@ -124,6 +134,8 @@ class ShotSolution(NamedTuple):
     """Pairs of keyframes that were to be matched, whether or not matches were found."""
     solved: SolvedShot | None
     """The solved keyframes; None as long as no keyframe has a camera."""
+    tripod: int | None = None
+    """Index of the earlier shot from whose tripod the new keyframe was taken; None if that is not known."""
 
 
 def prepare(how: How) -> None:
@@ -132,6 +144,7 @@ def prepare(how: How) -> None:
     `OtherProcess.run` calls it with an argument of `solve_shot`, and raises an error at once if this cannot be pickled.
     """
     import_module("scipy.spatial.transform")
+    compiled_module()
 
 
 def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolution:
@@ -149,7 +162,26 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
             labels = {shot.new: keyframe.labels}
     problem = replace(problem, labels={**problem.labels, **labels}, matches={**problem.matches, **matches})
     tried = [pair.indices for pair in shot.pairs]
+    if labels and shot.layout is None:
+        for number, earlier in enumerate(shot.tripods):
+            if (solved := _on_tripod(problem, shot.new, earlier)) is not None:
+                return ShotSolution(labels, matches, tried, solved, number)
     return ShotSolution(labels, matches, tried, _solved(problem, shot.layout, shot.cameras))
+
+
+def _on_tripod(problem: ClipProblem, new: int, earlier: SolvedShot) -> SolvedShot | None:
+    """Calibrate a keyframe on the tripod of an earlier shot, by its labels; None if they contradict that tripod."""
+    shared = earlier.shared
+    alone = replace(problem, frames=[new]).from_zero.calibrate_alone(np.zeros(1, dtype=np.intp), shared.options)
+    solved = alone[0].solved if alone and alone[0].accepted else None
+    if solved is None:
+        return None
+    evaluation = solved.evaluation.take(np.array([solved.frame]))
+    if not are_consistent(evaluation) or is_contradicted(misfit(evaluation).excess, problem.image_size)[0]:
+        return None
+    frames = with_frames_alone(table_without_cameras(shared, 1), shared, alone, None)
+    sequence = replace(earlier.sequence, frames=frames)
+    return replace(earlier, sequence=sequence, cameras={new: FrameCamera.of(frames)})
 
 
 def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, Array]) -> SolvedShot | None:
@@ -175,14 +207,24 @@ class FollowedFrame:
     """The lines in the frame."""
     camera: FrameCamera | None = None
     """Camera to which further frames can be tied; None if this frame itself is not tied."""
+    markings: tuple[MarkingInView, ...] | None = None
+    """Paint at the markings in view; None if it was not looked for."""
+    is_moved: bool = False
+    """Whether the camera was moved onto paint that lay beside its markings: the keyframes it is tied to are off too."""
+    theta: Array | None = None
+    """Parameters (n,) of the camera; None without one."""
 
 
 @dataclass(frozen=True, eq=False)
 class LiveShot:
     """The keyframes of a shot so far, and what is known of their cameras."""
 
-    identity: tuple[int, int] = (0, 0)
-    """Number of the tracker's resets, and number of the shot since the last reset."""
+    identity: int = 0
+    """Number of the shot, or of the part of a shot since its cameras were lost."""
+    piece: int = 0
+    """Number of its piece (`TiedFrame`)."""
+    count: int = 0
+    """Number of its keyframes."""
     segmented: int = 0
     """Number of keyframes that the network has seen."""
     labels: Mapping[int, PixelTable] = field(default_factory=dict)
@@ -198,7 +240,28 @@ class LiveShot:
     last: tuple[tuple[int, FrameCamera], ...] = ()
     """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
-    """Number of the last frame in which paint was looked for, and the markings seen there."""
+    """Number of the last frame in which paint was looked for, and the markings seen there; None after a solution."""
+    widths: tuple[tuple[int, Mapping[str, Array]], ...] = ()
+    """Numbers of the last frames in which the width of the paint was measured, and these widths by marking."""
+
+    sure: int = -1
+    """Number of the last frame that showed its paint where its camera has it; -1 without any."""
+    doubted: int | None = None
+    """Number of the first frame after it whose paint contradicts its camera."""
+    tripod: int | None = None
+    """Identity of the earlier shot whose tripod it is from; None if that is not known."""
+    pitch: Field | None = None
+    """The field, of the size and with the ground that earlier shots determined; None if they did not."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the paint has contradicted the cameras for so long that the place is to be found again."""
+        return self.paint is not None and self.doubted is not None and self.paint[0] - self.doubted >= LOST_AFTER
+
+    @property
+    def is_beside(self) -> bool:
+        """Whether a marking lay beside its paint when that was looked for last."""
+        return self.paint is not None and any(one.is_beside for one in self.paint[1])
 
     @property
     def known(self) -> dict[int, FrameCamera]:
@@ -210,37 +273,79 @@ class LiveShot:
     ) -> LiveShot:
         """Add a new keyframe, tied to earlier ones, with its camera if it has one."""
         camera = None if found is None else found.camera
-        return replace(
+        shot = replace(
             self,
+            count=self.count + 1,
             labels={**self.labels, index: NO_PIXELS if found is None else found.lines},
             matches={**self.matches, **{(key, index): cells for key, cells in ties.items()}},
             pairs={**self.pairs, **{pair.indices: pair for pair in pairs}},
             followed=self.followed if camera is None else {**self.followed, index: camera},
         )
+        return shot._with_keys(shot._kept)
 
-    def problem(self, how: How, image_size: tuple[int, int], new: int) -> ShotProblem:
-        """Set up the problem to be solved when a new keyframe has come."""
-        keys = sorted(self.labels)[-MOST_KEYS:]
-        labels = {key: self.labels[key] for key in keys}
-        matches = {pair: cells for pair, cells in self.matches.items() if labels.keys() >= set(pair)}
+    @property
+    def _kept(self) -> list[int]:
+        """Keyframes that are kept: the last ones, and of those before some that look in directions far apart."""
+        keys, known = sorted(self.labels), self.known
+        pan = {key: known[key].theta[PAN] for key in keys[:-RECENT] if key in known and self.labels[key].has_pixels[0]}
+        order = sorted(pan, key=lambda key: pan[key])
+        while len(order) > MOST_KEYS - RECENT:
+            gaps = [pan[after] - pan[before] for before, after in zip(order[:-2], order[2:], strict=True)]
+            del order[1 + int(np.argmin(gaps))]
+        return sorted(order) + keys[-RECENT:]
+
+    def _with_keys(self, keys: Sequence[int]) -> LiveShot:
+        """Keep some of the keyframes only."""
+        kept = set(keys)
+        return replace(
+            self,
+            labels={key: self.labels[key] for key in keys},
+            matches={pair: cells for pair, cells in self.matches.items() if kept >= set(pair)},
+            pairs={pair: one for pair, one in self.pairs.items() if kept >= set(pair)},
+            followed={key: one for key, one in self.followed.items() if key in kept},
+        )
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the paint has confirmed its cameras."""
+        return self.solved is not None and self.sure >= 0
+
+    @property
+    def told(self) -> Field | None:
+        """The field, of the size and with the ground that its keyframes determine; None if they do not."""
+        names = () if self.solved is None else self.solved.sequence.names
+        return self.solved.sequence.field if self.solved is not None and set(FIELD_SIZE) <= set(names) else self.pitch
+
+    @property
+    def remembered(self) -> LiveShot:
+        """The shot without what came after its cameras were sure for the last time, if they are lost."""
+        return self._with_keys([key for key in sorted(self.labels) if key <= self.sure]) if self.is_lost else self
+
+    def problem(self, how: How, image_size: tuple[int, int], new: int, tripods: Sequence[LiveShot] = ()) -> ShotProblem:
+        """Set up the problem to be solved when a new keyframe has come, maybe from the tripod of an earlier shot."""
+        if self.pitch is not None:
+            how = replace(how, task=replace(how.task, object_segments=self.pitch))
         return ShotProblem(
-            ClipProblem(how, image_size, keys, labels, matches),
+            ClipProblem(how, image_size, sorted(self.labels), self.labels, self.matches),
             new,
             tuple(self.pairs.values()),
             None if self.solved is None else self.solved.layout,
-            {key: one.theta for key, one in self.known.items() if key in keys},
+            {key: one.theta for key, one in self.known.items() if key in self.labels},
+            tuple(one.solved for one in tripods if one.solved is not None) if self.solved is None else (),
         )
 
-    def with_solution(self, solution: ShotSolution) -> LiveShot:
+    def with_solution(self, solution: ShotSolution, tripods: Sequence[LiveShot] = ()) -> LiveShot:
         """Take over the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
-        labels = {**self.labels, **solution.labels}
+        if solution.tripod is not None:
+            return self._on_tripod_of(tripods[solution.tripod]).with_solution(solution._replace(tripod=None))
+        labels = {key: one for key, one in {**self.labels, **solution.labels}.items() if key in self.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
         if solution.solved is None:
             return shot
         cameras = solution.solved.cameras
-        followed = {key: one for key, one in shot.followed.items() if key not in cameras}
-        shot = replace(shot, solved=solution.solved, followed=followed)
+        followed = {key: one for key, one in self.known.items() if key not in cameras and key in labels}
+        shot = replace(shot, solved=solution.solved, followed=followed, paint=None)
         for key in sorted(key for key in labels if key > max(cameras) and key not in followed):
             ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
             found = _tied(shot, solution.solved, ties, None) if ties else None
@@ -248,13 +353,62 @@ class LiveShot:
                 shot = replace(shot, followed={**shot.followed, key: FrameCamera.of(found[0])})
         return shot
 
-    def with_tied(self, index: int, camera: FrameCamera | None) -> LiveShot:
-        """Remember the camera of the newest frame, if that is tied."""
-        return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
+    def _on_tripod_of(self, earlier: LiveShot) -> LiveShot:
+        """Join the shot to an earlier one from the same tripod, whose keyframes are solved together with its own."""
+        return replace(
+            self,
+            labels={**earlier.labels, **self.labels},
+            matches={**earlier.matches, **self.matches},
+            followed={**earlier.known, **self.followed},
+            tripod=earlier.identity,
+            pitch=earlier.pitch,
+            count=earlier.count + self.count,
+        )
+
+    def with_paint(self, index: int, image: Image, camera: Camera, markings: Sequence[MarkingInView]) -> LiveShot:
+        """Remember the paint that a frame shows at the markings in view, and at times measure its width."""
+        shot = self
+        if self.solved is not None and (not self.widths or index - self.widths[-1][0] >= WIDTHS_EVERY):
+            measured = index, widths_by_marking(image, camera, self.solved.markings)
+            shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
+        markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))
+        shot = replace(shot, paint=(index, markings))
+        if paint_contradicts(markings):
+            return shot if self.doubted is not None else replace(shot, doubted=index)
+        return replace(shot, doubted=None, sure=index if any(one.is_confirmed for one in markings) else self.sure)
+
+    def with_frame(self, index: int, found: FollowedFrame, ties: Mapping[int, Cells]) -> LiveShot:
+        """Remember the camera of the newest frame; if it was moved onto its paint, the keyframes it is tied to move."""
+        shot = self if found.camera is None else replace(self, last=(*self.last[-1:], (index, found.camera)))
+        if not found.is_moved or found.camera is None or self.solved is None:
+            return shot
+        alone = replace(self, followed={index: found.camera}, solved=replace(self.solved, cameras={}), last=())
+        moved = {
+            key: FrameCamera.of(tied[0])
+            for key, (p, q) in ties.items()
+            if (tied := _tied(alone, self.solved, {index: (q, p)}, None)) is not None
+        }
+        left = {key: one for key, one in self.solved.cameras.items() if key not in ties}
+        labels = {**self.labels, **dict.fromkeys(ties, NO_PIXELS)}
+        solved = replace(self.solved, cameras=left or self.solved.cameras)
+        return replace(shot, solved=solved, labels=labels, followed={**self.followed, **moved})
 
 
-def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame:
-    """Calibrate an image from the keyframes that it is tied to, or from the motion of the frames before."""
+def follow(
+    shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells], *, on_paint: bool
+) -> FollowedFrame:
+    """Calibrate an image from the keyframes that it is tied to, or from the motion of the frames before.
+
+    With `on_paint` the paint of all markings in view is looked for, and a camera that lies beside it is moved onto it.
+    """
+    found = _from_keyframes(shot, solved, index, image, ties)
+    return _on_paint(shot, solved, index, image, found) if on_paint and found.theta is not None else found
+
+
+def _from_keyframes(
+    shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells]
+) -> FollowedFrame:
+    """Calibrate an image without looking for paint beside its markings."""
     known = shot.known
     keys = sorted(key for key in ties if key in known)
     if index in known:  # a keyframe that has been solved by now
@@ -273,6 +427,47 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
         return _without_camera("the matches of this frame contradict its keyframes")
     row, lines = found
     return _of_only_frame(solved, row, lines, FrameCamera.of(row))
+
+
+def _on_paint(shot: LiveShot, solved: SolvedShot, index: int, image: Image, found: FollowedFrame) -> FollowedFrame:
+    """Look for the paint of all markings; move the camera onto paint beside them if less then lies beside.
+
+    A frame that nothing ties must then show paint along several markings.
+    """
+    assert found.theta is not None
+    theta = found.theta[None]
+    shared, markings, camera = solved.shared, solved.markings, solved.layout.camera(found.theta)
+    ridges, motion = Ridges.of(image, camera, markings), np.zeros(2)
+    if shot.last:
+        before, other = shot.last[-1]
+        motion = picture_motion(camera, solved.layout.camera(other.theta)) / max(index - before, 1)
+    seen = evidence_of(ridges, markings, motion)
+    found = replace(found, markings=seen.markings, lines=with_replaced(found.lines, seen.beside))
+    if not seen.beside.has_pixels.any():
+        return found
+    moved = shared.solved(theta, found.lines, None, _near(solved.layout, theta))
+    row = solved_rows(shared, SolvedFrames(moved, shared.errors(moved), np.array([False])))
+    again = evidence_of(ridges.seen_by(solved.layout.camera(row.theta[0]), markings), markings, motion)
+    is_safe = found.camera is not None or paint_confirms(again.markings)
+    if _beside(again.markings) >= _beside(seen.markings) or not is_safe:
+        return found
+    own = FrameCamera.of(row)
+    return replace(_of_only_frame(solved, row, found.lines, own), markings=again.markings, is_moved=True)
+
+
+def _beside(markings: Sequence[MarkingInView]) -> float:
+    """Number of places at which the image shows paint beside a marking instead of on it."""
+    return sum((1.0 - one.share) * one.places for one in markings if one.is_beside)
+
+
+def _near(layout: Layout, theta: Array) -> GaussianPrior:
+    """Prior for cameras near theta (B, n) that are off by as much as paint is looked for beside their markings."""
+    reach = BAND * pixel_unit(layout.image_size)
+    sigma = np.full_like(theta, np.inf)
+    sigma[:, [PAN, TILT]] = reach / np.exp(theta[:, [LOG_F]])
+    sigma[:, [ROLL, LOG_F]] = 2.0 * reach / layout.image_size[0]
+    sigma[:, PRINCIPAL_POINT] = reach
+    return GaussianPrior(theta, sigma)
 
 
 def _tied(
@@ -317,7 +512,7 @@ def _of_only_frame(
     solved: SolvedShot, row: FrameTable, lines: PixelTable = NO_PIXELS, camera: FrameCamera | None = None
 ) -> FollowedFrame:
     sequence = replace(solved.sequence, frames=row)
-    return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
+    return FollowedFrame(sequence[0], sequence.basis[0], lines, camera, theta=row.theta[0])
 
 
 def _without_camera(message: str) -> FollowedFrame:

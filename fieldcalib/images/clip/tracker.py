@@ -22,10 +22,13 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.field import ObjectSegments, Side
-from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker
+from fieldcalib.images.background.keyframe_tracking import CONFIRMED, EVERY, KeyframeTracker
 from fieldcalib.images.clip.clip_problem import Cells, cells_of
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator
+from fieldcalib.images.clip.finished_clip import PAINT_EVERY
 from fieldcalib.images.clip.live_shot import (
+    MOST_KEYS,
+    MOST_TRIPODS,
     FollowedFrame,
     LiveShot,
     SegmentedImage,
@@ -36,7 +39,6 @@ from fieldcalib.images.clip.live_shot import (
     solve_shot,
 )
 from fieldcalib.images.from_images import How
-from fieldcalib.images.paint.paint_evidence import paint_evidence, widths_by_marking, with_widths
 from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
@@ -50,14 +52,14 @@ NICENESS = 2  # of the process that solves keyframes: `update` has priority if t
 PRELOADED = ("cv2", "fieldcalib.images.clip.live_shot")  # modules that this process imports at once
 SEGMENTED = 4  # first keyframes of a shot: the network sees each of them, and all are solved again after each
 SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later, one keyframe of so many is solved, and one is seen by the network
-PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
+SOLVE_LATER = 12  # both once `MOST_KEYS` are known, which tell what keyframes share: solving them takes a second
 
 
 @dataclass(frozen=True, eq=False)
 class _Keyframe:
     """A keyframe that is to be calibrated."""
 
-    shot: tuple[int, int]
+    shot: int
     """Identity of its shot."""
     index: int
     size: tuple[int, int]
@@ -153,18 +155,30 @@ class Tracker:
             self._other.run(prepare, replace(how, network=None))
         self._shape = LiveShape(ShapeEstimator(how), self._submit)
         self._size: tuple[int, int] | None = None  # of the images
-        self._running: tuple[_Keyframe, Future[ShotSolution]] | None = None
+        self._running: tuple[_Keyframe, tuple[LiveShot, ...], Future[ShotSolution]] | None = None
         self._is_closed = False
         self._basis = Basis.NOTHING
+        self._tripods: tuple[LiveShot, ...] = ()  # earlier shots whose cameras were sure, the last one first
         self._shot = LiveShot()
         self._begin()
 
     def _begin(self) -> None:
         """Forget all images so far."""
         self._keyframes = KeyframeTracker(self._how.every, leave_pairs=True)
-        self._next: _Keyframe | None = None
-        self._shot = LiveShot((self._shot.identity[0] + 1, 0))
+        self._untied: dict[int, Image] = {}  # the last frames, if nothing ties them: one may begin a shot
+        self._tripods, self._shot = (), LiveShot(self._shot.identity)
+        self._new_shot(0)
         self._index = 0
+
+    def _new_shot(self, piece: int) -> None:
+        """Begin a new shot, or find the cameras of this one again; sure ones and their tripod are remembered."""
+        shot = self._shot.remembered
+        if shot.is_sure:
+            others = [one for one in self._tripods if one.identity != shot.tripod]
+            self._tripods = (shot, *others)[:MOST_TRIPODS]
+        pitch = next((one.told for one in self._tripods if one.told is not None), None)
+        self._shot = LiveShot(shot.identity + 1, piece, pitch=pitch)
+        self._next: _Keyframe | None = None
 
     def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
         """Call a function on images, in the thread unless the tracker waits for results."""
@@ -231,50 +245,60 @@ class Tracker:
     def _updated(self, image: Image) -> Calibration:
         """Calibrate the next frame, cut out of its image."""
         index, self._index = self._index, self._index + 1
-        tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
-        if tied is not None and tied.piece != self._shot.identity[1]:
-            self._shot, self._next = LiveShot((self._shot.identity[0], tied.piece)), None
+        now_tied = self._keyframes.update(image)
+        tied = next((one for one in now_tied if one.index == index), None)
+        is_key = tied is not None and tied.is_key
+        if tied is None:
+            self._untied = {**dict(list(self._untied.items())[1 - CONFIRMED :]), index: image.copy()}
+        elif tied.piece != self._shot.piece or (is_key and self._shot.is_lost):
+            self._new_shot(tied.piece)
+            if now_tied[0].index in self._untied:
+                self._shot = self._shot.with_keyframe(now_tied[0].index, {}, (), None)
+                self._add(now_tied[0].index, self._untied[now_tied[0].index], has_lines=False)
         found = () if tied is None else tied.ties
         ties = {key: cells for key, one in found if (cells := cells_of(one, size_of(image))) is not None}
+        if tied is not None:
+            self._untied = {}
         self._work()
-        followed = self._follow(index, image, ties)
+        followed = self._follow(index, image, ties, is_key=is_key)
         if tied is not None and tied.is_key:
             self._shot = self._shot.with_keyframe(index, ties, tied.unmatched, followed)
             self._add(index, image, has_lines=followed is not None and bool(followed.lines.has_pixels.any()))
             if self._other is None and (followed is None or followed.camera is None):
-                followed = self._follow(index, image, ties)
+                followed = self._follow(index, image, ties, is_key=True)
         if followed is None:
             self._basis = Basis.NOTHING
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
         self._basis = followed.basis
-        return self._with_paint(followed.calibration, index, image)
+        return self._with_paint(followed, index, image)
 
-    def _follow(self, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame | None:
+    def _follow(self, index: int, image: Image, ties: Mapping[int, Cells], *, is_key: bool) -> FollowedFrame | None:
         """Calibrate a frame from keyframes; None as long as no keyframe has a camera."""
-        if self._shot.solved is None:
+        shot = self._shot
+        if shot.solved is None:
             return None
-        found = follow(self._shot, self._shot.solved, index, image, ties)
-        self._shot = self._shot.with_tied(index, found.camera)
+        looks = is_key or shot.paint is None or shot.is_beside or index - shot.paint[0] >= PAINT_EVERY
+        found = follow(shot, shot.solved, index, image, ties, on_paint=looks)
+        self._shot = shot.with_frame(index, found, ties)
         return found
 
-    def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
+    def _with_paint(self, followed: FollowedFrame, index: int, image: Image) -> Calibration:
         """Add the evidence of paint from this or one of the last images to a calibration."""
-        shot = self._shot
-        if calibration.camera is None or shot.solved is None:
+        calibration = followed.calibration
+        if calibration.camera is None:
             return calibration
-        paint = shot.paint
-        if paint is None or index - paint[0] >= PAINT_INTERVAL:
-            camera, markings = calibration.camera, shot.solved.markings
-            seen = paint_evidence(image, camera, markings).markings
-            paint = index, with_widths(seen, widths_by_marking(image, camera, markings))
-            self._shot = replace(shot, paint=paint)
-        return calibration.seen_in_image(paint[1])
+        if followed.markings is not None:
+            self._shot = self._shot.with_paint(index, image, calibration.camera, followed.markings)
+        return calibration if self._shot.paint is None else calibration.seen_in_image(self._shot.paint[1])
 
     def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
         """Schedule the newest keyframe to be solved, if it is due; it replaces one that still waits."""
-        shot, count = self._shot, len(self._shot.labels) - 1
-        segments = not has_lines or shot.segmented < SEGMENTED or count % SEGMENT_AGAIN == 0
-        if not segments and count % SOLVE_AGAIN:
+        shot, count = self._shot, self._shot.count - 1
+        is_known = count >= MOST_KEYS
+        solves_again, segments_again = (SOLVE_LATER, SOLVE_LATER) if is_known else (SOLVE_AGAIN, SEGMENT_AGAIN)
+        segments = not has_lines or shot.is_beside or count % segments_again == 0
+        segments = segments or (shot.segmented < SEGMENTED and not is_known)
+        if not segments and count % solves_again:
             return
         self._shot = replace(shot, segmented=shot.segmented + segments)
         kept = image.copy() if segments else None  # the caller may use its image again
@@ -283,18 +307,18 @@ class Tracker:
 
     def _work(self) -> None:
         """Take a solution that is done, and begin with the next keyframe."""
-        if self._running is not None and self._running[1].done():
-            keyframe, done = self._running
+        if self._running is not None and self._running[-1].done():
+            keyframe, tripods, done = self._running
             self._running = None
-            self._take(keyframe, done.result())
+            self._take(keyframe, done.result(), tripods)
         if self._next is None or self._running is not None:
             return
         keyframe, self._next = self._next, None
-        problem = self._shot.problem(replace(self._how, network=None), keyframe.size, keyframe.index)
+        problem = self._shot.problem(replace(self._how, network=None), keyframe.size, keyframe.index, self._tripods)
         if self._other is None:
-            self._take(keyframe, self._solution(problem, keyframe.image))
+            self._take(keyframe, self._solution(problem, keyframe.image), self._tripods)
         else:
-            self._running = keyframe, self._thread.submit(self._solution, problem, keyframe.image)
+            self._running = keyframe, self._tripods, self._thread.submit(self._solution, problem, keyframe.image)
 
     def _solution(self, problem: ShotProblem, image: Image | None) -> ShotSolution:
         network = self._how.network
@@ -320,10 +344,10 @@ class Tracker:
                 self._other.close()
         return ShotSolution({}, {}, (), None)
 
-    def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
+    def _take(self, keyframe: _Keyframe, solution: ShotSolution, tripods: tuple[LiveShot, ...]) -> None:
         """Take the solution of a keyframe, unless its shot is over."""
         if keyframe.shot == self._shot.identity:
-            self._shot = self._shot.with_solution(solution)
+            self._shot = self._shot.with_solution(solution, tripods)
 
 
 def tracker_of(how: How, *, wait: bool) -> Tracker:

@@ -77,7 +77,7 @@ class SharedParameters:
         return given_cameras(theta, self.options.stands).prior if self.options.use_prior else None
 
     def solved(
-        self, theta: Array, pixels: PixelTable, pairs: BackgroundPairs, prior: GaussianPrior | None
+        self, theta: Array, pixels: PixelTable, pairs: BackgroundPairs | None, prior: GaussianPrior | None
     ) -> Evaluation:
         """Solve B frames from their labels and from the known cameras that they are tied to.
 
@@ -88,7 +88,7 @@ class SharedParameters:
         pixels : PixelTable
             Labelled pixels of the frames.
         pairs : BackgroundPairs
-            Ties from known cameras to these frames, numbered from 0.
+            Ties from known cameras to these frames, numbered from 0; None without any.
         """
         options = self.options
         observations = Observations.of(self.object_segments, pixels, options.image_size, options.motion)

@@ -19,6 +19,7 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.background.keyframe_tracking import KeyframeTracker
+from fieldcalib.images.clip import live_shot
 from fieldcalib.images.clip import tracker as tracker_module
 from fieldcalib.images.clip.clip_problem import ClipProblem
 from fieldcalib.images.clip.live_shot import MOST_EXTRAPOLATED, SegmentedImage, ShotProblem, solve_shot
@@ -26,6 +27,7 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.io.samples import TrueFrame
+from fieldcalib.problem.pixel_table import NO_PIXELS
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.request import Task
 
@@ -114,7 +116,7 @@ def test_verdicts_rest_on_the_paint_in_the_images(clip, followed, monkeypatch):
     assert all(len(one.markings) > 3 for one in looked_at)
     assert not any(marking.is_beside for one in looked_at for marking in one.markings)
     beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4), *looked_at[0].markings
-    monkeypatch.setattr(tracker_module, "paint_evidence", lambda *_: PaintEvidence(beside, {}))
+    monkeypatch.setattr(live_shot, "evidence_of", lambda *_: PaintEvidence(beside, NO_PIXELS))
     again = [one for one, _ in tracked(pictures[: EVERY + 2], cameras[::EVERY]) if one.camera is not None]
     assert {one.verdict for one in again} == {Verdict.CHECK}
     assert again[0].reason.startswith("'Middle line' lies 21 px beside its paint")
