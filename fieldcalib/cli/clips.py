@@ -127,6 +127,8 @@ def run_stream(request: RunRequest) -> int:
                     _add(request, frame, tracker, results, video)
             except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
+    if lateness := frames.lateness():
+        say(lateness)
     if isinstance(end, KeyboardInterrupt):
         raise end
     if loss := reader.loss():

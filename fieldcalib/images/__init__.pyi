@@ -2,6 +2,7 @@ from .background.matches import Matches as Matches
 from .background.matches import match_background as match_background
 from .background.matches import match_far as match_far
 from .clip.from_video import calibrate_video as calibrate_video
+from .clip.tracker import LiveFrame as LiveFrame
 from .clip.tracker import Tracker as Tracker
 from .from_images import calibrate_from_images as calibrate_from_images
 from .refinement import refine_homography_on_image as refine_homography_on_image

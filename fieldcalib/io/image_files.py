@@ -16,12 +16,14 @@ from __future__ import annotations
 import os
 import re
 import struct
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, cast
+from threading import Condition
+from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +51,7 @@ IMAGES_AT_ONCE = 8  # in memory
 PIXELS_AT_ONCE = 66_000_000  # of all images in memory together: eight of 4K
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
 AHEAD = 6  # images that are read while others are worked on
+MOST_WAITING = 5  # images of a camera that wait, a fifth of a second
 NO_IMAGE = "is no image that OpenCV can read: expected a JPEG, PNG, BMP, TIFF or WebP"
 Item = TypeVar("Item")
 
@@ -403,6 +406,59 @@ def read_ahead(items: Iterable[Item], count: int = AHEAD) -> Iterator[Item]:
                 yield cast(Item, item)
         finally:
             reader.shutdown(cancel_futures=True)
+
+
+class Newest(Generic[Item]):
+    """Reads items in a thread as they come, and yields those that came last, each with the time when it came.
+
+    While an item is worked on, others come: up to `MOST_WAITING` of them wait, older ones are dropped. Times are those
+    of `time.monotonic`. An error of the items is raised when those before it were yielded.
+
+    Examples
+    --------
+    >>> newest = Newest(range(3))
+    >>> [item for item, arrived in newest], newest.dropped
+    ([0, 1, 2], 0)
+    """
+
+    def __init__(self, items: Iterable[Item]) -> None:
+        self._items = iter(items)
+        self._waiting = deque[tuple[Item, float]]()
+        self._changed = Condition()
+        self._is_left = False
+        self.dropped = 0
+        """Number of items that were dropped so far."""
+
+    def __iter__(self) -> Iterator[tuple[Item, float]]:
+        with ThreadPoolExecutor(1) as reader:
+            end = reader.submit(self._read)
+            end.add_done_callback(lambda _: self._notify())
+            try:
+                while True:
+                    with self._changed:
+                        self._changed.wait_for(lambda: bool(self._waiting) or end.done())
+                        if not self._waiting:
+                            break
+                        one = self._waiting.popleft()
+                    yield one
+            finally:
+                self._is_left = True
+            end.result()
+
+    def _notify(self) -> None:
+        with self._changed:
+            self._changed.notify()
+
+    def _read(self) -> None:
+        for item in self._items:
+            with self._changed:
+                if self._is_left:
+                    return
+                self._waiting.append((item, time.monotonic()))
+                if len(self._waiting) > MOST_WAITING:
+                    self._waiting.popleft()
+                    self.dropped += 1
+                self._changed.notify()
 
 
 def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:

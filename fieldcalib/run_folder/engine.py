@@ -10,14 +10,17 @@ converted to pixels of the images.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TypeAlias
 
+import numpy as np
+
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.images.clip.tracker import Tracker, tracker_of
 from fieldcalib.images.from_images import How, calibrate_pictures
-from fieldcalib.io.image_files import Image
+from fieldcalib.io.image_files import Image, Newest
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.frame_source import Frame, checked_frames, whole_frame
@@ -33,13 +36,39 @@ def calibrate_images(how: How, images: Sequence[Image], placement: PlaceOf = who
     return [in_picture(one, placed) for placed, one in zip(placements, calibrate_pictures(how, frames), strict=True)]
 
 
+class StreamFrames:
+    """The frames of a stream as they come; those of a live one that come faster than they are worked on are dropped."""
+
+    def __init__(self, stream: Stream, reader: StreamReader, placement: PlaceOf = whole_frame) -> None:
+        self._stream, self._late = stream, list[float]()
+        self._frames = checked_frames(stream, reader, placement)
+        self._newest = Newest(self._frames)
+
+    def __iter__(self) -> Iterator[Frame]:
+        if not self._stream.is_live:
+            yield from self._frames
+            return
+        for frame, arrived in self._newest:
+            yield frame
+            self._late.append(time.monotonic() - arrived)
+
+    def lateness(self) -> str:
+        """Message on how late the results of a live stream came, and how many frames were dropped; empty of others."""
+        if not self._late:
+            return ""
+        count, dropped = len(self._late), self._newest.dropped
+        late = f"results came {np.median(self._late):.2f} s after their frames, at most {max(self._late):.2f} s"
+        lost = f"; {dropped} of {count + dropped} frames came faster, and were dropped" if dropped else ""
+        return f"{self._stream}: {late}{lost}"
+
+
 @contextmanager
 def live_tracker(
     how: How, stream: Stream, reader: StreamReader, placement: PlaceOf = whole_frame
-) -> Generator[tuple[Iterator[Frame], Tracker]]:
+) -> Generator[tuple[StreamFrames, Tracker]]:
     """Open a stream: its frames as they come, and the tracker that calibrates them (`tracked`)."""
     with tracker_of(how, wait=not stream.is_live) as tracker:
-        yield checked_frames(stream, reader, placement), tracker
+        yield StreamFrames(stream, reader, placement), tracker
 
 
 def tracked(tracker: Tracker, frame: Frame, placement: PlaceOf = whole_frame) -> Calibration:

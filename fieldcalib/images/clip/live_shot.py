@@ -236,7 +236,7 @@ class LiveShot:
     solved: SolvedShot | None = None
     """The keyframes that were solved together last."""
     followed: Mapping[int, FrameCamera] = field(default_factory=dict)
-    """Cameras of keyframes that are not solved yet, calibrated from solved ones."""
+    """Cameras of keyframes that are not solved yet, or were moved since; they are calibrated from solved ones."""
     last: tuple[tuple[int, FrameCamera], ...] = ()
     """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
@@ -266,7 +266,7 @@ class LiveShot:
     @property
     def known(self) -> dict[int, FrameCamera]:
         """Cameras of all keyframes that have one."""
-        return {**self.followed, **(self.solved.cameras if self.solved is not None else {})}
+        return {**(self.solved.cameras if self.solved is not None else {}), **self.followed}
 
     def with_keyframe(
         self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
@@ -388,10 +388,8 @@ class LiveShot:
             for key, (p, q) in ties.items()
             if (tied := _tied(alone, self.solved, {index: (q, p)}, None)) is not None
         }
-        left = {key: one for key, one in self.solved.cameras.items() if key not in ties}
-        labels = {**self.labels, **dict.fromkeys(ties, NO_PIXELS)}
-        solved = replace(self.solved, cameras=left or self.solved.cameras)
-        return replace(shot, solved=solved, labels=labels, followed={**self.followed, **moved})
+        labels = {**self.labels, **dict.fromkeys(moved, NO_PIXELS)}
+        return replace(shot, labels=labels, followed={**self.followed, **moved})
 
 
 def follow(

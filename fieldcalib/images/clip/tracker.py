@@ -10,10 +10,11 @@ frames use the shared parameters from the last keyframe that is done.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 from numpy.typing import ArrayLike
 
@@ -21,8 +22,8 @@ from fieldcalib._types import truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, in_picture
-from fieldcalib.fields.field import ObjectSegments, Side
-from fieldcalib.images.background.keyframe_tracking import CONFIRMED, EVERY, KeyframeTracker
+from fieldcalib.fields.field import Field, ObjectSegments, Side
+from fieldcalib.images.background.keyframe_tracking import CONFIRMED, EVERY, KeyframeTracker, TiedFrame
 from fieldcalib.images.clip.clip_problem import Cells, cells_of
 from fieldcalib.images.clip.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.clip.finished_clip import PAINT_EVERY
@@ -39,7 +40,7 @@ from fieldcalib.images.clip.live_shot import (
     solve_shot,
 )
 from fieldcalib.images.from_images import How
-from fieldcalib.io.image_files import Image, checked_image, size_of
+from fieldcalib.io.image_files import Image, Newest, checked_image, size_of
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
@@ -65,6 +66,17 @@ class _Keyframe:
     size: tuple[int, int]
     image: Image | None
     """The image, if the network is to see it."""
+
+
+class LiveFrame(NamedTuple):
+    """A frame of a camera that was calibrated as it came (`Tracker.live`)."""
+
+    image: Image
+    calibration: Calibration
+    late: float
+    """Seconds from the arrival of the image to its calibration."""
+    dropped: int
+    """Number of images dropped so far, as they came faster than they could be calibrated."""
 
 
 class Tracker:
@@ -159,15 +171,16 @@ class Tracker:
         self._is_closed = False
         self._basis = Basis.NOTHING
         self._tripods: tuple[LiveShot, ...] = ()  # earlier shots whose cameras were sure, the last one first
+        self._pitch: Field | None = None  # of the size and with the ground that these determined
         self._shot = LiveShot()
         self._begin()
 
     def _begin(self) -> None:
-        """Forget all images so far."""
+        """Forget all images so far, but not the size and the ground of the field."""
         self._keyframes = KeyframeTracker(self._how.every, leave_pairs=True)
         self._untied: dict[int, Image] = {}  # the last frames, if nothing ties them: one may begin a shot
-        self._tripods, self._shot = (), LiveShot(self._shot.identity)
         self._new_shot(0)
+        self._tripods = ()
         self._index = 0
 
     def _new_shot(self, piece: int) -> None:
@@ -176,8 +189,8 @@ class Tracker:
         if shot.is_sure:
             others = [one for one in self._tripods if one.identity != shot.tripod]
             self._tripods = (shot, *others)[:MOST_TRIPODS]
-        pitch = next((one.told for one in self._tripods if one.told is not None), None)
-        self._shot = LiveShot(shot.identity + 1, piece, pitch=pitch)
+            self._pitch = shot.told or self._pitch
+        self._shot = LiveShot(shot.identity + 1, piece, pitch=self._pitch)
         self._next: _Keyframe | None = None
 
     def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
@@ -212,7 +225,8 @@ class Tracker:
         Parameters
         ----------
         image : (height, width, 3) uint8 array
-            Blue, green, red, of the same size as those before.
+            Blue, green, red. With another size than that before, the tracker begins anew; what is known of the field
+            stays.
 
         Returns
         -------
@@ -224,23 +238,54 @@ class Tracker:
         Raises
         ------
         ValueError
-            If the image is not of the size of those before, or no uint8 image, or the tracker is closed. Errors of the
-            network come as they are, with a later image.
+            If it is no uint8 image, or the tracker is closed. Errors of the network come as they are, with a later
+            image.
         RuntimeError
             If the other process has ended, as for lack of memory, and no other one can be started.
         """
         if self._is_closed:
             raise ValueError("the tracker is closed: it takes no more images")
         image = checked_image(image)
-        size = size_of(image)
-        if self._size is None or size == self._size:  # `KeyframeTracker` raises for an image of another size
-            self._size = size
-            if self._shape.update(image):
-                self._begin()
-            image = self._shape.image_in_frame(image)
+        is_other, self._size = self._size not in (None, size_of(image)), size_of(image)
+        if is_other:
+            self._shape = LiveShape(ShapeEstimator(self._how), self._submit)
+        if self._shape.update(image) or is_other:
+            self._begin()
+        image = self._shape.image_in_frame(image)
         calibration = self._side.with_alternatives(self._updated(image), self._how.task.field)
         shape = self._shape.shape
         return calibration if shape is None else in_picture(calibration, shape.placement, *shape.findings)
+
+    def live(self, images: Iterable[Image]) -> Iterator[LiveFrame]:
+        """Calibrate the images of a camera as they come; those that come faster than they are calibrated are dropped.
+
+        A thread reads the images. Of those that wait, the last few are kept (`fieldcalib.io.image_files.Newest`), so
+        that no camera is late by more than a fraction of a second.
+
+        Parameters
+        ----------
+        images : iterable of (height, width, 3) uint8 arrays
+            Blue, green, red, e.g. the frames of a `cv2.VideoCapture`. Each is an array of its own.
+
+        Yields
+        ------
+        LiveFrame
+            Image and calibration, how late it is, and how many images were dropped so far.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from fieldcalib import soccer
+        >>> camera = (np.zeros((540, 960, 3), np.uint8) for _ in range(3))
+        >>> with Tracker(soccer()) as tracker:
+        ...     frames = list(tracker.live(camera))
+        >>> len(frames) + frames[-1].dropped, frames[0].late < 30.0
+        (3, True)
+        """
+        newest = Newest(images)
+        for image, arrived in newest:
+            calibration = self.update(image)
+            yield LiveFrame(image, calibration, time.monotonic() - arrived, newest.dropped)
 
     def _updated(self, image: Image) -> Calibration:
         """Calibrate the next frame, cut out of its image."""
@@ -252,11 +297,12 @@ class Tracker:
             self._untied = {**dict(list(self._untied.items())[1 - CONFIRMED :]), index: image.copy()}
         elif tied.piece != self._shot.piece or (is_key and self._shot.is_lost):
             self._new_shot(tied.piece)
-            if now_tied[0].index in self._untied:
-                self._shot = self._shot.with_keyframe(now_tied[0].index, {}, (), None)
-                self._add(now_tied[0].index, self._untied[now_tied[0].index], has_lines=False)
-        found = () if tied is None else tied.ties
-        ties = {key: cells for key, one in found if (cells := cells_of(one, size_of(image))) is not None}
+            earlier = [one for one in now_tied[:-1] if one.is_key and one.index in self._untied]
+            for one in earlier:
+                self._shot = self._shot.with_keyframe(one.index, _cells(one, image), one.unmatched, None)
+            if earlier:
+                self._add(earlier[0].index, self._untied[earlier[0].index], has_lines=False)
+        ties = {} if tied is None else _cells(tied, image)
         if tied is not None:
             self._untied = {}
         self._work()
@@ -348,6 +394,11 @@ class Tracker:
         """Take the solution of a keyframe, unless its shot is over."""
         if keyframe.shot == self._shot.identity:
             self._shot = self._shot.with_solution(solution, tripods)
+
+
+def _cells(tied: TiedFrame, image: Image) -> dict[int, Cells]:
+    """Matches of a frame with the keyframes that it is tied to, averaged over cells."""
+    return {key: cells for key, one in tied.ties if (cells := cells_of(one, size_of(image))) is not None}
 
 
 def tracker_of(how: How, *, wait: bool) -> Tracker:

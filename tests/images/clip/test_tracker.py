@@ -3,11 +3,13 @@
 import gc
 import time
 from collections import deque
+from dataclasses import replace
 from itertools import repeat
 from threading import Event
 
 import numpy as np
 import pytest
+from fieldcalib.problem.pixel_table import NO_PIXELS
 from networks import KnownCameras
 from waiting import wait_until
 
@@ -18,7 +20,7 @@ from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.background.keyframe_tracking import KeyframeTracker
+from fieldcalib.images.background.keyframe_tracking import LOST_FOR, KeyframeTracker
 from fieldcalib.images.clip import live_shot
 from fieldcalib.images.clip import tracker as tracker_module
 from fieldcalib.images.clip.clip_problem import ClipProblem
@@ -27,7 +29,6 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.io.samples import TrueFrame
-from fieldcalib.problem.pixel_table import NO_PIXELS
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.request import Task
 
@@ -159,8 +160,82 @@ def test_another_process_calibrates_keyframes(clip):
         wait_until(lambda: tracker.update(pictures[1]).accepted)
         assert not first.accepted
         assert off(tracker.update(pictures[1]), cameras[1]) < 3.0
-        with pytest.raises(ValueError, match="has 240 x 135 pixels"):
-            tracker.update(pictures[0][::2, ::2])
+
+
+def test_pictures_of_another_size_begin_anew(clip):
+    cameras, pictures = clip
+    larger = [np.repeat(np.repeat(picture, 2, axis=0), 2, axis=1) for picture in pictures[:2]]
+    with Tracker(FIELD, Forever(cameras[:1]), wait=True) as tracker:
+        first = [tracker.update(picture) for picture in pictures[:2]]
+        second = [tracker.update(picture) for picture in larger]
+    assert [one.required_camera.image_size for one in (*first, *second)] == [SIZE] * 2 + [
+        (2 * SIZE[0], 2 * SIZE[1])
+    ] * 2
+
+
+def test_a_camera_beside_its_paint_is_moved_onto_it(clip):
+    """The keyframe that the frame is tied to moves with it, so that the frames after it are right too."""
+    cameras, pictures = clip
+    with Tracker(FIELD, KnownCameras(cameras[:1]), every=100, wait=True) as tracker:
+        for picture in pictures[:3]:
+            tracker.update(picture)
+        shot, (t, camera) = tracker._shot, tracker._shot.last[-1]
+        turned = camera._replace(theta=camera.theta + np.eye(len(camera.theta))[0] * 12.0 / cameras[0].focal_length)
+        key = min(shot.known)
+        of_key = shot.known[key]
+        off_key = of_key._replace(theta=of_key.theta + turned.theta - camera.theta)
+        solved = replace(shot.solved, cameras={key: off_key})
+        tracker._shot = replace(shot, solved=solved, last=((t, turned),), paint=None)
+        found = [tracker.update(picture) for picture in pictures[3:6]]
+    assert max(off(one, camera) for one, camera in zip(found, cameras[3:6], strict=True)) < 2.0
+    assert all(one.accepted for one in found)
+
+
+def test_a_shot_from_a_known_tripod_is_recognised(clip):
+    """One of its keyframes, with few lines, is enough: place, lens and field are those of the shot before."""
+    cameras, pictures = clip
+    crowd = [np.random.default_rng(k).integers(0, 255, pictures[0].shape, np.uint8) for k in range(LOST_FOR + 1)]
+    seen = [*cameras[::EVERY], cameras[5], cameras[5 + EVERY]]
+    with Tracker(FIELD, KnownCameras(seen), every=EVERY, wait=True) as tracker:
+        for picture in pictures:
+            tracker.update(picture)
+        before = tracker._shot
+        assert not any(tracker.update(picture) for picture in crowd)
+        found = [tracker.update(picture) for picture in pictures[5:17]]
+    assert tracker._shot.tripod == before.identity != tracker._shot.identity
+    assert found[-1].accepted
+    assert off(found[-1], cameras[16]) < 2.0
+    assert tracker._shot.solved.shared.object_segments == before.solved.shared.object_segments
+
+
+def test_cameras_that_the_paint_contradicts_are_found_again(clip, monkeypatch):
+    cameras, pictures = clip
+    beside = PaintEvidence((MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4),), NO_PIXELS)
+    evidence = live_shot.evidence_of
+    with Tracker(FIELD, Forever(cameras[::5]), every=5, wait=True) as tracker:
+        for picture in pictures[:2]:
+            tracker.update(picture)
+        first = tracker._shot
+
+        def of_first(*ridges):
+            return beside if tracker._shot.identity == first.identity else evidence(*ridges)
+
+        monkeypatch.setattr(live_shot, "evidence_of", of_first)
+        found = [tracker.update(picture) for picture in pictures[2:]]
+    assert not all(one.accepted for one in found)
+    assert set(first.remembered.labels) == {0}
+    assert tracker._shot.identity > first.identity
+    assert found[-1].accepted
+    assert off(found[-1], cameras[-1]) < 2.0
+
+
+def test_images_that_come_too_fast_are_dropped_and_counted(clip):
+    cameras, pictures = clip
+    with Tracker(FIELD, Forever(cameras[:1]), wait=True) as tracker:
+        frames = list(tracker.live(pictures[k % 2] for k in range(40)))
+    assert frames[-1].dropped == 40 - len(frames) > 0
+    assert all(0.0 < frame.late < 60.0 for frame in frames)
+    assert frames[-1].calibration.accepted
 
 
 def test_it_gives_what_this_process_gives(clip):
