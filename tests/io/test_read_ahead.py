@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from fieldcalib.io.image_files import AHEAD, read_ahead
+from fieldcalib.io.image_files import AHEAD, MOST_WAITING, Newest, read_ahead
 
 
 class Source:
@@ -104,3 +104,35 @@ def test_an_error_in_the_consumer_stops_the_reader():
     with pytest.raises(RuntimeError, match="enough"):
         consume()
     assert settled(source) <= 8
+
+
+def test_the_newest_items_are_kept_in_order_and_the_others_are_counted():
+    came = threading.Event()
+
+    def items():
+        yield from range(20)
+        came.set()
+
+    newest = Newest(items())
+    seen = []
+    for item, arrived in newest:
+        assert came.wait(60.0)
+        assert arrived <= time.monotonic()
+        seen.append(item)
+    assert seen[-MOST_WAITING:] == list(range(20 - MOST_WAITING, 20))
+    assert seen == sorted(seen)
+    assert newest.dropped == 20 - len(seen) >= 20 - MOST_WAITING - 1
+
+
+def test_an_error_of_a_camera_comes_after_what_came_before():
+    def items():
+        yield 0
+        raise ZeroDivisionError("the cable")
+
+    seen = []
+    with pytest.raises(ZeroDivisionError, match="the cable"):
+        seen.extend(item for item, _ in Newest(items()))
+    newest = iter(Newest(items()))
+    assert next(newest)[0] == 0
+    with pytest.raises(ZeroDivisionError, match="the cable"):
+        next(newest)

@@ -37,8 +37,7 @@ from fieldcalib.images.paint.paint_evidence import BAND, Ridges, evidence_of, wi
 from fieldcalib.io.image_files import Image
 from fieldcalib.problem.compilation import compiled_module
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, PixelTable
-from fieldcalib.problem.layout import FIELD_SIZE, LOG_F, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
-from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.layout import FIELD_SIZE, LOG_F, PAN, PRINCIPAL_POINT, ROLL, TILT, GaussianPrior, Layout
 from fieldcalib.solve.sequence.background_matches import Ties, stepped, with_tied
 from fieldcalib.solve.sequence.sequence_problem import (
     SharedParameters,

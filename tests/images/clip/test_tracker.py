@@ -9,7 +9,6 @@ from threading import Event
 
 import numpy as np
 import pytest
-from fieldcalib.problem.pixel_table import NO_PIXELS
 from networks import KnownCameras
 from waiting import wait_until
 
@@ -29,6 +28,7 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.paint_evidence import PaintEvidence
 from fieldcalib.io.samples import TrueFrame
+from fieldcalib.problem.labelled_pixels import NO_PIXELS
 from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
 from fieldcalib.solve.request import Task
 
