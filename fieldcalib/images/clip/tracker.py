@@ -18,7 +18,7 @@ from typing import NamedTuple, Self
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import truth, whole_number
+from fieldcalib._types import named, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, in_picture
@@ -267,10 +267,15 @@ class Tracker:
         images : iterable of (height, width, 3) uint8 arrays
             Blue, green, red, e.g. the frames of a `cv2.VideoCapture`. Each is an array of its own.
 
-        Yields
-        ------
-        LiveFrame
+        Returns
+        -------
+        iterator of LiveFrame
             Image and calibration, how late it is, and how many images were dropped so far.
+
+        Raises
+        ------
+        ValueError
+            If `images` cannot be iterated over; or, with a later image, as in `update`.
 
         Examples
         --------
@@ -282,7 +287,12 @@ class Tracker:
         >>> len(frames) + frames[-1].dropped, frames[0].late < 30.0
         (3, True)
         """
-        newest = Newest(images)
+        if not isinstance(images, Iterable):
+            raise ValueError(f"expected images one after the other, as a list or a generator, got {named(images)}")
+        return self._live(Newest(images))
+
+    def _live(self, newest: Newest[Image]) -> Iterator[LiveFrame]:
+        """Calibrate images as they come."""
         for image, arrived in newest:
             calibration = self.update(image)
             yield LiveFrame(image, calibration, time.monotonic() - arrived, newest.dropped)
