@@ -52,7 +52,7 @@ from fieldcalib.io.formats import CAMERAS, IMAGES
 from fieldcalib.io.image_files import at_most_wide, size_of
 from fieldcalib.io.results import LINES
 from fieldcalib.problem.picture_shape import BROADCAST_SHAPE
-from fieldcalib.run_folder.frame_record import calibration_line
+from fieldcalib.run_folder.record import calibration_line
 
 GOAL, MOST = 12, 16  # clicks
 LARGEST = 1.0  # m: error of a right camera

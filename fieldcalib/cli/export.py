@@ -29,7 +29,7 @@ from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.results.collection import Results
 from fieldcalib.results.entry import read
-from fieldcalib.run_folder.frame_record import has_finding
+from fieldcalib.run_folder.record import has_finding
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,

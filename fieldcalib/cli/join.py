@@ -13,8 +13,7 @@ from fieldcalib.console.arguments import add_format, add_run_options, folder_nam
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.output_folder import check_targets, whole_lines
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
-from fieldcalib.run_folder.frame_record import Outcome, is_squashed
-from fieldcalib.run_folder.record import PARQUET, RunRecord, Shard
+from fieldcalib.run_folder.record import PARQUET, Outcome, RunRecord, Shard, is_squashed
 from fieldcalib.run_folder.results import (
     LOCALIZED,
     ResultsWriter,

@@ -35,10 +35,9 @@ from fieldcalib.io.output_folder import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import Frame, ReadImage, image_files, outcomes_of, pixels_of
 from fieldcalib.run_folder.labelled_frames import check_labels
-from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, RunRecord
+from fieldcalib.run_folder.record import ID, ONE_FILE_NAME, Outcome, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.work_units import UnitResult, work
 

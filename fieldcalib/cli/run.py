@@ -47,11 +47,10 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.results.entry import read
-from fieldcalib.results.pictures import Pictures, auto_field
+from fieldcalib.results.frames import Pictures, auto_field
 from fieldcalib.run_folder.engine import calibrate_images
-from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_files, outcomes_of, videos_in
-from fieldcalib.run_folder.record import ESTIMATED, RunRecord
+from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size

@@ -21,9 +21,8 @@ from fieldcalib.io.image_files import Image, check_pixels, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.localize import Network
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ReadImage, is_clip, is_video, videos_in
-from fieldcalib.run_folder.record import ESTIMATED, RunOptions
+from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunOptions
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior
 

@@ -42,8 +42,7 @@ from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
-from fieldcalib.run_folder.frame_record import Outcome, camera_file
-from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord
+from fieldcalib.run_folder.record import RECORD, Outcome, RunOptions, RunRecord, camera_file
 from fieldcalib.run_folder.results import (
     CLIP,
     MOTION,

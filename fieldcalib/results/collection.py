@@ -43,13 +43,11 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, enco
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError
-from fieldcalib.results.pictures import Pictures
+from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError, Pictures
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
-from fieldcalib.run_folder.frame_record import Outcome, camera_file, is_squashed
 from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES, WITHHELD
-from fieldcalib.run_folder.record import ID, RECORD, RunOptions, RunRecord
+from fieldcalib.run_folder.record import ID, RECORD, Outcome, RunOptions, RunRecord, camera_file, is_squashed
 from fieldcalib.run_folder.results import (
     OVERLAY,
     SHARED_FILES,

@@ -1,43 +1,75 @@
-"""The entry points `fieldcalib.calibrate`, from any input to its cameras, and `fieldcalib.read`, for saved results."""
+"""The entry points `fieldcalib.calibrate`, from any input to its cameras, and `fieldcalib.read`, for saved results.
+
+The kinds of input that `fieldcalib.calibrate` takes, and how each is calibrated.
+"""
 
 from __future__ import annotations
 
+import glob
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+import sys
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._progress import Progress
+from fieldcalib._progress import Progress, progress_bar, solving
 from fieldcalib._types import file_path, is_number, number
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field, Side
+from fieldcalib.geometry.camera import checked_image_size
+from fieldcalib.images.clip.from_video import calibrate_clip
 from fieldcalib.images.from_images import How, Mount
+from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image_files import Image
+from fieldcalib.io.frame_range import WHOLE, Cut, Position
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, in_parts
 from fieldcalib.io.results import lines_file
+from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
 from fieldcalib.results.collection import Results
-from fieldcalib.results.frames import StoredFrames
-from fieldcalib.results.inputs import Labels, input_of, pictures_of
-from fieldcalib.results.pictures import Pictures, auto_field
+from fieldcalib.results.frames import EQ3, Collected, KeptFrames, Pictures, StoredFrames, auto_field
 from fieldcalib.run_folder.clip_results import read_clip
+from fieldcalib.run_folder.engine import calibrate_images, live_tracker, tracked
+from fieldcalib.run_folder.frame_source import (
+    SOLVING,
+    ClipInput,
+    Frame,
+    ReadImage,
+    is_clip,
+    is_video,
+    pixels_of,
+    videos_in,
+)
+from fieldcalib.run_folder.labelled_frames import paper_losses
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
+from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
+from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
 PathLike: TypeAlias = str | os.PathLike[str]
+Labels: TypeAlias = ImageSegments | Annotation
 Source: TypeAlias = (
     PathLike | Image | Iterable[Image] | Sequence[PathLike] | Labels | Mapping[str, Labels] | Sequence[Labels]
 )
 Time: TypeAlias = str | float | None
+EXPECTED = (
+    "expected a path, pictures (uint8 arrays, one, a list or an iterator) or labelled pixels (a mapping of labels to "
+    "pixels, or several)"
+)
 
 
 def calibrate(
@@ -221,3 +253,260 @@ def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
         raise BrokenFileError(f"{home / RECORD}: {error}") from None
     cut = Cut(begin, stop, record.options.get("step") or 1)
     return Pictures(tuple(map(Path, record.source)), cut=cut, is_clip=is_clip)
+
+
+class Input(Protocol):
+    """Input that can be calibrated."""
+
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate the whole input; `how` has the network that the user gives, if any."""
+
+
+def input_of(source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None) -> Input:
+    """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
+    labels = _labels_in(source)
+    if labels is not None:
+        if cut != WHOLE or clip is not None:
+            raise ValueError("start, end, step and clip are of pictures: leave them out for labelled pixels")
+        return Labelled(labels, image_size)
+    if image_size is not None:
+        raise ValueError("image_size is of labelled pixels: pictures have a size, leave it out")
+    if isinstance(source, str) and Stream.recognises(source):
+        if cut.end is None or clip is not None:
+            raise ValueError(
+                f"{Stream(source)} is a stream, which may have no end: give end= to calibrate a part of it, without "
+                f"clip, or use Tracker for frames as they come"
+            )
+        return LiveStream(Stream(source), cut)
+    if isinstance(source, str | os.PathLike):
+        return _files(_paths(source), cut, clip)
+    if isinstance(source, np.ndarray):
+        return _arrays([source] if source.ndim < 4 else list(source), cut, clip)
+    if isinstance(source, Sequence) and len(source) and all(isinstance(one, str | os.PathLike) for one in source):
+        return _files([file_path(one, "a picture") for one in source], cut, clip)
+    if isinstance(source, Sequence):
+        return _arrays(source, cut, clip)
+    if not isinstance(source, Iterable):
+        raise ValueError(f"{EXPECTED}, got {source!r}")
+    if clip:
+        raise ValueError("the frames of a clip are read several times, an iterator only once: give a list or a path")
+    return OneByOne(Pictures(cut=cut), source)
+
+
+def _check_no_clip(how: How) -> None:
+    """Raise a ValueError for an option that is of clips."""
+    if how.camera != "tripod":
+        raise ValueError("camera is of clips: give a video, or clip=True with pictures")
+
+
+def pictures_of(input: Input) -> Pictures:
+    """Pictures of an input, if they can be read several times; otherwise a ValueError."""
+    if isinstance(input, Clip) or (isinstance(input, OneByOne) and input.iterator is None):
+        return input.pictures
+    raise ValueError("the field is found in pictures that can be read twice: name it, or give a list or a path")
+
+
+def _labels_in(source: object) -> dict[str, Labels] | None:
+    """Labelled pixels by id; None if the source is something else."""
+    if isinstance(source, Annotation):
+        return {source.id: source}
+    if isinstance(source, Mapping):
+        if source and all(isinstance(one, Mapping | Annotation) for one in source.values()):
+            return dict(source)
+        return {"000000": source}
+    if isinstance(source, Sequence) and len(source) and all(isinstance(one, Mapping | Annotation) for one in source):
+        return {f"{number:06d}": one for number, one in enumerate(source)}
+    return None
+
+
+def _paths(source: str | os.PathLike[str]) -> list[Path]:
+    """Expand a path or a pattern to paths."""
+    if not os.fspath(source):
+        raise ValueError("the path is empty: expected that of a picture, a folder or a video; '.' is this folder")
+    path = file_path(source, "a picture, a folder or a video")
+    if path.exists() or not glob.has_magic(str(source)):
+        return [path]
+    found = sorted(map(Path, glob.glob(str(source), recursive=True)))
+    if not found:
+        raise FileNotFoundError(f"there is no file named {source}")
+    return found
+
+
+def _files(paths: Sequence[Path], cut: Cut, clip: bool | None) -> Input:
+    """Make the input from some paths, a clip or pictures, as `fieldcalib run` does."""
+    found = [Path(str(part)) for path in paths for part in videos_in(path)]
+    videos = [path for path in found if is_video(path)]
+    if videos and len(found) > 1:
+        raise ValueError(
+            f"there are {len(videos)} videos, as {videos[0].name}: calibrate them one by one, or with fieldcalib run"
+        )
+    together = is_clip(found[0], together=bool(clip), alone=clip is False)
+    pictures = Pictures(tuple(found), cut=cut, is_clip=together)
+    return Clip(pictures) if together else OneByOne(pictures)
+
+
+def _arrays(images: Sequence[Image], cut: Cut, clip: bool | None) -> Input:
+    """Make the input from pictures in memory."""
+    if not len(images):
+        raise ValueError(f"{EXPECTED}, got nothing")
+    checked_image(images[0])
+    pictures = Pictures(images=images, cut=cut, is_clip=bool(clip))
+    return Clip(pictures) if clip else OneByOne(pictures)
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """Labelled pixels by id; each frame is calibrated by itself."""
+
+    labels: Mapping[str, Labels]
+    image_size: tuple[int, int] | None
+    """Size of the pictures, if the user gives it."""
+
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate all of it."""
+        if how.side is not None:
+            raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
+        _check_no_clip(how)
+        field = how.task.field
+        assert field is not None  # `fieldcalib.calibrate` makes it
+        frames = {id: self._frame(id, one, field) for id, one in self.labels.items()}
+        collected = Collected()
+        with progress_bar(unit="frame", total=len(frames), progress=progress) as bar:
+            for unit in units_of(frames, unit_size(len(frames))):
+                calibrations: dict[str, Calibration] = {}
+                losses: dict[str, float] = {}
+                for size, ids in grouped(unit, lambda id: frames[id][1]).items():
+                    pixels = {id: frames[id][0] for id in ids}
+                    found = calibrate_labels(how.task, list(pixels.values()), size)
+                    losses |= paper_losses(field, pixels, found)
+                    calibrations |= zip(ids, found, strict=True)
+                for id in unit:
+                    collected.add(id, calibrations[id], **({EQ3: losses[id]} if id in losses else {}))
+                bar.update(len(unit))
+        return Results(collected.frames(), command="calibrate")
+
+    def _frame(self, id: str, labels: Labels, field: Field) -> tuple[Pixels, tuple[int, int]]:
+        """Check the pixels of a frame; also returns the size of its picture."""
+        pixels, size = (labels.pixels, labels.image_size) if isinstance(labels, Annotation) else (labels, None)
+        size = size if self.image_size is None else checked_image_size(self.image_size)
+        if size is None:
+            raise ValueError("labelled pixels do not say the size of their pictures: give image_size=(width, height)")
+        try:
+            return thinned(check_segments(field, pixels, size)), size
+        except ValueError as error:
+            raise ValueError(f"frame {id}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class OneByOne:
+    """Pictures that are calibrated one by one: of files, of a video, in memory, or of an iterator."""
+
+    pictures: Pictures
+    iterator: Iterable[Image] | None = None
+    """Images that can be read only once; None if `pictures` has them."""
+
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate all of it."""
+        _check_no_clip(how)
+        how, collected = how.with_network(), Collected()
+        frames, total = self._frames()
+        with progress_bar(unit="frame", total=total, progress=progress) as bar:
+            for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
+                images = [frame.image for frame in part if frame.image is not None]
+                found = iter(calibrate_images(how, images))
+                for frame in part:
+                    if frame.image is None:
+                        collected.add_broken(frame.id, frame.problem)
+                    else:
+                        collected.add(frame.id, next(found))
+                bar.update(len(part))
+        if not collected.ids:
+            raise ValueError(f"{EXPECTED}, got nothing")
+        if len(collected.broken) == len(collected.ids):
+            raise BrokenFileError(_none_is_readable(collected.broken, self.pictures))
+        return Results(collected.frames(), self.pictures)
+
+    def _frames(self) -> tuple[Iterator[Frame], int | None]:
+        """Open the frames; also returns how many there are, None if unknown."""
+        if self.iterator is not None:
+            numbers = self.pictures.cut.numbers()
+            chosen = islice(self.iterator, numbers.start, min(numbers.stop, sys.maxsize), numbers.step)
+            named = zip(numbers, chosen, strict=False)
+            return (Frame(f"{number:06d}", checked_image(image)) for number, image in named), None
+        _warn_of(self.pictures.beyond())
+        source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
+        if source is not None:
+            return iter(source), source.count or None
+        return map(ReadImage(), self.pictures.files), len(self.pictures.files)
+
+
+def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
+    """Message if none of the files can be read, about the first one."""
+    id, problem = next(iter(broken.items()))
+    names = {file.id: file.path.name for file in pictures.files}
+    others = f"; nor can the other {len(broken) - 1} be read" if len(broken) > 1 else ""
+    return f"{names.get(id, id)}: {problem}{others}"
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Frames that are calibrated together."""
+
+    pictures: Pictures
+
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate all of it."""
+        _warn_of(self.pictures.beyond())
+        source = self.pictures.frames(_warn)
+        input = ClipInput(source, progress=progress)
+        with solving(SOLVING, progress):
+            found = calibrate_clip(how, input)
+        readable = [id for id in input.ids if id not in source.broken]
+        basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
+        kept = KeptFrames(input.ids, found, dict(source.broken), basis)
+        return Results(kept, self.pictures, partial(_with_rate, found, source.frames_per_second))
+
+
+def _with_rate(found: VideoCalibration, frames_per_second: float) -> tuple[VideoCalibration, float]:
+    """Return both arguments: `Results.clip` for a clip in memory, as a module's function so that it can be pickled."""
+    return found, frames_per_second
+
+
+@dataclass(frozen=True, eq=False)
+class LiveStream:
+    """A part of a stream, whose frames are calibrated as they come."""
+
+    stream: Stream
+    cut: Cut
+
+    def calibrate(self, how: How, progress: Progress) -> Results:
+        """Calibrate all of it."""
+        _check_no_clip(how)
+        how, collected = how.with_network(), Collected()
+        if how.network is None:
+            raise ValueError(
+                "the network that comes with fieldcalib knows soccer fields only: of a stream give network=, one that "
+                "was trained for this field; pictures and clips of courts need none"
+            )
+        with (
+            StreamReader(self.stream, cut=self.cut) as reader,
+            live_tracker(how, self.stream, reader) as (frames, tracker),
+            progress_bar(unit="frame", total=len(reader.numbers), progress=progress) as bar,
+        ):
+            for frame in frames:
+                collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis))
+                bar.update()
+        _warn_of(reader.remark)
+        _warn_of(reader.loss())
+        return Results(collected.frames())
+
+
+def _warn(message: str) -> None:
+    """Warn the caller of `fieldcalib.calibrate`."""
+    warnings.warn(message, stacklevel=2)
+
+
+def _warn_of(message: str) -> None:
+    """Warn the caller, unless the message is empty."""
+    if message:
+        _warn(message)

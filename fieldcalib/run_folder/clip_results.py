@@ -33,8 +33,8 @@ from fieldcalib.io.image_files import Image, read_ahead, write_image
 from fieldcalib.io.results import FORMAT
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.frame_source import ClipInput, Frame
+from fieldcalib.run_folder.record import Outcome
 from fieldcalib.run_folder.results import CLIP, MOTION, OVERLAY, TRIPODS, WORST, ResultsWriter
 from fieldcalib.solve.batch import compute_errors
 

@@ -27,8 +27,8 @@ from fieldcalib.io.image_files import MOST_PIXELS, Image, checked_image, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoReader
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.run_folder.frame_record import Outcome
 from fieldcalib.run_folder.labelled_frames import name_skipped
+from fieldcalib.run_folder.record import Outcome
 from fieldcalib.run_folder.work_units import read_each
 
 PASSES = ("looking", "matching", "finding lines")  # names of the passes over the frames of a clip, in this order

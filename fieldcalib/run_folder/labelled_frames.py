@@ -31,8 +31,7 @@ from fieldcalib.io.results import LINES, SOLVER, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.record import RECORD, RunOptions, RunRecord
+from fieldcalib.run_folder.record import RECORD, Outcome, RunOptions, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, open_camera_folder
 from fieldcalib.run_folder.work_units import (
     UnitResult,

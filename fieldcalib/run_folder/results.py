@@ -39,8 +39,18 @@ from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.output_folder import ELSEWHERE, LineLog, check_targets, output_folder, whole_lines
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
-from fieldcalib.run_folder.frame_record import Outcome, ToLookAt, has_finding, is_squashed, kind_of
-from fieldcalib.run_folder.record import ESTIMATED, PARQUET, RECORD, RunOptions, RunRecord
+from fieldcalib.run_folder.record import (
+    ESTIMATED,
+    PARQUET,
+    RECORD,
+    Outcome,
+    RunOptions,
+    RunRecord,
+    ToLookAt,
+    has_finding,
+    is_squashed,
+    kind_of,
+)
 
 SUMMARY = "summary.json"  # only finished runs have one
 MOTION, WORST, TRIPODS, CLIP = "motion.png", "worst_frames.jpg", "tripods.json", "clip.jsonl"

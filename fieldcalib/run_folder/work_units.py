@@ -14,8 +14,7 @@ from fieldcalib._progress import progress_bar, show, waiting_for
 from fieldcalib.io.files import FrameFile, error_message
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
-from fieldcalib.run_folder.frame_record import Item, Outcome
-from fieldcalib.run_folder.record import RunOptions, Shard
+from fieldcalib.run_folder.record import Item, Outcome, RunOptions, Shard
 from fieldcalib.run_folder.results import ResultsWriter
 
 Member = TypeVar("Member")

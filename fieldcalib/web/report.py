@@ -40,9 +40,8 @@ from fieldcalib.io.files import BrokenFileError, escaped, write_text
 from fieldcalib.io.image_files import Image, stored_size
 from fieldcalib.io.results import BROKEN
 from fieldcalib.results.collection import Results
-from fieldcalib.results.pictures import Pictures
-from fieldcalib.run_folder.frame_record import kind_of
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.results.frames import Pictures
+from fieldcalib.run_folder.record import RunRecord, kind_of
 from fieldcalib.run_folder.results import is_finished, read_summary
 from fieldcalib.web.pictures import Thumbnails, frames_to_show
 from fieldcalib.web.records import camera_record, curves_of, field_record, view_of

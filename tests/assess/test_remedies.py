@@ -39,7 +39,7 @@ from fieldcalib.images.paint.paint_evidence import paint_evidence
 from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.picture_shape import Crop, Declared, Placement
-from fieldcalib.run_folder.frame_record import calibration_line, camera_file
+from fieldcalib.run_folder.record import calibration_line, camera_file
 from fieldcalib.solve.solver_options import CalibrationFlags
 from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
 

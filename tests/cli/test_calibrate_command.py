@@ -11,8 +11,8 @@ from commands import SIZE, WITH_CAMERA, calibrate, cameras_in, lines_of, summary
 
 import fieldcalib
 from fieldcalib.io.soccernet import camera_from_record
-from fieldcalib.run_folder import frame_record as outcomes_of_commands
 from fieldcalib.run_folder import labelled_frames as commands_on_folders
+from fieldcalib.run_folder import record as records_of_commands
 
 
 def test_files(calibrated_folder):
@@ -113,7 +113,7 @@ def test_the_total_time_is_that_of_everything(annotated_folder, tmp_path, monkey
 
         return slept
 
-    monkeypatch.setattr(outcomes_of_commands, "calibration_line", slow(outcomes_of_commands.calibration_line))
+    monkeypatch.setattr(records_of_commands, "calibration_line", slow(records_of_commands.calibration_line))
     for name in ("ndc_loss", "compute_errors"):
         monkeypatch.setattr(commands_on_folders, name, slow(getattr(commands_on_folders, name)))
     assert calibrate(tmp_path, annotated_folder / "a.json") == 0

@@ -20,7 +20,7 @@ FEW = ("tennis", "badminton")
 @pytest.fixture
 def few(monkeypatch):
     """Two sports only: sixteen take ten seconds."""
-    monkeypatch.setattr("fieldcalib.results.pictures.COMPARED", FEW)
+    monkeypatch.setattr("fieldcalib.results.frames.COMPARED", FEW)
 
 
 def test_the_best_field_wins_with_a_margin():

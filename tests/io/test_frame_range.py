@@ -13,7 +13,7 @@ from fieldcalib.io import decoders
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.videos import VideoReader, VideoWriter
-from fieldcalib.results.pictures import Pictures
+from fieldcalib.results.frames import Pictures
 
 COUNT, RATE = 260, 25.0
 

@@ -10,7 +10,7 @@ from synthetic import observe, whole_circle_markings
 
 from fieldcalib import Camera, soccer
 from fieldcalib.io.soccernet import format_annotation
-from fieldcalib.run_folder.frame_record import NAMED, ToLookAt
+from fieldcalib.run_folder.record import NAMED, ToLookAt
 
 
 def seen(*frames):

@@ -20,8 +20,7 @@ from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands
 from fieldcalib.run_folder import work_units
-from fieldcalib.run_folder.frame_record import Outcome
-from fieldcalib.run_folder.record import RunOptions
+from fieldcalib.run_folder.record import Outcome, RunOptions
 from fieldcalib.run_folder.results import ResultsWriter
 from fieldcalib.run_folder.work_units import UnitResult, work
 

@@ -23,8 +23,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses, circles_of
-from fieldcalib.images.search.cameras_from_lines import few_line_hypotheses
+from fieldcalib.images.search.cameras_from_curves import circle_hypotheses, circles_of, few_line_hypotheses
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, hypotheses, stands
 from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
 from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines

@@ -5,8 +5,8 @@ picture, scaled to 1280 columns
   |  the longest of these lines, and ellipses                          long_lines, ellipses
   v
 hypotheses: cameras that project four lines of the field onto four     court_hypotheses
-lines of the picture, or three onto three,                             cameras_from_lines
-or a circle onto an ellipse and a line onto a line                     cameras_from_ellipses
+lines of the picture, or three onto three,                             cameras_from_curves
+or a circle onto an ellipse and a line onto a line                     cameras_from_curves
   |  ranked by a likelihood ratio, in three rounds with more points    court_ranking, stripe_likelihood
   |  the best ones pulled onto stripes                                 stripe_likelihood
   v

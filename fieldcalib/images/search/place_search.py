@@ -34,8 +34,7 @@ from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.images.camera_side import CameraSide
-from fieldcalib.images.search.cameras_from_ellipses import SeenCircles, circles_of
-from fieldcalib.images.search.cameras_from_lines import LEVEL, planes_of, rays_of
+from fieldcalib.images.search.cameras_from_curves import LEVEL, SeenCircles, circles_of, planes_of, rays_of
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_within, unit
 from fieldcalib.images.search.court_ranking import (
     Curves,

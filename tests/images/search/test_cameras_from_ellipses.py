@@ -11,8 +11,7 @@ from data_tools.score_courts import Truth
 from fieldcalib import Arc, Camera, Field, Line
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import ice_hockey, soccer, tennis
-from fieldcalib.images.search.cameras_from_ellipses import circle_hypotheses, circles_of
-from fieldcalib.images.search.cameras_from_lines import focal_lengths
+from fieldcalib.images.search.cameras_from_curves import circle_hypotheses, circles_of, focal_lengths
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
 from fieldcalib.images.search.long_lines import long_lines

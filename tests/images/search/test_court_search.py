@@ -26,7 +26,7 @@ from fieldcalib.fields import american_football, badminton, basketball, futsal, 
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.images.search import cameras_from_lines
+from fieldcalib.images.search import cameras_from_curves
 from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, hypotheses, on_canonical_side
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines
@@ -178,22 +178,22 @@ def test_hypotheses_stand_where_cameras_do():
 )
 def test_three_lines_and_a_focal_length_give_the_camera(x, y):
     level = Camera.from_angles(np.radians(-20), np.radians(68), 0.0, 1.0, (-3.0, 19.0, -8.0), SIZE)
-    lengths = cameras_from_lines.focal_lengths(volleyball()) * SIZE[0]
+    lengths = cameras_from_curves.focal_lengths(volleyball()) * SIZE[0]
     f = lengths[np.argmin(np.abs(lengths - 1500.0))]
     camera = Camera([[f, 0.0, 640.0], [0.0, f, 360.0], [0.0, 0.0, 1.0]], level.R, level.C, SIZE)
-    found = cameras_from_lines.few_line_hypotheses(seen_lines(camera, x, y), volleyball(), SIZE)
+    found = cameras_from_curves.few_line_hypotheses(seen_lines(camera, x, y), volleyball(), SIZE)
     assert nearest(found, camera) < 1e-6
     assert len(found) < 400
 
 
 def test_a_picture_without_the_distortion_of_a_wide_lens_is_wider_than_cameras_see():
     level = Camera.from_angles(0.0, np.radians(73), 0.0, 1.0, (0.0, 18.0, -6.5), SIZE)
-    lengths = cameras_from_lines.focal_lengths(volleyball(), 1.7) * SIZE[0]
+    lengths = cameras_from_curves.focal_lengths(volleyball(), 1.7) * SIZE[0]
     assert lengths[0] < 0.5 * SIZE[0]
     camera = Camera([[lengths[0], 0.0, 640.0], [0.0, lengths[0], 360.0], [0.0, 0.0, 1.0]], level.R, level.C, SIZE)
     lines = seen_lines(camera, (-8.975, 8.975), (4.475,))
-    assert nearest(cameras_from_lines.few_line_hypotheses(lines, volleyball(), SIZE, 1.7), camera) < 1e-6
-    assert nearest(cameras_from_lines.few_line_hypotheses(lines, volleyball(), SIZE), camera) > 0.05
+    assert nearest(cameras_from_curves.few_line_hypotheses(lines, volleyball(), SIZE, 1.7), camera) < 1e-6
+    assert nearest(cameras_from_curves.few_line_hypotheses(lines, volleyball(), SIZE), camera) > 0.05
 
 
 def test_a_line_longer_than_its_marking_is_another_line():
@@ -201,9 +201,9 @@ def test_a_line_longer_than_its_marking_is_another_line():
     ends = lines.ends.copy()
     ends[2] = VOLLEYBALL.project([(-14.0, 4.475, 0.0), (14.0, 4.475, 0.0)])
     longer = LongLines(lines.normal, lines.offset, ends, lines.length)
-    near = nearest(cameras_from_lines.few_line_hypotheses(lines, volleyball(), SIZE), VOLLEYBALL)
+    near = nearest(cameras_from_curves.few_line_hypotheses(lines, volleyball(), SIZE), VOLLEYBALL)
     assert near < 0.1
-    assert nearest(cameras_from_lines.few_line_hypotheses(longer, volleyball(), SIZE), VOLLEYBALL) > 3.0 * near
+    assert nearest(cameras_from_curves.few_line_hypotheses(longer, volleyball(), SIZE), VOLLEYBALL) > 3.0 * near
 
 
 def test_cameras_are_pulled_onto_stripes():

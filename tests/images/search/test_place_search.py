@@ -12,8 +12,7 @@ from fieldcalib import Camera
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields import tennis
 from fieldcalib.geometry.rotation import angles_from_rotation
-from fieldcalib.images.search.cameras_from_ellipses import circles_of
-from fieldcalib.images.search.cameras_from_lines import LEVEL
+from fieldcalib.images.search.cameras_from_curves import LEVEL, circles_of
 from fieldcalib.images.search.court_hypotheses import FieldLines
 from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.place_search import BEYOND, STEP, Place, apart, search_from, views_through
