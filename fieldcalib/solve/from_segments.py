@@ -39,8 +39,7 @@ from fieldcalib.problem.labelled_pixels import (
     check_weights,
 )
 from fieldcalib.problem.layout import LOG_F
-from fieldcalib.problem.least_squares import least_squares
-from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import Solution, least_squares, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more_likely, with_required_lens

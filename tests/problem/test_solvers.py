@@ -22,8 +22,7 @@ from fieldcalib.problem.layout import (
     gaussian_prior,
     theta_from_camera,
 )
-from fieldcalib.problem.least_squares import least_squares
-from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, least_squares, levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
