@@ -45,12 +45,7 @@ from fieldcalib.assess.findings import (
     in_words,
 )
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.paint_in_view import (
-    MarkingInView,
-    paint_contradicts,
-    paint_findings,
-    paint_share,
-)
+from fieldcalib.assess.paint_in_view import MarkingInView, paint_contradicts, paint_findings, paint_share
 from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record

@@ -18,7 +18,7 @@ from fieldcalib.console.arguments import add_most_bytes, add_run_options, add_si
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics.accuracy import CompoundScore
-from fieldcalib.metrics.views import is_homography
+from fieldcalib.metrics.cameras import is_homography
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished

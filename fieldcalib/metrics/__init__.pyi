@@ -3,8 +3,8 @@ from .accuracy import Confusion as Confusion
 from .accuracy import SegmentEvaluation as SegmentEvaluation
 from .accuracy import compound_score as compound_score
 from .accuracy import evaluate_segments as evaluate_segments
+from .cameras import Prediction as Prediction
 from .cameras import ProjectionError as ProjectionError
 from .cameras import iou_part as iou_part
 from .cameras import iou_whole as iou_whole
 from .cameras import projection_error as projection_error
-from .views import Prediction as Prediction

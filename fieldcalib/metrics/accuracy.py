@@ -42,7 +42,7 @@ from fieldcalib.fields.segments import Segment
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
-from fieldcalib.metrics.views import Prediction, checked_prediction, is_homography, project_as_soccernet
+from fieldcalib.metrics.cameras import Prediction, checked_prediction, is_homography, project_as_soccernet
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 from fieldcalib.processes.jobs import in_order
 

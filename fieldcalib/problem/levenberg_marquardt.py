@@ -13,7 +13,7 @@ Frames that share nothing are groups of one with an empty border. Terms that lin
 background points or a smooth path of their centres, couple their own parameters too: the frames of a group are then
 eliminated together.
 
-SciPy's trust region reflective solver on one frame (`least_squares`) finishes single frames, and is an independent check.
+SciPy's trust region reflective solver (`least_squares`) finishes single frames, and is an independent check.
 """
 
 from __future__ import annotations
