@@ -142,6 +142,7 @@ def test_posts_are_not_in_a_map_of_lines():
     assert not edges_of_probabilities(maps, ("background", "Goal left crossbar"), FIELD).any()
 
 
+@pytest.mark.slow
 def test_features_of_a_pair_are_nearer_than_those_of_others():
     rng = np.random.default_rng(5)
     cameras = central(200, 5)
@@ -173,6 +174,7 @@ def test_a_database_finds_its_own_cameras(database):
     assert [int(database.nearest(f)[0]) for f in database.extract(views)] == chosen.tolist()
 
 
+@pytest.mark.slow
 def test_refinement_brings_the_homography_home(database):
     cameras = central(12, 11)
     views = edge_images(cameras.homographies, PIECES)

@@ -29,6 +29,7 @@ def test_frames_with_few_segments_are_left_alone():
     assert len(left_out_errors(soccer(), [frame], SIZE, least=4)) == 5
 
 
+@pytest.mark.slow
 def test_a_free_field_size_fits_a_small_pitch_better():
     frame = observe(whole_circle_markings(soccer(100.0, 65.0)), BENT)
     fixed, free = (left_out_errors(soccer(), [frame], SIZE, free_field_size=free) for free in (False, True))

@@ -38,6 +38,7 @@ def test_photographs_are_those_of_their_seed_and_show_enough():
         assert one.image.shape[1::-1] == one.camera.image_size
 
 
+@pytest.mark.slow
 def test_what_is_taken_is_judged_again(tmp_path, capsys):
     file = tmp_path / "evidence.jsonl"
     kind = ["--field", "tennis", "--kind", "behind, raised", "--frames", "2"]
