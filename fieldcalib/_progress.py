@@ -161,11 +161,20 @@ class _Lines:
         self._unit, self._total, self._stage = unit, total, stage
         self._initial, self._done, self.begin = initial, initial, time.monotonic()
         self._told = initial  # how many were done when the last line was printed
+        self._since = self.begin  # time of the last update
 
     def update(self, n: int = 1) -> None:
         """Count `n` more."""
-        self._done += n
-        _LINES.print_if_due(time.monotonic(), self)
+        self._done, self._since = self._done + n, time.monotonic()
+        _LINES.print_if_due(self._since, self)
+
+    def around(self, now: float) -> str:
+        """What is done of it, and the time left, before the line of a stage that is a part of it."""
+        line = f"{self._stage}: {self._done} of {self._total} {self._unit}s"
+        if self._done > self._initial and self._total:
+            each = (self._since - self.begin) / (self._done - self._initial)
+            line += f", {_clock(max((self._total - self._done) * each - (now - self._since), 0.0))} left"
+        return f"{line}; "
 
     def line(self, now: float) -> str:
         """What is done of it, the rate, and the time left; how long it has taken where it has not advanced."""
@@ -237,7 +246,10 @@ class _Printer:
             if now < self._next or not self._stages or not _has_file(sys.stderr):
                 return
             self._next = now + INTERVAL
-            print(f"fieldcalib: {self._stages[-1].line(now)}", file=sys.stderr, flush=True)
+            bars, last = [stage for stage in self._stages if isinstance(stage, _Lines)], self._stages[-1]
+            first = min(bars, key=lambda stage: stage.begin, default=last)
+            whole = first.around(now) if isinstance(first, _Lines) and first is not last else ""
+            print(f"fieldcalib: {whole}{last.line(now)}", file=sys.stderr, flush=True)
 
 
 _LINES = _Printer()

@@ -5,7 +5,7 @@ Interpolation of missing cameras between those of the frames before and after.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
@@ -107,6 +107,19 @@ class FrameTable:
             suspects={},
             misfit=np.full(count, np.nan),
         )
+
+    @classmethod
+    def joined(cls, tables: Sequence[FrameTable]) -> FrameTable:
+        """The frames of several tables with the same columns, one table after the other."""
+        begins = np.cumsum([0, *map(len, tables)]).tolist()
+
+        def column(name: str) -> Any:
+            each = [getattr(table, name) for table in tables]
+            if isinstance(each[0], Mapping):
+                return {begin + t: value for begin, one in zip(begins, each, strict=False) for t, value in one.items()}
+            return np.concatenate(each) if isinstance(each[0], np.ndarray) else each[0]
+
+        return cls(**{one.name: column(one.name) for one in fields(cls)})
 
     def __len__(self) -> int:
         return len(self.theta)

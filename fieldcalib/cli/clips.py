@@ -4,7 +4,7 @@
 
 Several videos: each is a run of its own, and what fails does not stop the others.
 
-Clips are worked on by one process each, with `--jobs` several of them side by side.
+Clips are worked on by one process each, with `--jobs` several of them side by side, a long one by several processes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -22,12 +22,14 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from fieldcalib._progress import progress_bar, say, solving
+from fieldcalib._json import texts_from_json
+from fieldcalib._progress import counted, progress_bar, say, show, solving
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, RunRequest
 from fieldcalib.console.arguments import digest_of, load_network, or_search
-from fieldcalib.images.clip.from_video import PART, calibrate_clip
+from fieldcalib.images.clip.from_video import PART, Clip, FinishedPart
 from fieldcalib.images.clip.tracker import Tracker
+from fieldcalib.io.clips import Reading
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Stream, StreamReader
@@ -40,64 +42,93 @@ from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
+from fieldcalib.run_folder.work_units import executor_of
 from fieldcalib.solve.request import check_of_clip
 
 RunFunction: TypeAlias = Callable[[RunRequest], int]
 
 
 class KeptParts:
-    """Calibrations of parts of a clip, each kept in a file until the run is finished."""
+    """Calibrations of parts of a clip, each kept in a file until the run is finished.
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
+    Parameters
+    ----------
+    out : Path
+        Folder of the run.
+    shards : sequence of Path
+        Folders of shards of the run, which have parts too.
+    """
 
-    def _path(self, index: int) -> Path:
-        return self._out / f"{PART_OF_CLIP}{index:04d}.json"
+    def __init__(self, out: Path, shards: Sequence[Path] = ()) -> None:
+        self._out, self._folders = out, (out, *shards)
 
-    def get(self, index: int) -> VideoCalibration | None:
-        """The calibration of a part, None if there is none yet."""
-        path = self._path(index)
-        if not path.exists():
-            return None
-        try:
-            return VideoCalibration.from_dict(parse_json_object(read_regular_file(path, most_bytes=np.inf), "a part"))
-        except WRONG_RECORD as error:
-            raise BrokenFileError(f"{path}: is no part of a clip: {error}; remove it, for it is made again") from None
+    def get(self, index: int) -> FinishedPart | None:
+        """A part, None if it is not done yet."""
+        for path in (folder / _part(index) for folder in self._folders):
+            if path.exists():
+                try:
+                    record = parse_json_object(read_regular_file(path, most_bytes=np.inf), "a part")
+                    reading = Reading(texts_from_json(record["ids"]), dict(record["broken"]), str(record["loss"]))
+                    return FinishedPart(VideoCalibration.from_dict(record), reading)
+                except WRONG_RECORD as error:
+                    problem = f"is no part of a clip: {error}; remove it, for it is made again"
+                    raise BrokenFileError(f"{path}: {problem}") from None
+        return None
 
-    def __setitem__(self, index: int, part: VideoCalibration) -> None:
-        write_text(self._path(index), json.dumps(part.to_dict()))
+    def __setitem__(self, index: int, part: FinishedPart) -> None:
+        write_text(self._out / _part(index), json.dumps(part.calibration.to_dict() | part.reading._asdict()))
 
     def remove(self) -> None:
-        """Remove the files."""
+        """Remove the files in the folder of the run."""
         for path in self._out.glob(f"{PART_OF_CLIP}*"):
             path.unlink()
 
 
-def run_clip(request: RunRequest) -> int:
-    """Calibrate; returns the exit code."""
-    run = request.run
+def _part(index: int) -> str:
+    return f"{PART_OF_CLIP}{index:04d}.json"
+
+
+@dataclass(frozen=True)
+class Shards:
+    """Shards of a run on a clip, whose parts are to be joined."""
+
+    record: RunRecord
+    """Record of the run."""
+    folders: Sequence[Path]
+
+
+def run_clip(request: RunRequest, shards: Shards | None = None) -> int:
+    """Calibrate a clip, or a shard of its parts, or join the parts in `shards`; returns the exit code."""
+    run = request.run if request.run.shard is None else request.run.with_arguments
     if not request.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
-    if run.shard is not None:
-        raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
     check_of_clip(request.known.flags)
     network, threads = or_search(lambda: load_network(request.network)), request.network.video_threads
     source = frames_of_files(request.paths, request.cut, request.read, threads, is_clip=True)
-    clip = ClipInput(source, request.placement)
+    input = ClipInput(source, request.placement)
     if request.known.intrinsics is not None:
-        clip.frame_size()  # an error before anything is written
+        input.frame_size()  # an error before anything is written
     record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))
+    if shards is not None and (other := replace(shards.record, options=record.options).differences(record)):
+        raise ValueError(f"the shards cannot be joined: {other}")
     with open_camera_folder(run, record, began, source.files) as results:
         if is_finished(run.out):
             return results.exit_code
-        parts = KeptParts(run.out)
-        with solving(SOLVING, True):
-            found = calibrate_clip(request.how(network), clip, parts)
+        parts = KeptParts(run.out, () if shards is None else shards.folders)
+        with solving(SOLVING, True), executor_of(run.jobs) as executor:
+            clip = Clip.of(request.how(network), input)
+            every = range(len(clip.parts))
+            some = every if run.shard is None else every[run.shard.number - 1 :: run.shard.of]
+            done = list(clip.calibrated(some, parts, executor))
+            if run.shard is not None:
+                show(f"{len(some)} of {counted(len(every), 'part')} in {run.out}: fieldcalib join puts them together")
+                return 0
+            found = clip.joined(done)
         results.calibrating = time.perf_counter() - began
         for note in found.notes:
             say(note)
-        write_clip_results(results, clip, found, request, threads)
+        write_clip_results(results, input, found, request, threads)
         parts.remove()
     return 1 if source.broken or source.loss else 0
 
@@ -176,7 +207,10 @@ class Ended:
 
 
 def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
-    """Run all requests, clips by ``--jobs`` processes side by side; returns the largest exit code."""
+    """Run all requests; returns the largest exit code.
+
+    Clips are worked on by ``--jobs`` processes side by side; if there are fewer clips than that, by several each.
+    """
     jobs = requests[0].run.jobs
     alone: list[RunRequest] = []
     side_by_side: list[RunRequest] = []
@@ -191,7 +225,8 @@ def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
 def _by_processes(requests: Sequence[RunRequest], run: RunFunction, jobs: int) -> list[int]:
     codes = []
     with Processes(min(jobs, len(requests))) as executor, progress_bar(total=len(requests), unit="video") as progress:
-        own = [one.in_one_thread() for one in requests]
+        more, left = divmod(jobs, len(requests))
+        own = [one.in_one_thread(max(more + (k < left), 1)) for k, one in enumerate(requests)]
         for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):
             sys.stdout.write(ended.out)
             sys.stderr.write(ended.err)

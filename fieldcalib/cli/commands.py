@@ -58,6 +58,6 @@ def command_parser(arguments: Sequence[str]) -> Parser:
         if name == given:
             module = import_module(f"fieldcalib.cli.{name}")
             module.add_arguments(command)
-            command.set_defaults(run=module.run, command=name)
+            command.set_defaults(run=module.run, command=name, arguments=list(arguments))
             parser.chosen = command
     return parser

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
+from fieldcalib._json import texts_from_json
+from fieldcalib.cli.clips import Shards, run_clip
+from fieldcalib.cli.commands import command_parser, with_values_joined
 from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized, write_all
+from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import add_format, add_run_options, folder_name, run_options
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.output_folder import check_targets, whole_lines
 from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
-from fieldcalib.run_folder.record import PARQUET, Outcome, RunRecord, Shard, is_squashed
+from fieldcalib.run_folder.record import PARQUET, Outcome, RunOptions, RunRecord, Shard, is_squashed
 from fieldcalib.run_folder.results import (
     LOCALIZED,
+    PART_OF_CLIP,
     ResultsWriter,
     finish,
     is_unfinished,
@@ -50,6 +56,8 @@ def run(options: argparse.Namespace) -> int:
     if lines == LOCALIZED and joined.writes_table:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [read_summary(folder) for folder in shards]
+    if any(path for folder in shards for path in folder.glob(f"{PART_OF_CLIP}*")):
+        return _join_clip(joined, record, shards, summaries[0].get("options", {}))
     check_targets([joined.out / lines], [folder / lines for folder in shards], replaces=True)
     with open_run_folder(joined, record, lines) as results:
         for folder, texts in islice(_lines(shards, lines, record.unit), results.done, None):
@@ -67,6 +75,16 @@ def run(options: argparse.Namespace) -> int:
         results.say(record.options)
         write_table(joined)
     return results.exit_code
+
+
+def _join_clip(joined: RunOptions, record: RunRecord, shards: Sequence[Path], options: Mapping[str, Any]) -> int:
+    """Go on with the run of a clip whose parts are in `shards`, by the command line that these were given."""
+    given = texts_from_json(options.get("arguments", []))
+    chosen = command_parser(given).parse_args(with_values_joined(given))
+    chosen.out, chosen.shard, chosen.format = joined.out, None, joined.format
+    chosen.resume, chosen.overwrite = joined.resume, joined.overwrite
+    (request,) = split_request(RunRequest.of(chosen))
+    return run_clip(request, Shards(record, shards))
 
 
 def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:

@@ -192,9 +192,9 @@ class RunRequest:
         run = self.run.changed(self.run.out / folder if folder else self.run.out, input=input)
         return replace(self, input=input, run=run)
 
-    def in_one_thread(self) -> RunRequest:
-        """A copy for one of several processes, with one thread."""
-        run = replace(self.run.changed(self.run.out, threads=1), jobs=1)
+    def in_one_thread(self, jobs: int = 1) -> RunRequest:
+        """A copy for one of several processes, with one thread, and `jobs` processes of its own."""
+        run = replace(self.run.changed(self.run.out, threads=1), jobs=jobs)
         return replace(self, run=run, network=replace(self.network, threads=1))
 
 

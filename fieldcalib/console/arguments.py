@@ -44,7 +44,8 @@ T = TypeVar("T")
 NO_PRIOR = "none"
 # Options that do not change the results of a frame, or that the record of a run has elsewhere.
 NOT_RECORDED = frozenset(
-    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard", "report"}
+    {"run", "command", "arguments", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite"}
+    | {"shard", "report"}
 )
 SOCCER = "soccer"
 KNOWN = "known"
@@ -468,8 +469,6 @@ def digest_of(network: Network | None) -> str:
 def load_network(options: NetworkOptions) -> SegmentationNetwork:
     """Load the network, and OpenCV, which reads the images: both with that many threads.
 
-    Copies of the network in other processes have one thread.
-
     Raises
     ------
     OtherFieldError
@@ -484,8 +483,7 @@ def load_network(options: NetworkOptions) -> SegmentationNetwork:
         network = SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
     unknown = classes_without_segment(network.classes, options.field)
     if not unknown:
-        source = network.source and replace(network.source, threads=1)
-        return replace(network, source=source)
+        return network
     if options.model is None:
         raise OtherFieldError(
             f"the network that comes with fieldcalib knows soccer fields only: --field {options.field_name} needs one "

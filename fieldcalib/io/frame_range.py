@@ -81,6 +81,13 @@ class Cut:
     start: Position = Position(frame=0)
     end: Position | None = None
     step: int = 1
+    is_part: bool = False
+    """Whether it is a part of what is read, which may have no frame where a file is cut off."""
+
+    @classmethod
+    def part(cls, numbers: range) -> Self:
+        """The frames with some numbers, as a part of what is read."""
+        return cls(Position(frame=numbers.start), Position(frame=numbers.stop), numbers.step, is_part=True)
 
     def beyond(self, count: int, frames_per_second: float | None = None, times: Sequence[float] = ()) -> str:
         """Message if the end is beyond that of an input of `count` frames; empty otherwise.

@@ -79,13 +79,13 @@ class FrameReader:
                 self._frames = decoder.frames(self.numbers.start)
                 self._passed = self.numbers.start  # number of the frame after the last one that was decoded
                 first = self._next()
-                if first is None:
+                if first is None and not cut.is_part:
                     raise BrokenFileError(self._no_start(cut))
         except ValueError:
             decoder.close()
             raise
         self._first: tuple[int, Image] | None = first
-        self.size = size_of(first[1])
+        self.size = (0, 0) if first is None else size_of(first[1])
         self.pixel_aspect = decoder.pixel_aspect if abs(decoder.pixel_aspect - 1.0) > LEAST_ASPECT else 1.0
         if decoder.is_interlaced:
             self.remark = f"{name} {INTERLACED}"

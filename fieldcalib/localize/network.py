@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -136,7 +136,7 @@ class SegmentationNetwork:
     """A segmentation network, ready to run.
 
     A pickle holds the paths of its files only. Another process loads them when it first runs the network, once for all
-    pickles of it; the files must exist there and be unchanged. Copies are the network itself.
+    pickles of it, to run in one thread; the files must exist there and be unchanged. Copies are the network itself.
     """
 
     description: NetworkDescription
@@ -200,7 +200,8 @@ class SegmentationNetwork:
     def __reduce__(self) -> tuple[Any, ...]:
         if self.source is None:
             raise TypeError("this network cannot be pickled: SegmentationNetwork.load gives one that can")
-        return SegmentationNetwork, (self.description, _LateSession(self.source), self.source)
+        source = replace(self.source, threads=1)
+        return SegmentationNetwork, (self.description, _LateSession(source), source)
 
     def __repr__(self) -> str:
         size = "{} x {}".format(*self.description.input_size)

@@ -361,6 +361,26 @@ class Layout:
         J[..., CENTER, ANGLES] = law[..., 4, None, None] * np.swapaxes(np.cross(axes, (0.0, 0.0, 1.0)) @ R, -1, -2)
         return J
 
+    def referred(self, reference: float) -> tuple[Layout, Array]:
+        """The layout with its zoom law at another reference log f, and the matrix (n, n) that takes theta to it.
+
+        Examples
+        --------
+        >>> layout = Layout.of((960, 540), zoom_law=ZoomLaw(7.0))
+        >>> theta = np.arange(layout.size) / 10.0
+        >>> other, change = layout.referred(7.5)
+        >>> np.allclose(other.at_zoom(change @ theta)[:12], layout.at_zoom(theta)[:12])
+        True
+        """
+        change = np.eye(self.size)
+        if self.zoom_law is None:
+            return self, change
+        shift, first, a1 = reference - self.zoom_law.reference, self.zoom_law_block.start, self.lens_block.start
+        change[PRINCIPAL_POINT, first : first + 2] = shift * np.eye(2)
+        if self.lens.names:
+            change[a1, first + 2], change[a1, first + 3], change[first + 2, first + 3] = shift, shift**2, 2.0 * shift
+        return replace(self, zoom_law=ZoomLaw(reference)), change
+
     def terrain(self, theta: Array, given: Terrain | None) -> Terrain | None:
         """The ground at parameter vectors (B, n), with heights and sizes (B, 1); None where it is level.
 

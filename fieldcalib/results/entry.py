@@ -10,6 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -38,6 +39,7 @@ from fieldcalib.io.results import lines_file
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
+from fieldcalib.processes.jobs import in_order
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames, Pictures, StoredFrames, auto_field
 from fieldcalib.run_folder.clip_results import read_clip
@@ -91,6 +93,7 @@ def calibrate(
     camera: Mount = "tripod",
     side: Side | None = None,
     progress: Progress = True,
+    executor: Executor | None = None,
 ) -> Results:
     """Calibrate the cameras of pictures, of a clip, or of labelled pixels.
 
@@ -135,6 +138,10 @@ def calibrate(
         True shows a bar on a terminal and in a notebook, and prints a line every ten seconds elsewhere. A function is
         called with the number of frames that are done, how many there are (None if that is not known), and the stage;
         an error that it raises ends the work.
+    executor : concurrent.futures.Executor, optional
+        Works on pictures, labelled pixels and the parts of a long clip, e.g. `fieldcalib.processes.Processes`, or the
+        executor of a cluster (dask's ``Client.get_executor()``); other processes must be able to read the files, and to
+        import the classes of the arguments. The results are the same.
 
     Returns
     -------
@@ -163,7 +170,7 @@ def calibrate(
     how = How(task, network, side, camera=camera)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
-    return replace(taken.calibrate(how, progress), options=options)
+    return replace(taken.calibrate(how, progress, executor), options=options)
 
 
 def _field(field: object) -> Field:
@@ -258,7 +265,7 @@ def _pictures(record: RunRecord, home: Path, *, is_clip: bool) -> Pictures:
 class Input(Protocol):
     """Input that can be calibrated."""
 
-    def calibrate(self, how: How, progress: Progress) -> Results:
+    def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate the whole input; `how` has the network that the user gives, if any."""
 
 
@@ -362,7 +369,7 @@ class Labelled:
     image_size: tuple[int, int] | None
     """Size of the pictures, if the user gives it."""
 
-    def calibrate(self, how: How, progress: Progress) -> Results:
+    def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate all of it."""
         if how.side is not None:
             raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
@@ -377,7 +384,7 @@ class Labelled:
                 losses: dict[str, float] = {}
                 for size, ids in grouped(unit, lambda id: frames[id][1]).items():
                     pixels = {id: frames[id][0] for id in ids}
-                    found = calibrate_labels(how.task, list(pixels.values()), size)
+                    found = calibrate_labels(how.task, list(pixels.values()), size, executor=executor)
                     losses |= paper_losses(field, pixels, found)
                     calibrations |= zip(ids, found, strict=True)
                 for id in unit:
@@ -405,17 +412,17 @@ class OneByOne:
     iterator: Iterable[Image] | None = None
     """Images that can be read only once; None if `pictures` has them."""
 
-    def calibrate(self, how: How, progress: Progress) -> Results:
+    def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate all of it."""
         _check_no_clip(how)
         how, collected = how.with_network(), Collected()
         frames, total = self._frames()
         with progress_bar(unit="frame", total=total, progress=progress) as bar:
-            for part in in_parts(frames, IMAGES_AT_ONCE, pixels_of):
-                images = [frame.image for frame in part if frame.image is not None]
-                found = iter(calibrate_images(how, images))
+            parts = in_parts(frames, IMAGES_AT_ONCE, pixels_of)
+            for part, calibrations in in_order(executor, partial(_calibrated, how), parts):
+                found = iter(calibrations)
                 for frame in part:
-                    if frame.image is None:
+                    if frame.problem:
                         collected.add_broken(frame.id, frame.problem)
                     else:
                         collected.add(frame.id, next(found))
@@ -440,6 +447,12 @@ class OneByOne:
         return map(ReadImage(), self.pictures.files), len(self.pictures.files)
 
 
+def _calibrated(how: How, part: Sequence[Frame]) -> tuple[Sequence[Frame], list[Calibration]]:
+    """Calibrate the images of frames one by one; also returns the frames, without images that would have to be sent."""
+    calibrations = calibrate_images(how, [frame.image for frame in part if frame.image is not None])
+    return [replace(frame, image=None) for frame in part], calibrations
+
+
 def _none_is_readable(broken: Mapping[str, str], pictures: Pictures) -> str:
     """Message if none of the files can be read, about the first one."""
     id, problem = next(iter(broken.items()))
@@ -454,13 +467,13 @@ class Clip:
 
     pictures: Pictures
 
-    def calibrate(self, how: How, progress: Progress) -> Results:
+    def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate all of it."""
         _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
         input = ClipInput(source, progress=progress)
         with solving(SOLVING, progress):
-            found = calibrate_clip(how, input)
+            found = calibrate_clip(how, input, executor=executor)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
@@ -479,9 +492,11 @@ class LiveStream:
     stream: Stream
     cut: Cut
 
-    def calibrate(self, how: How, progress: Progress) -> Results:
+    def calibrate(self, how: How, progress: Progress, executor: Executor | None = None) -> Results:
         """Calibrate all of it."""
         _check_no_clip(how)
+        if executor is not None:
+            raise ValueError("executor is of files and arrays: the frames of a stream are calibrated as they come")
         how, collected = how.with_network(), Collected()
         if how.network is None:
             raise ValueError(

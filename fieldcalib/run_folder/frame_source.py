@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, count, islice
@@ -18,7 +19,7 @@ from typing import Any, TypeVar
 
 from fieldcalib._progress import Progress, progress_bar, say, waiting_for
 from fieldcalib._types import is_number
-from fieldcalib.io.clips import OneSize, in_order
+from fieldcalib.io.clips import OneSize, Reading, in_order
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError, FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
@@ -196,6 +197,24 @@ class FrameSource(ABC):
         """Name of a frame in annotations of other tools."""
         return self.ids[number]
 
+    @abstractmethod
+    def part(self, begin: int, end: int) -> FrameSource:
+        """The frames from the `begin`-th up to the `end`-th in order, which tells no message."""
+
+    def learn(self, reading: Reading) -> None:
+        """Take over what readings of parts have told, and tell it."""
+        self.broken |= reading.broken
+        self.loss = reading.loss
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything that another process needs."""
+        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        """Restore it."""
+        self.__dict__ |= state
+        self._lock = Lock()
+
     def close(self) -> None:  # noqa: B027 - pictures and arrays have nothing to close
         """End reading."""
 
@@ -219,6 +238,12 @@ class ArrayFrames(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         for id, number in zip(self.ids, self._numbers, strict=True):
             yield Frame(id, checked_image(self._images[number]))
+
+    def part(self, begin: int, end: int) -> ArrayFrames:
+        """Some of the images, which only go to another process."""
+        some = ArrayFrames([self._images[number] for number in self._numbers[begin:end]])
+        some.ids = self.ids[begin:end]
+        return some
 
     def _read(self, number: int) -> Image:
         return checked_image(self._images[self._numbers[number]])
@@ -259,6 +284,17 @@ class FileFrames(FrameSource):
             elif self._is_clip:
                 one_size.check(file, frame.image)
             yield frame
+
+    def part(self, begin: int, end: int) -> FileFrames:
+        """The images of some of the files."""
+        return FileFrames(self.files[begin:end], self._one, ignored, is_clip=self._is_clip)
+
+    def learn(self, reading: Reading) -> None:
+        """Take over what readings of parts have told, and tell of images that cannot be read."""
+        for file in self.files:
+            if file.id in reading.broken and file.id not in self.broken:
+                self._tell(f"{file.path}: {reading.broken[file.id]}")
+        super().learn(reading)
 
     def _read(self, number: int) -> Image:
         file = self.files[number]
@@ -349,6 +385,18 @@ class VideoFrames(FrameSource):
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
                 self._tell(loss)
+
+    def part(self, begin: int, end: int) -> VideoFrames:
+        """Some of the frames; the video has been looked at."""
+        assert self._reader is not None
+        cut = Cut.part(self._reader.numbers[begin:end])
+        return VideoFrames(self._path, cut, self._one, self._threads, ignored)
+
+    def learn(self, reading: Reading) -> None:
+        """Take over what readings of parts have told, and tell of frames that are not there."""
+        if reading.loss and not self.loss:
+            self._tell(reading.loss)
+        super().learn(reading)
 
     @cached_property
     def _video(self) -> VideoReader:
@@ -472,10 +520,11 @@ class ClipInput:
     def __init__(
         self, source: FrameSource, placement: Callable[[Image], Placement] = whole_frame, progress: Progress = True
     ) -> None:
-        self.source, self._placement, self._progress = source, placement, progress
-        self.ids: list[str] = []
+        self.source, self._placement, self.progress = source, placement, progress
+        self.ids: Sequence[str] = []
         """Ids of all frames, in order; known after the first pass."""
         self._passes = iter(PASSES)
+        self._most_held, self._announced = HELD_BYTES, 0
         self._held: dict[int, Frame] = {}
         self._newest, self._bytes = -1, 0  # number of the last frame that was held, and size of all that are
         self._left: tuple[Iterator[Frame], int] | None = None  # a reading that was left, and how many frames it gave
@@ -484,6 +533,35 @@ class ClipInput:
     def pixel_aspect(self) -> float:
         """Width of a pixel as shown, in heights."""
         return self.source.pixel_aspect
+
+    @property
+    def count(self) -> int:
+        """Number of frames, as the input announces; they are counted if it does not."""
+        return len(self.ids) or self.source.count or sum(1 for _ in self.source)
+
+    def opened(self) -> AbstractContextManager[Iterable[Image]]:
+        """The frames, each reading of which is a pass."""
+        return nullcontext(self)
+
+    def part(self, begin: int, end: int) -> ClipInput:
+        """Some of the frames, which do not stay in memory, nor do those that were read so far."""
+        self._held.clear()
+        part = ClipInput(self.source.part(begin, end), self._placement, self.progress)
+        part._passes, part._most_held, part._announced = iter(PASSES[1:]), 0, end - begin
+        return part
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything that another process needs, which shows no progress."""
+        return {**self.__dict__, "progress": False}
+
+    def told(self) -> Reading:
+        """What the last reading has told."""
+        return Reading(self.ids, self.source.broken, self.source.loss)
+
+    def learn(self, reading: Reading) -> None:
+        """Take over what was told by the readings of all parts."""
+        self.ids = reading.ids
+        self.source.learn(reading)
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, from the first one that can be read."""
@@ -525,7 +603,7 @@ class ClipInput:
             return
         self._held[number], self._newest = frame, number
         self._bytes += bytes_of(frame)
-        while self._bytes > HELD_BYTES:
+        while self._bytes > self._most_held:
             self._bytes -= bytes_of(self._held.pop(next(iter(self._held))))
 
     def __iter__(self) -> Iterator[Image]:
@@ -538,8 +616,8 @@ class ClipInput:
     def frames(self, stage: str = DRAWING) -> Iterator[Frame]:
         """Yield the images as they are, with progress under the name `stage`."""
         ids: list[str] = []
-        total = len(self.ids) or self.source.count or None
-        with progress_bar(desc=stage, total=total, unit="frame", progress=self._progress) as progress:
+        total = len(self.ids) or self._announced or self.source.count or None
+        with progress_bar(desc=stage, total=total, unit="frame", progress=self.progress) as progress:
             for frame in self._read():
                 if self.ids and self.ids[len(ids) : len(ids) + 1] != [frame.id]:
                     raise BrokenFileError(REPLACED)

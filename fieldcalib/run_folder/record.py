@@ -64,7 +64,7 @@ OPTIONS = {  # kinds of the options that are read from records, by name
     "step": WHOLE_NUMBER,
 }
 # options that are not recorded: the input is recorded by its digests, threads do not change results
-NOT_COMPARED = frozenset({"input", "threads"})
+NOT_COMPARED = frozenset({"input", "threads", "arguments"})
 SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
@@ -106,6 +106,8 @@ class RunOptions:
     recorded: Mapping[str, Any]
     """All options that affect results, as JSON, for run.json and summary.json."""
     command: str = ""
+    arguments: Sequence[str] = ()
+    """The command line."""
     field_file: Path | None = None
     """The field's file, if it is the user's own."""
     format: str = JSON_LINES
@@ -124,6 +126,11 @@ class RunOptions:
     def writes_table(self) -> bool:
         """Whether cameras.parquet is written instead of cameras.jsonl."""
         return self.format == PARQUET
+
+    @property
+    def with_arguments(self) -> RunOptions:
+        """Options that record the command line too, so that the results can be joined as it says."""
+        return self.changed(self.out, arguments=self.arguments)
 
     def changed(self, out: Path, **options: Any) -> RunOptions:
         """Change the folder and some recorded options."""

@@ -227,7 +227,8 @@ def open_camera_folder(
     with open_run_folder(run, record, files=files) as results:
         yield results
         finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
-        results.say(run.recorded)
+        if results.done or run.shard is None:
+            results.say(run.recorded)
     write_table(run)
 
 

@@ -39,6 +39,22 @@ def test_a_line_every_ten_seconds_where_there_is_no_terminal(clock, capfd):
     ]
 
 
+def test_a_stage_within_another_is_told_with_the_time_left_of_both(clock, capfd):
+    with progress_bar(unit="frame", total=12, desc="calibrating") as whole:
+        for _ in range(3):
+            with progress_bar(unit="frame", total=4, desc="matching") as progress:
+                for _ in range(4):
+                    progress.update()
+            whole.update(4)
+    lines = lines_of(capfd.readouterr().err)
+    assert lines[0] == "calibrating: 0 of 12 frames; matching: 3 of 4 frames, 0.333 a second, 0:03 left"
+    ends = [re.fullmatch(r"calibrating: \d+ of 12 frames, (\d):(\d\d) left; matching: .*", one) for one in lines[1:]]
+    left = [60 * int(one[1]) + int(one[2]) for one in ends if one]
+    assert len(left) >= 2
+    assert left == sorted(left, reverse=True)
+    assert 12 <= left[0] <= 48  # 24 to 27
+
+
 def test_a_line_without_a_known_end(clock, capfd):
     with progress_bar(unit="frame") as progress:
         for _ in range(5):

@@ -1,5 +1,6 @@
 """What `calibrate_video` reads: videos, folders and zips of images, and what is none of these."""
 
+import pickle
 import zipfile
 
 import cv2
@@ -8,12 +9,22 @@ import pytest
 from networks import FIELD, KnownCameras
 
 from fieldcalib import calibrate_from_images, calibrate_video
-from fieldcalib.io.clips import clip_reader
+from fieldcalib.io.clips import Reading, clip_frames
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoWriter
 
 NAMES = ("b1", "a9", "a10")
 BLACK = np.zeros((54, 96, 3), np.uint8)
+
+
+class Read:
+    """Images that can be iterated over, and no more."""
+
+    def __init__(self, images):
+        self.images = images
+
+    def __iter__(self):
+        return iter(self.images)
 
 
 @pytest.fixture
@@ -27,12 +38,21 @@ def folder(tmp_path):
     return folder
 
 
+def brightness(frames):
+    with frames.opened() as images:
+        return [round(image.mean() / 40.0) for image in images]
+
+
 def read(source):
-    reader = clip_reader(source)
-    with reader() as images, reader() as again:
-        first, second = ([round(image.mean() / 40.0) for image in some] for some in (images, again))
-    assert first == second
-    return first
+    """Brightness of the images of a clip, read twice; its parts read the same, here and in another process."""
+    frames = clip_frames(source)
+    found = brightness(frames)
+    assert brightness(frames) == found
+    assert frames.count == len(found)
+    parts = [frames.part(0, 1), frames.part(1, frames.count)]
+    assert [value for part in parts for value in brightness(pickle.loads(pickle.dumps(part)))] == found
+    assert brightness(parts[1].part(1, 2)) == found[2:3]
+    return found
 
 
 def test_images_are_in_the_order_of_their_numbers(folder, tmp_path):
@@ -50,6 +70,25 @@ def test_a_video_and_images(tmp_path):
         for image in images:
             video.write(image)
     assert read(tmp_path / "clip.mp4") == [1, 2, 3]
+    assert read(Read(images)) == [1, 2, 3]
+
+
+def test_a_part_of_a_video_that_is_cut_off_may_have_no_frame(tmp_path):
+    """The file announces more frames than it has."""
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (96, 54))
+    for image in np.random.default_rng(0).integers(0, 255, (12, 54, 96, 3), np.uint8):
+        writer.write(image)
+    writer.release()
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    frames = clip_frames(path)
+    assert frames.count == 12
+    parts = [frames.part(0, 4), frames.part(4, 8), frames.part(8, 12)]
+    counts = [len(brightness(part)) for part in parts]
+    assert counts[0] == 4 > counts[1] > counts[2] == 0
+    told = Reading.joined([part.told() for part in parts])
+    assert "announces 4 frames" in told.loss
+    assert told.loss.endswith("others are missing in another part of it")
 
 
 def test_a_broken_image_and_one_of_another_size_are_named(folder):

@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def test_a_pickled_network_says_the_same_in_another_process(tmp_path, monkeypatc
 def test_the_shipped_network_is_pickled_without_a_path():
     network = SegmentationNetwork.load()
     read = pickle.loads(pickle.dumps(network))
-    assert read.source == network.source
+    assert read.source == replace(network.source, threads=1)  # where others work beside it
     assert read.source.model is None
     image = coloured((640, 360))[0]
     assert np.array_equal(read([image]), network([image]))
@@ -57,7 +58,7 @@ def test_all_pickles_of_a_network_are_loaded_once(tmp_path, monkeypatch):
         pickle.loads(content)([image])
     assert len(started) == 1
     again = pickle.loads(pickle.dumps(pickle.loads(content)))
-    assert again.source == network.source
+    assert again.source == replace(network.source, threads=1)
 
 
 def test_a_copy_is_the_network_itself(tmp_path):

@@ -53,6 +53,9 @@ MOSTLY_IN_VIEW = (
 LEAST_LIKENESS_OF_KEY = 0.68  # of matched keyframes, and of frames that make a new piece
 KEPT = 12  # last keyframes of a piece that are kept: no more are made during a dissolve
 
+REDUCED = (32, 18)  # pixels of frames that are passed,
+LEAST_CORRELATION = 0.9  # and of one and the next, below which there may be a cut
+
 LONGEST_CHAIN = 25  # frames, a second, that are linked one by one
 
 
@@ -76,6 +79,8 @@ class TiedFrame:
     """Whether the picture equals that of the frame before: the stream repeats a frame, or is frozen."""
     unmatched: tuple[KeyframePair, ...] = ()
     """Pairs of this keyframe and earlier ones that `KeyframeTracker` has left unmatched (`leave_pairs`)."""
+    is_passed: bool = False
+    """Whether it was not matched, as the tracker was told to leave its piece (`KeyframeTracker.leave`)."""
 
     @property
     def is_key(self) -> bool:
@@ -115,11 +120,29 @@ class KeyframeTracker:
             raise ValueError(f"every must be 1 or more frames, got {every}")
         self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
+        self._number = 0  # of the piece that begins when there is none
+        self._is_left = False  # whether the piece is followed no more
+        self._passed: Array | None = None  # the last frame of it, reduced
         self._last: VideoFrame | None = None  # the last frame that is no duplicate
         self._piece: _Piece | None = None
         self._lost = 0  # number of frames since the last frame that was tied to the piece
         self._candidate: _Piece | None = None  # frames that may become a new piece
         self._waiting: list[TiedFrame] = []  # frames of the candidate
+
+    def leave(self, piece: int) -> None:
+        """Match no further frames of the current piece, if that is its number: a cut ends it, or `begin_anew`."""
+        if self._piece is not None and self._piece.number == piece and not self._lost:
+            self._is_left = True
+
+    def begin_anew(self) -> None:
+        """Begin a new piece after one that was left."""
+        if self._is_left and self._piece is not None:
+            self._number, self._piece, self._passed, self._is_left = self._piece.number + 1, None, None, False
+
+    def _is_passed(self, image: Image) -> bool:
+        """Whether a frame goes on with the piece that was left."""
+        before, self._passed = self._passed, _reduced(image)
+        return before is None or bool(np.corrcoef(before, self._passed)[0, 1] >= LEAST_CORRELATION)
 
     def update(self, image: Image) -> list[TiedFrame]:
         """Take the next frame; return the frames that are now known to belong to a piece, in order.
@@ -129,6 +152,11 @@ class KeyframeTracker:
         ValueError
             If its size is not that of the frames before, or as `fieldcalib.images.background.matching_frame.Frame.of`.
         """
+        if self._is_left and self._piece is not None:
+            if self._is_passed(image):
+                self._count += 1
+                return [TiedFrame(self._count - 1, self._piece.number, self._piece.key.index, (), False, (), True)]
+            self.begin_anew()
         frame = Frame.of(image)
         if self._last is not None and frame.image_size != self._last.frame.image_size:
             (width, height), (w, h) = frame.image_size, self._last.frame.image_size
@@ -138,7 +166,7 @@ class KeyframeTracker:
         if not view.duplicate:
             self._last = view
         if self._piece is None:
-            self._piece = _Piece(view, 0, self._options)
+            self._piece = _Piece(view, self._number, self._options)
             return [self._piece.first]
         tied = self._piece.tied(view) if self._lost == 0 else None
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
@@ -177,7 +205,11 @@ class KeyframeTracker:
 
 
 def tied_frames(
-    images: Iterable[Image], *, every: int = EVERY, moving: bool = False
+    images: Iterable[Image],
+    *,
+    every: int = EVERY,
+    moving: bool = False,
+    tracker: KeyframeTracker | None = None,
 ) -> Iterator[tuple[Image, TiedFrame]]:
     """Tie the frames of a video to keyframes, in one pass.
 
@@ -189,6 +221,8 @@ def tied_frames(
         Frames from one keyframe to the next, at most.
     moving : bool
         As in `match_background`.
+    tracker : KeyframeTracker, optional
+        Takes the place of `every` and `moving`: one that the caller may tell to leave pieces.
 
     Yields
     ------
@@ -220,13 +254,22 @@ def tied_frames(
     >>> [tied.piece for _, tied in tied_frames(cut)] == 20 * [0] + 20 * [1]
     True
     """
-    tracker, waiting = KeyframeTracker(every, moving=moving), deque[Image]()
+    waiting = deque[Image]()
+    tracker = tracker or KeyframeTracker(every, moving=moving)
     for image in images:
         waiting.append(image)
         for tied in tracker.update(image):
             yield waiting.popleft(), tied
     for tied in tracker.finish():
         yield waiting.popleft(), tied
+
+
+def _reduced(image: Image) -> Array:
+    """A picture as a few grey pixels."""
+    import cv2
+
+    small = cv2.resize(image, REDUCED, interpolation=cv2.INTER_AREA)
+    return np.asarray(small if small.ndim == 2 else small.mean(axis=2), float).ravel()
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,54 +8,77 @@
     VideoCalibration       -> VideoCalibration  finish_clip_again  again, if more markings then lie on their paint
 
 The video is read twice, and a third time to finish again: lines can be found in a frame only when its camera is known
-to a few pixels, which takes the other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines,
-but keyframe by keyframe.
+to a few pixels, which takes the other frames. A long video is calibrated in parts, by several processes if there are
+any, and what the parts share is joined in the end (`fieldcalib.images.clip.joined_parts`). `Tracker` uses the same
+matches, labels of keyframes, problems and lines, but keyframe by keyframe.
 """
 
 from __future__ import annotations
 
 import os
-import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import groupby, islice
-from typing import Protocol
+from functools import cached_property, partial
+from itertools import chain, islice, pairwise
+from typing import NamedTuple, Protocol, TypeVar
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._progress import progress_bar
 from fieldcalib._types import named
 from fieldcalib.assess.video import Shape, VideoCalibration
 from fieldcalib.fields.field import ObjectSegments, Side
-from fieldcalib.images.background.keyframe_tracking import EVERY, TiedFrame, tied_frames
+from fieldcalib.images.background.keyframe_tracking import EVERY, KeyframeTracker, tied_frames
+from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.clip.clip_models import crown_notes
 from fieldcalib.images.clip.clip_shape import ShapeEstimator
 from fieldcalib.images.clip.finished_clip import find_clip_lines, finish_clip, finish_clip_again, off_paint
+from fieldcalib.images.clip.joined_parts import joined_parts
 from fieldcalib.images.clip.keyframes import read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How, Mount
 from fieldcalib.images.shape.shape_of_picture import has_cameras, notes_without_camera
-from fieldcalib.io.clips import clip_reader
+from fieldcalib.io.clips import ClipFrames, Reading, clip_frames
 from fieldcalib.io.image_files import Image, checked_image, read_ahead, size_of
-from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.picture_shape import Placement
+from fieldcalib.processes.jobs import in_order
+from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.solve.request import GivenCamera, Task, check_of_clip
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 
 LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, above which lines are looked for once more
-PART = 3000  # frames, two minutes, after which a new part begins at the next keyframe
+PART = 3000  # frames of a part of a long video, about: two minutes
+TOGETHER = "calibrating"  # name of the work on all parts
 
 
-class PartStore(Protocol):
-    """Store of calibrations of parts of a video by their number: a dict, or another mapping."""
+Part = TypeVar("Part")
 
-    def get(self, index: int, /) -> VideoCalibration | None:
-        """The calibration of a part; None if there is none yet."""
 
-    def __setitem__(self, index: int, part: VideoCalibration, /) -> None: ...
+class Store(Protocol[Part]):
+    """Parts of a video by their number: a dict, or another mapping."""
+
+    def get(self, index: int, /) -> Part | None:
+        """A part; None if it is not done yet."""
+
+    def __setitem__(self, index: int, part: Part, /) -> None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Calibrations:
+    """Store of parts of which only the calibrations are kept."""
+
+    store: Store[VideoCalibration]
+
+    def get(self, index: int) -> FinishedPart | None:
+        found = self.store.get(index)
+        return None if found is None else FinishedPart(found, Reading((), {}, ""))
+
+    def __setitem__(self, index: int, part: FinishedPart) -> None:
+        self.store[index] = part.calibration
 
 
 def calibrate_video(
@@ -76,7 +99,8 @@ def calibrate_video(
     every: int = EVERY,
     camera: Mount = "tripod",
     side: Side | None = None,
-    parts: PartStore | None = None,
+    parts: Store[VideoCalibration] | None = None,
+    executor: Executor | None = None,
 ) -> VideoCalibration:
     """Calibrate the frames of a video together.
 
@@ -123,16 +147,20 @@ def calibrate_video(
     side : {"main", "opposite"}, optional
         The side of the field that the camera is on, as in `calibrate_from_images`.
     parts : mapping of int to VideoCalibration, optional
-        Calibrations of parts of the video (`PART` frames) by their number, e.g. of an earlier call that was
+        Calibrations of parts of the video (about `PART` frames) by their number, e.g. of an earlier call that was
         interrupted: these are not calibrated again, and the others are added when they are done.
+    executor : concurrent.futures.Executor, optional
+        Works on the parts of a long video, e.g. `Processes`, or the executor of a cluster (dask's
+        ``Client.get_executor()``); other processes must be able to read the video, and to import the classes of the
+        arguments. The results are the same.
 
     Returns
     -------
     VideoCalibration
         Each frame says what it rests on: lines, matches, both, or interpolation (`VideoCalibration.basis`). A camera is
-        accepted as long as the field in view is known to its `Field.tolerance`, 1 m on a soccer pitch. After two
-        minutes of video shots and tripods begin anew, and share nothing with those before, so that memory does not grow
-        with the video.
+        accepted as long as the field in view is known to its `Field.tolerance`, 1 m on a soccer pitch. A video of more
+        than three minutes is calibrated in parts of about two, so that memory does not grow with it; what these tell of
+        tripods, lens and field is then joined, by its uncertainty.
 
     Warns
     -----
@@ -166,104 +194,166 @@ def calibrate_video(
         camera=camera,
         every=every,
     )
-    return calibrate_clip(how, source, parts)
+    if parts is not None and not (hasattr(parts, "get") and hasattr(parts, "__setitem__")):
+        raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
+    return calibrate_clip(how, source, None if parts is None else _Calibrations(parts), executor)
 
 
 def calibrate_clip(
-    how: How, source: str | os.PathLike[str] | Iterable[Image], parts: PartStore | None = None
+    how: How,
+    source: str | os.PathLike[str] | Iterable[Image] | ClipFrames,
+    kept: Store[FinishedPart] | None = None,
+    executor: Executor | None = None,
 ) -> VideoCalibration:
     """Calibrate the frames of a video together (`calibrate_video`)."""
-    if parts is not None and not (hasattr(parts, "get") and hasattr(parts, "__setitem__")):
-        raise ValueError(f"expected parts, a dict of calibrations by the number of the part, got {named(parts)}")
-    check_of_clip(how.task.chosen_flags)
-    if how.camera == "moving" and how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
-        raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
-    network = how.with_network().network
-    network = None if network is None else Padded(network)
-    is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
-    on, how = replace(how, network=network, may_be_enlarged=is_free).on_side()
-    clip = _Clip(clip_reader(source))
-    with clip.opened() as images:
-        clip = replace(clip, shape=ShapeEstimator(how).shape(images))
-    found = _calibrated_parts(clip, how, parts)
-    of_shape = () if clip.shape is None else clip.shape.words
-    without = network is not None and len(found) and not has_cameras(found)
-    asked = notes_without_camera(how.task.object_segments, clip.image_size) if without else ()
-    notes = (*found.notes, *crown_notes(found.tripods), *of_shape, *asked)
-    return replace(found, shape=clip.shape, notes=notes, is_side_open=on.is_open)
+    clip = Clip.of(how, source)
+    return clip.joined(list(clip.calibrated(range(len(clip.parts)), {} if kept is None else kept, executor)))
 
 
 @dataclass(frozen=True, eq=False)
-class _Clip:
-    """A clip that can be read repeatedly, with the shape of its frames."""
+class Clip:
+    """A clip whose parts can be calibrated, each by itself."""
 
-    opened: Callable[[], AbstractContextManager[Iterable[Image]]]
+    frames: ClipFrames
+    how: How
+    on: CameraSide
     shape: Shape | None = None
+
+    @classmethod
+    def of(cls, how: How, source: str | os.PathLike[str] | Iterable[Image] | ClipFrames) -> Clip:
+        """Look at the first frames, and check the arguments of `calibrate_video`."""
+        check_of_clip(how.task.chosen_flags)
+        if how.camera == "moving" and how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION:
+            raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
+        network = how.with_network().network
+        network = None if network is None else Padded(network)
+        is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
+        on, how = replace(how, network=network, may_be_enlarged=is_free).on_side()
+        frames = clip_frames(source)
+        with frames.opened() as images:
+            return cls(frames, how, on, ShapeEstimator(how).shape(images))
+
+    @cached_property
+    def parts(self) -> Sequence[ClipPart]:
+        """The parts, of equal lengths near `PART`."""
+        frames, count = self.frames, self.frames.count
+        ends = np.linspace(0, count, max(round(count / PART), 1) + 1).round().astype(int).tolist()
+        if len(ends) == 2:
+            return [ClipPart(frames, self.how, self.shape, 0, count)]
+        size = self.image_size
+        return [ClipPart(frames.part(a, b), self.how, self.shape, a, b - a, size) for a, b in pairwise(ends)]
 
     @property
     def image_size(self) -> tuple[int, int]:
         """Width and height of its first image."""
-        with self.opened() as images:
+        with self.frames.opened() as images:
             return size_of(next(iter(images)))
 
-    def frames(self, images: Iterable[Image]) -> Iterator[Image]:
+    def calibrated(
+        self, numbers: Sequence[int], kept: Store[FinishedPart], executor: Executor | None = None
+    ) -> Iterator[FinishedPart]:
+        """Calibrate some of the parts, those that are not kept yet; these are kept as soon as they are done."""
+        before = {number: found for number in numbers if (found := kept.get(number)) is not None}
+        left = [self.parts[number] for number in numbers if number not in before]
+        some = executor if len(self.parts) > 1 else None
+        results = in_order(some, calibrated_part, left, ahead=len(left), rescue=partial(_once_more, executor))
+        total, done = (sum(part.count for part in parts) for parts in ([self.parts[k] for k in numbers], left))
+        with progress_bar(
+            unit="frame",
+            total=total,
+            initial=total - done,
+            desc=TOGETHER,
+            progress=self.frames.progress if len(numbers) > 1 else False,
+        ) as progress:
+            for number in numbers:
+                if number in before:
+                    _check(number, before[number], self.parts[number])
+                    yield before[number]
+                    continue
+                found = next(results)
+                kept[number] = found
+                yield found
+                progress.update(self.parts[number].count)
+
+    def joined(self, parts: Sequence[FinishedPart]) -> VideoCalibration:
+        """Join all parts, and add what holds for all frames: their shape, and notes on the whole clip."""
+        self.frames.learn(Reading.joined([part.reading for part in parts]))
+        video = joined_parts([part.calibration for part in parts], self.how)
+        of_shape = () if self.shape is None else self.shape.words
+        without = self.how.network is not None and len(video) and not has_cameras(video)
+        asked = notes_without_camera(self.how.task.object_segments, self.image_size) if without else ()
+        notes = (*video.notes, *crown_notes(video.tripods), *of_shape, *asked)
+        return replace(video, shape=self.shape, notes=notes, is_side_open=self.on.is_open)
+
+
+class FinishedPart(NamedTuple):
+    """A part of a clip that is calibrated."""
+
+    calibration: VideoCalibration
+    reading: Reading
+
+
+@dataclass(frozen=True, eq=False)
+class ClipPart:
+    """Frames of a clip that are calibrated without the others, perhaps by another process."""
+
+    frames: ClipFrames
+    how: How
+    shape: Shape | None
+    begin: int
+    """Number of its first frame in the clip."""
+    count: int
+    """Number of its frames, as far as it is known before they are read."""
+    size: tuple[int, int] | None = None
+    """Width and height that its images must have; None if it is the whole clip."""
+
+    def cut_out(self, images: Iterable[Image]) -> Iterator[Image]:
         """Cut the frames out of the images, reading ahead; a ValueError for an image of another size."""
-        return read_ahead(images if self.shape is None else map(partial(_in_frame, self.shape.placement), images))
+        if self.shape is not None:
+            return read_ahead(map(partial(_in_frame, self.shape.placement), images))
+        return read_ahead(images if self.size is None else map(partial(checked_image, image_size=self.size), images))
 
 
 def _in_frame(placement: Placement, image: Image) -> Image:
     return placement.image_in_frame(checked_image(image, placement.size))
 
 
-def _calibrated_parts(clip: _Clip, how: How, kept: PartStore | None) -> VideoCalibration:
-    """Calibrate a clip part by part, so that memory does not grow with the video; both passes advance together."""
-    parts = []
-    with clip.opened() as images, clip.opened() as again:
-        tied = tied_frames(clip.frames(images), every=how.every, moving=not how.is_on_tripod)
-        second = clip.frames(again)
-        for index, part in enumerate(_in_parts(tied)):
-            before = None if kept is None else kept.get(index)
-            if before is not None:
-                count = sum(1 for _ in part)
-                if count != len(before) or sum(1 for _ in islice(second, count)) != count:
-                    raise ValueError(
-                        f"part {index} has {len(before)} frames, but {count} in this video: is it of another one?"
-                    )
-                parts.append(before)
-                continue
-            parts.append(_calibrated_part(clip, how, part, second))
-            if kept is not None:
-                kept[index] = parts[-1]
-        if isinstance(images, VideoReader) and (loss := images.loss()):
-            warnings.warn(loss, stacklevel=3)
-    return VideoCalibration.joined(parts)
-
-
-def _calibrated_part(
-    clip: _Clip, how: How, part: Iterable[tuple[Image, TiedFrame]], second: Iterator[Image]
-) -> VideoCalibration:
-    """Calibrate one part of a video, from its frames in the first pass and in the second."""
-    keyframes = read_keyframes(part, how)
+def calibrated_part(part: ClipPart) -> FinishedPart:
+    """Calibrate a part of a clip."""
+    how = part.how
+    with part.frames.opened() as images:
+        frames = part.cut_out(images)
+        first = list(islice(frames, 1))
+        tracker = KeyframeTracker(how.every, moving=not how.is_on_tripod)
+        tied = tied_frames(chain(first, frames), tracker=tracker)
+        keyframes = read_keyframes(tied, how, part.begin, tracker) if first else None
+        reading = part.frames.told()
+    if keyframes is None:
+        return FinishedPart(VideoCalibration.joined([]), reading)
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
-    lines = find_clip_lines(solved, islice(second, count))
+    with part.frames.opened() as images:
+        lines = find_clip_lines(solved, islice(part.cut_out(images), count))
     found = finish_clip(lines)
-    if off_paint(found) <= LOOK_AGAIN:
-        return found
-    begin = keyframes.shots.begin
-    with clip.opened() as third:
-        return finish_clip_again(found, lines, islice(clip.frames(third), begin, begin + count))
+    if off_paint(found) > LOOK_AGAIN:
+        with part.frames.opened() as images:
+            found = finish_clip_again(found, lines, islice(part.cut_out(images), count))
+    return FinishedPart(found, reading)
 
 
-def _in_parts(frames: Iterable[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:
-    """Group frames into parts of `PART` frames or slightly more, each of which begins with a keyframe."""
-    begin = 0
+def _once_more(executor: Executor | None, part: ClipPart, _: ProcessEndedError) -> FinishedPart:
+    """Calibrate a part whose process has ended."""
+    assert executor is not None
+    try:
+        return executor.submit(calibrated_part, part).result()
+    except ProcessEndedError as error:
+        which = f"frames {part.begin} to {part.begin + part.count - 1}"
+        raise OSError(f"{which}: the process that worked on them ended twice, with {error.exit_code}") from None
 
-    def first_of_part(frame: tuple[Image, TiedFrame]) -> int:
-        nonlocal begin
-        _, tied = frame
-        if tied.is_key and tied.index - begin >= PART:
-            begin = tied.index
-        return begin
 
-    return (part for _, part in groupby(frames, key=first_of_part))
+def _check(number: int, kept: FinishedPart, part: ClipPart) -> None:
+    """Raise a ValueError if a part that was kept cannot be one of this clip."""
+    if len(kept.calibration) > part.count:
+        raise ValueError(
+            f"part {number} has {len(kept.calibration)} frames, but {part.count} in this video: is it of another one?"
+        )

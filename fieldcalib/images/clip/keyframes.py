@@ -18,10 +18,10 @@ from fieldcalib.assess.label_errors import LEAST_FRAMES, misfit, rms_by_label
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field, ObjectSegments
-from fieldcalib.images.background.keyframe_tracking import TiedFrame
+from fieldcalib.images.background.keyframe_tracking import KeyframeTracker, TiedFrame
 from fieldcalib.images.clip.clip_models import Pieces, loose_at_end, numbered
 from fieldcalib.images.clip.clip_problem import Cells, ClipProblem, calibrate_frames_alone, cells_of
-from fieldcalib.images.from_images import How
+from fieldcalib.images.from_images import LEAST_SEGMENTS, How
 from fieldcalib.images.paint.detected_lines import line_loss
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, place_of, search_from
@@ -36,6 +36,8 @@ from fieldcalib.solve.sequence.sequence_solver import calibrate_one_by_one, solv
 from fieldcalib.solve.solver_options import pixel_unit
 
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
+BARE = 7  # frames of a piece that the network has seen, all with too few labels, after which it is left,
+GLANCE = 24  # and frames from one to the next that it sees of such a piece, most of which are close-ups
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
 LEAST_CONSISTENT = 4  # labels that a camera must explain: any fewer are explained by some camera, wherever they lie
@@ -110,14 +112,17 @@ class Keyframes:
         return with_witnesses(how.task.object_segments, calibration, witnesses)
 
 
-def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], how: How) -> Keyframes:
+def read_keyframes(
+    frames: Iterable[tuple[Image, TiedFrame]], how: How, begin: int = 0, tracker: KeyframeTracker | None = None
+) -> Keyframes:
     """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
 
-    Frames are numbered from the first one; matches with frames before it are left out. Without a network the court is
-    searched for in these frames: in each alone until some give a camera, then from the place of their tripod. In the
-    end the frames without a camera are searched again from there.
+    Frames are numbered from the first one, whose number in the video is `begin`. The `tracker` that ties them is told
+    to leave pieces that show no markings. Without a network the court is searched for in these frames: in each alone
+    until some give a camera, then from the place of their tripod. In the end the frames without a camera are searched
+    again from there.
     """
-    begin, size = 0, (0, 0)
+    size = 0, 0
     piece: list[int] = []
     linked: list[bool] = []
     matches: dict[tuple[int, int], Cells] = {}
@@ -125,6 +130,8 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], how: How) -> Keyfr
     details: dict[int, Detail] = {}
     waiting: dict[int, Image] = {}  # frames that the network is to see
     searched = SearchedKeyframes(how)
+    bare: dict[int, float] = {}  # number of frames of a piece that the network has seen; -inf if one had labels
+    last = 0  # the last of them
     extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
 
     def look() -> None:
@@ -134,7 +141,10 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], how: How) -> Keyfr
             found = labels_of([searched.found[t] for t in waiting if t in searched.found])
             seen = [t for t in waiting if t in searched.found]
         else:
-            seen, found = list(waiting), labels_of(calibrate_frames_alone(how, list(waiting.values())))
+            alone = calibrate_frames_alone(how, list(waiting.values()))
+            seen, found = list(waiting), labels_of(alone)
+            for t, one in zip(waiting, alone, strict=True):
+                bare[piece[t]] = bare.get(piece[t], 0) + 1 if len(one.pixel_counts) < LEAST_SEGMENTS else -np.inf
         if how.may_be_enlarged:
             details.update({t: Detail.of(image) for t, image in waiting.items()})
         labels.update({t: one for t, one in zip(seen, found, strict=True) if one is not None})
@@ -142,22 +152,26 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], how: How) -> Keyfr
 
     for t, (image, tied) in enumerate(frames):
         if t == 0:
-            begin, size = tied.index, size_of(image)
+            size = size_of(image)
         piece.append(tied.piece)
-        linked.append(tied.is_key or bool(tied.ties))
-        ties = {
-            (key - begin, t): cells
-            for key, found in tied.ties
-            if key >= begin and (cells := cells_of(found, size)) is not None
-        }
+        linked.append(tied.is_key or bool(tied.ties) or tied.is_passed)
+        ties = {(key, t): cells for key, found in tied.ties if (cells := cells_of(found, size)) is not None}
         matches |= ties
         unsure = not any(one.accepted and piece[key] == tied.piece for key, one in labels.items())
         is_extra = unsure and extra.get(tied.piece, 0) > 0 and tied.index - tied.key in EXTRA_OFFSETS
-        if tied.is_key or not ties or is_extra:  # an untied frame can only be calibrated from its own labels
+        is_due = tied.is_key or not ties or is_extra
+        if (
+            t - last >= GLANCE if tied.is_passed else is_due
+        ):  # an untied frame can only be calibrated from its own labels
             waiting[t] = image
             extra[tied.piece] = extra.get(tied.piece, MOST_EXTRA) - is_extra
             if len(waiting) == IMAGES_AT_ONCE or unsure:
                 look()
+            last = t
+        if tracker is not None and bare.get(tied.piece, 0) >= BARE:
+            tracker.leave(tied.piece)
+        elif tied.is_passed and tracker is not None:
+            tracker.begin_anew()
     look()
     again = searched.searched_again().found
     labels |= {t: one for t, one in zip(again, labels_of(list(again.values())), strict=True) if one is not None}
