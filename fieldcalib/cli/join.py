@@ -83,8 +83,10 @@ def _join_clip(joined: RunOptions, record: RunRecord, shards: Sequence[Path], op
     chosen = command_parser(given).parse_args(with_values_joined(given))
     chosen.out, chosen.shard, chosen.format = joined.out, None, joined.format
     chosen.resume, chosen.overwrite = joined.resume, joined.overwrite
-    (request,) = split_request(RunRequest.of(chosen))
-    return run_clip(request, Shards(record, shards))
+    requests = split_request(RunRequest.of(chosen))
+    name = shards[0].name  # of several videos each has a folder of its name
+    request = requests[0] if len(requests) == 1 else next(one for one in requests if one.run.out.name == name)
+    return run_clip(replace(request, run=replace(request.run, out=joined.out)), Shards(record, shards))
 
 
 def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:

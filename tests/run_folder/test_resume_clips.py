@@ -231,6 +231,21 @@ def test_shards_of_a_clip_are_joined(video, whole, network, tmp_path, monkeypatc
     assert content_of(out) == content_of(whole)
 
 
+@pytest.mark.slow
+def test_shards_of_several_clips_are_joined_one_by_one(video, short, network, tmp_path):
+    videos = tmp_path / "videos"
+    videos.mkdir()
+    for one in (video, short):
+        (videos / f"{one.parent.name}.mp4").write_bytes(one.read_bytes())
+    options = ("--no-pictures", "--out")
+    assert run("run", videos, *options, tmp_path / "whole") == 0
+    for number in (1, 2):
+        assert run("run", videos, "--shard", f"{number}/2", *options, tmp_path / str(number)) == 0
+    for name in (path.stem for path in videos.iterdir()):
+        assert run("join", tmp_path / "1" / name, tmp_path / "2" / name, "--out", tmp_path / "joined" / name) == 0
+        assert content_of(tmp_path / "joined" / name) == content_of(tmp_path / "whole" / name)
+
+
 def test_frames_of_a_video_one_by_one_have_no_shards(video, know, tmp_path, capsys):
     know([])
     assert run("run", video, "--shard", "1/2", "--out", tmp_path / "out", "--independent") == 2
