@@ -14,6 +14,7 @@ A tripod that contradicts the others is left as it is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import itemgetter
 
@@ -31,11 +32,12 @@ from fieldcalib.images.clip.solved_shots import PLACE, SIZE, UNMODELLED, grouped
 from fieldcalib.images.from_images import How
 from fieldcalib.problem.layout import CROWN, GaussianPrior, Layout, gaussian_priors
 from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.solver_options import CalibrationFlags
 
 PITCH = (*SIZE, *CROWN)
 LEAST_TOLD = 0.05  # share of the information on a combination that must not come from the prior
 CONTRADICTED = 9.0  # mean squared deviation from the other tripods, in variances, from which one is left out
-LEAST_SIGMA = 1e-6  # of a prior
+SIGMAS = 1e-6, 1e6  # least and largest standard deviation of a prior, in any unit
 
 Key = tuple[int, str]
 """Group and name of a parameter; those of the pitch are of no group, -1."""
@@ -90,7 +92,7 @@ class TripodOfPart:
             group,
             keys,
             frozenset(keys[k] for k in told),
-            GaussianPrior(np.where(is_told, prior.mean, s), np.maximum(sigma, LEAST_SIGMA)),
+            GaussianPrior(np.where(is_told, prior.mean, s), np.clip(sigma, *SIGMAS)),
             R @ np.linalg.inv(change[np.ix_(some, some)]),
             y,
             1.0 + odds,
@@ -120,6 +122,7 @@ class TripodOfPart:
         metres, errors = frames.ground_error.copy(), OwnErrors(frames.own[has], F[has])
         metres[has] = ground_errors(theta[has], errors, considered, field)
         unsure = (frames.status == IMPROBABLE) & (frames.ground_error > tolerance_of(field))
+        unsure[list(frames.notes)] = False  # these are improbable for another reason
         status = np.where(unsure & (metres <= tolerance_of(field)), ACCEPTED, frames.status)
         is_told = np.array([key in told for key in self.keys])
         return replace(
@@ -234,18 +237,22 @@ def _tripods(video: VideoCalibration, how: How) -> dict[int, TripodOfPart]:
     """The tripods of a clip that share parameters, in groups that stand at one place and have lenses of one kind."""
     kinds: dict[tuple[object, ...], dict[int, SequenceCalibration]] = {}
     for k, one in enumerate(video.tripods):
-        if one.together and one.layout is not None and np.any(one.frames.has_camera):
+        if one.together and one.names and one.layout is not None and np.any(one.frames.has_camera):
             kind = one.layout.names, tuple(one.layout.roles), one.layout.image_size, type(one.layout.lens)
             kinds.setdefault(kind, {})[k] = one
     groups: list[list[int]] = []
+    is_given = bool(how.task.chosen_flags & CalibrationFlags.CALIB_FIX_POSITION)
     for alike in kinds.values():
-        groups += grouped_by_tripod(alike) if how.is_on_tripod else [[k] for k in alike]
+        of_one_place = [list(alike)] if is_given else grouped_by_tripod(alike)
+        groups += of_one_place if how.is_on_tripod else [[k] for k in alike]
     found: dict[int, TripodOfPart] = {}
     for group, members in enumerate(groups):
         layout = video.tripods[members[0]].layout
         assert layout is not None
         reference = 0.0 if layout.zoom_law is None else layout.zoom_law.reference
-        found |= {k: TripodOfPart.of(video.tripods[k], group, reference, how) for k in members}
+        for k in members:
+            with suppress(np.linalg.LinAlgError):  # of a singular covariance: nothing can be weighted by it
+                found[k] = TripodOfPart.of(video.tripods[k], group, reference, how)
     return dict(sorted(found.items()))
 
 

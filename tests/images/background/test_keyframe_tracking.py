@@ -238,6 +238,37 @@ def test_pairs_of_keyframes_that_are_left(one):
             assert abs(len(pair.matches()) - len(matches)) <= 0.1 * len(matches)
 
 
+def test_a_piece_that_is_left_is_matched_no_more_up_to_a_cut(one, other):
+    tracker, frames = KeyframeTracker(), [*one[:30], *other[:15]]
+    left = []
+    for t, frame in enumerate(frames):
+        left += tracker.update(frame)
+        if t == 13:
+            tracker.leave(7)  # another piece
+            assert not left[-1].is_passed
+        if t == 20:
+            tracker.leave(0)
+    assert [tie.index for tie in left] == list(range(45))
+    assert [tie.index for tie in left if tie.is_passed] == list(range(21, 30))
+    assert all(not tie.ties and not tie.is_key for tie in left[21:30])
+    assert starts(left) == [30]
+    assert keys(left) == [0, 12, 30, 42]
+
+
+def test_a_new_piece_may_begin_after_one_that_was_left(one):
+    tracker = KeyframeTracker()
+    found = [tie for frame in one[:10] for tie in tracker.update(frame)]
+    tracker.begin_anew()  # nothing was left
+    found += [tie for frame in one[10:14] for tie in tracker.update(frame)]
+    tracker.leave(0)
+    found += [tie for frame in one[14:20] for tie in tracker.update(frame)]
+    tracker.begin_anew()
+    found += [tie for frame in one[20:34] for tie in tracker.update(frame)]
+    assert [tie.index for tie in found if tie.is_passed] == list(range(14, 20))
+    assert starts(found) == [20]
+    assert keys(found) == [0, 12, 20, 32]
+
+
 def test_every_is_a_number_of_frames():
     with pytest.raises(ValueError, match="every must be 1 or more frames, got 0"):
         KeyframeTracker(0)

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from networks import FIELD, GRID, KnownCameras, looked_at
+from networks import FIELD, GRID, KnownCameras, KnownPictures, looked_at
 from tripods import far_off
 
 from data_tools.synthetic.film import BESIDE, Scene, film
@@ -16,7 +16,7 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.background.keyframe_tracking import EVERY, tied_frames
 from fieldcalib.images.clip.finished_clip import MIXED
-from fieldcalib.images.clip.keyframes import EXTRA_OFFSETS, MOST_EXTRA
+from fieldcalib.images.clip.keyframes import BARE, EXTRA_OFFSETS
 from fieldcalib.io.samples import TrueFrame
 
 KNOWN = soccer(size_known=True)
@@ -144,6 +144,36 @@ def test_a_shot_that_shows_no_pitch_has_no_tripod(one_tripod):
     assert found.basis[SHOT : 2 * SHOT] == [Basis.NOTHING] * SHOT
 
 
+class Counting(KnownPictures):
+    """A network that counts the pictures that it sees."""
+
+    seen = 0
+
+    def __call__(self, images):
+        self.seen += len(images)
+        return super().__call__(images)
+
+
+@pytest.mark.slow
+def test_a_long_close_up_is_glanced_at(one_tripod):
+    """The shots around it have the cameras that they have without it."""
+    crowd = np.random.default_rng(0).integers(0, 255, (27, 64, 3), np.uint8)
+    wide = cv2.resize(crowd, (1280, 300), interpolation=cv2.INTER_CUBIC)
+    length = 120
+    between = [wide[5:275, 5 * t : 5 * t + 480].copy() for t in range(length)]
+    pictures = [*one_tripod[:SHOT], *between, *one_tripod[SHOT:]]
+    cameras = [*cameras_of(LEFT), *[None] * length, *cameras_of(RIGHT)]
+    network = Counting(pictures, cameras)
+    found = calibrate_video(KNOWN, pictures, network)
+    assert [(one.start, one.stop, one.tripod) for one in found.shots] == [
+        (0, SHOT, 0),
+        (SHOT, SHOT + length, NO_TRIPOD),
+        (SHOT + length, len(pictures), 0),
+    ]
+    assert max(off([*found[:SHOT], *found[-SHOT:]], cameras_of([*LEFT, *RIGHT]))) < 0.6
+    assert network.seen < 20  # every keyframe, and six frames more, would be 18 of the close-up alone
+
+
 def test_a_keyframe_that_the_network_mistakes_is_voted_out(one_tripod):
     """It is told the other penalty area, in the middle of three shots' keyframes."""
     pictures = one_tripod[:SHOT]
@@ -176,7 +206,7 @@ def test_the_network_does_not_look_on_and_on(one_tripod):
     crowd = cv2.resize(rng.integers(0, 255, (27, 60, 3), np.uint8), (1200, 270), interpolation=cv2.INTER_CUBIC)
     found = calibrate_video(KNOWN, [crowd[:, t : t + SIZE[0]].copy() for t in range(count)], Blind([]))
     assert not any(frame.accepted for frame in found)
-    assert len(looked) == count // EVERY + MOST_EXTRA
+    assert len(looked) == BARE  # then it is glanced at, after `GLANCE` frames again
 
 
 def test_the_result_of_a_video_survives_json(one_tripod):
@@ -259,13 +289,11 @@ def test_every_is_one_or_more(one_tripod):
 
 @pytest.mark.slow
 def test_a_long_video_is_calibrated_part_by_part(one_tripod, monkeypatch):
-    """A part ends at a keyframe: those of the first shot are 0, 3 and 6, the second one begins with another."""
-    monkeypatch.setattr("fieldcalib.images.clip.from_video.PART", 5)
-    pictures, cameras = one_tripod, cameras_of([*LEFT, *RIGHT])
-    keys = [tied.index for _, tied in tied_frames(pictures, every=3) if tied.is_key]
-    found = calibrate_video(KNOWN, pictures, KnownCameras([cameras[t] for t in keys]), every=3)
-    assert len(found) == len(cameras)
-    assert [(shot.start, shot.stop) for shot in found.shots][:2] == [(0, 6), (6, 8)]
-    assert found.shots[-1].stop == len(cameras)
+    """Each shot is a part: both know one tripod."""
+    monkeypatch.setattr("fieldcalib.images.clip.from_video.PART", SHOT)
+    cameras = cameras_of([*LEFT, *RIGHT])
+    found = calibrate_video(KNOWN, one_tripod, KnownPictures(one_tripod, cameras))
+    assert found.shots == (Shot(0, SHOT, 0), Shot(SHOT, 2 * SHOT, 0))
+    assert len(found.tripods) == 1
     assert all(frame.accepted for frame in found)
-    assert max(off(found, cameras)) < 1.5
+    assert max(off(found, cameras)) < 0.8
