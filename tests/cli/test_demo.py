@@ -126,7 +126,7 @@ def test_the_errors_that_the_demo_prints(demo):
 def test_the_demo_again_is_as_quick_as_reading(demo, monkeypatch, capsys):
     out, _ = demo
     before = (out / "cameras" / "cameras.jsonl").read_bytes()
-    monkeypatch.setattr("fieldcalib.cli.clips.calibrate_clip", lambda *arguments, **options: pytest.fail("again"))
+    monkeypatch.setattr("fieldcalib.cli.clips.Clip.of", lambda *arguments, **options: pytest.fail("again"))
     assert main(["demo", "--out", str(out)]) == 0
     assert (out / "cameras" / "cameras.jsonl").read_bytes() == before
     assert "Next, try" in capsys.readouterr().out
