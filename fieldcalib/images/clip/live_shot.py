@@ -51,7 +51,7 @@ from fieldcalib.solve.solver_options import pixel_unit
 MOST_KEYS, RECENT = 30, 12  # keyframes of a tripod that are solved together, and the last ones among them: 6 seconds
 MOST_TRIPODS = 4  # earlier shots whose tripods are remembered
 WIDTHS_EVERY, MOST_WIDTHS = 25, 20  # frames after which the width of the paint is measured again; measurements kept
-LOST_AFTER = 8  # frames, a third of a second: if the paint contradicts the cameras for longer, they are lost
+LOST_AFTER = 8  # frames, a third of a second: if so many contradict their keyframes, the cameras are lost
 MOST_EXTRAPOLATED = 12  # successive untied frames whose camera is extrapolated: half a second
 
 
@@ -239,14 +239,16 @@ class LiveShot:
     last: tuple[tuple[int, FrameCamera], ...] = ()
     """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
-    """Number of the last frame in which paint was looked for, and the markings seen there; None after a solution."""
+    """Number of the last frame in which paint was looked for, and the markings seen there."""
+    is_new: bool = False
+    """Whether the paint has not been looked for since the keyframes were solved."""
     widths: tuple[tuple[int, Mapping[str, Array]], ...] = ()
     """Numbers of the last frames in which the width of the paint was measured, and these widths by marking."""
 
     sure: int = -1
     """Number of the last frame that showed its paint where its camera has it; -1 without any."""
-    doubted: int | None = None
-    """Number of the first frame after it whose paint contradicts its camera."""
+    doubts: int = 0
+    """Number of frames since then whose paint or matches contradict their keyframes."""
     tripod: int | None = None
     """Identity of the earlier shot whose tripod it is from; None if that is not known."""
     pitch: Field | None = None
@@ -254,8 +256,8 @@ class LiveShot:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the paint has contradicted the cameras for so long that the place is to be found again."""
-        return self.paint is not None and self.doubted is not None and self.paint[0] - self.doubted >= LOST_AFTER
+        """Whether so much has contradicted the cameras that the place is to be found again."""
+        return self.doubts >= LOST_AFTER
 
     @property
     def is_beside(self) -> bool:
@@ -344,7 +346,7 @@ class LiveShot:
             return shot
         cameras = solution.solved.cameras
         followed = {key: one for key, one in self.known.items() if key not in cameras and key in labels}
-        shot = replace(shot, solved=solution.solved, followed=followed, paint=None)
+        shot = replace(shot, solved=solution.solved, followed=followed, is_new=True)
         for key in sorted(key for key in labels if key > max(cameras) and key not in followed):
             ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
             found = _tied(shot, solution.solved, ties, None) if ties else None
@@ -371,15 +373,17 @@ class LiveShot:
             measured = index, widths_by_marking(image, camera, self.solved.markings)
             shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
         markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))
-        shot = replace(shot, paint=(index, markings))
+        shot = replace(shot, paint=(index, markings), is_new=False)
         if paint_contradicts(markings):
-            return shot if self.doubted is not None else replace(shot, doubted=index)
-        return replace(shot, doubted=None, sure=index if any(one.is_confirmed for one in markings) else self.sure)
+            return replace(shot, doubts=self.doubts + 1)
+        return replace(shot, doubts=0, sure=index if any(one.is_confirmed for one in markings) else self.sure)
 
     def with_frame(self, index: int, found: FollowedFrame, ties: Mapping[int, Cells]) -> LiveShot:
         """Remember the camera of the newest frame; if it was moved onto its paint, the keyframes it is tied to move."""
-        shot = self if found.camera is None else replace(self, last=(*self.last[-1:], (index, found.camera)))
-        if not found.is_moved or found.camera is None or self.solved is None:
+        if found.camera is None:
+            return replace(self, doubts=self.doubts + 1) if ties and found.theta is None else self
+        shot = replace(self, last=(*self.last[-1:], (index, found.camera)))
+        if not found.is_moved or self.solved is None:
             return shot
         alone = replace(self, followed={index: found.camera}, solved=replace(self.solved, cameras={}), last=())
         moved = {
@@ -479,16 +483,15 @@ def _tied(
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
     # rows are the known keyframes and, last, the frame itself: it starts at the camera of the last tied frame, from
-    # which one Gauss-Newton step suffices, or, without an image or such a frame, at the last keyframe
+    # which one Gauss-Newton step mostly suffices, or at the nearest keyframe
     theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
     towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
-    else:
+    if not near or contradicted:  # or the last tied frame is long ago, and looked elsewhere
         theta, reached = with_tied(shared.options, local, theta, is_known, here, layout)
-        contradicted = not reached[-1]
-    if contradicted:
-        return None
+        if not reached[-1]:
+            return None
     lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))

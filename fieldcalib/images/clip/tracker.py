@@ -333,7 +333,9 @@ class Tracker:
         shot = self._shot
         if shot.solved is None:
             return None
-        looks = is_key or shot.paint is None or shot.is_beside or index - shot.paint[0] >= PAINT_EVERY
+        # a keyframe takes longest, so that the paint is rather looked for in the next frame
+        is_due = shot.paint is None or index - shot.paint[0] >= PAINT_EVERY + is_key
+        looks = is_due or shot.is_new or shot.is_beside
         found = follow(shot, shot.solved, index, image, ties, on_paint=looks)
         self._shot = shot.with_frame(index, found, ties)
         return found

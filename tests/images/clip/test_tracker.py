@@ -191,6 +191,35 @@ def test_a_camera_beside_its_paint_is_moved_onto_it(clip):
     assert all(one.accepted for one in found)
 
 
+def test_a_frame_that_matches_an_old_keyframe_has_its_camera(clip):
+    """After a jump in the stream, the last camera looked elsewhere."""
+    cameras, pictures = clip
+    with Tracker(FIELD, KnownCameras(cameras[:1]), every=100, wait=True) as tracker:
+        for picture in pictures[:3]:
+            tracker.update(picture)
+        ((t, camera),) = tracker._shot.last[-1:]
+        elsewhere = camera._replace(theta=camera.theta + 0.8 * np.eye(len(camera.theta))[0])
+        tracker._shot = replace(tracker._shot, last=((t, elsewhere),))
+        found = tracker.update(pictures[3])
+    assert off(found, cameras[3]) < 2.0
+
+
+def test_frames_that_contradict_their_keyframes_are_found_again(clip, monkeypatch):
+    cameras, pictures = clip
+    tied = live_shot._tied
+    with Tracker(FIELD, Forever(cameras[::5]), every=5, wait=True) as tracker:
+        for picture in pictures[:2]:
+            tracker.update(picture)
+        first = tracker._shot.identity
+        monkeypatch.setattr(
+            live_shot, "_tied", lambda *a: None if tracker._shot.identity == first and a[3] is not None else tied(*a)
+        )
+        found = [tracker.update(picture) for picture in pictures[2:]]
+    assert found[0].camera is None
+    assert tracker._shot.identity > first
+    assert off(found[-1], cameras[-1]) < 2.0
+
+
 def test_a_shot_from_a_known_tripod_is_recognised(clip):
     """One of its keyframes, with few lines, is enough: place, lens and field are those of the shot before."""
     cameras, pictures = clip
