@@ -61,6 +61,7 @@ class Advice(StrEnum):
     PART = "part of a frame"
     OTHER_FIELD = "other field"
     FIELD_SIZE = "field size"
+    GROUND = "ground"
 
 
 class Remedy(NamedTuple):
@@ -141,6 +142,11 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
             Tool.COMMAND: "--field-length and --field-width with --field-size known",
             Tool.PYTHON: "field=fieldcalib.soccer(length, width, size_known=True)",
             Tool.PAGE: "type the size of the field in the tab Camera",
+        },
+        Advice.GROUND: {
+            Tool.COMMAND: "--crown with that height",
+            Tool.PYTHON: "field=field.with_ground(fieldcalib.fields.Ground(crown=metres))",
+            Tool.PAGE: "fieldcalib run with --crown and that height, and open its results",
         },
     }
 )
@@ -271,6 +277,9 @@ class What(StrEnum):
     """Nothing checks the given distances."""
     TWO_WIDTHS = "two widths"
     """A court of another width fits as well: both widths, and the heights of both cameras, in metres."""
+    NOT_LEVEL = "not level"
+    """The field is higher in the middle than at its touchlines, by some metres, and the camera is that of a level
+    one."""
     INACCURATE = "inaccurate"
     """The field in view is known to some metres only."""
     NO_LINE = "no line"
@@ -338,6 +347,7 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.NOT_SQUARE: "the pixels are not square: was the picture squashed?",
         What.MORE_LENS: "the labels require more lens coefficients than k1",
         What.OTHER_SIZE: "the field is more probably of another size, about {0:.0f} x {1:.0f} m",
+        What.NOT_LEVEL: "the field is not level: its middle is about {0:.2f} m higher than its touchlines",
         What.PART: "the picture may be a part of a frame, and the labels do not show the frame's middle: say which "
         "part it is",
         What.ENLARGED: "the picture may be an enlarged part of a frame, and its lines do not show the middle: say "
@@ -516,6 +526,7 @@ CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
         What.PICTURE_CORNERS: Remedy("click the corners of the field itself, or other points of it that are in view"),
         What.RANK: Remedy("compute H from four or more points, of which no three lie on one line"),
         What.TWO_WIDTHS: Remedy(f"another line or mark, {BY_HAND}", (Advice.BY_HAND,)),
+        What.NOT_LEVEL: Remedy("say how much higher its middle is", (Advice.GROUND,)),
         What.UNCHECKED: Remedy("a fifth point, or a known focal length", (Advice.KNOWN_CAMERA,)),
         What.AT_EDGE: Remedy("leave out points that are not where they are said to be"),
         What.FARTHEST: Remedy("check the points that are farther off than the others, or leave them out"),

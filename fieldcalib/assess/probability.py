@@ -29,6 +29,7 @@ from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points, projection_on
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
@@ -172,9 +173,10 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
     return float(np.max(uncertainty.on(field).at_field(X).rms)) if len(X) else float("nan")
 
 
-def largest_move(camera: Camera, other: Camera, field: Field) -> float:
+def largest_move(camera: Camera, other: Camera, field: Field, terrain: Terrain | None = None) -> float:
     """Largest distance, metres, between the places on the field that two cameras of one picture see in a pixel.
 
+    The other camera may see another ground, `terrain`, than that of the field.
     Infinite if one of them sees no ground where the other does; NaN if no ground is in view.
 
     Examples
@@ -186,7 +188,8 @@ def largest_move(camera: Camera, other: Camera, field: Field) -> float:
     0.5
     """
     X = ground_in_view(camera, field)
-    off = np.linalg.norm(other.image_to_field(camera.project(X)) - X, axis=1)
+    there = other.image_to_field(camera.project(X), terrain=terrain or field.terrain)
+    off = np.linalg.norm((there - X)[:, :2], axis=1)
     return float(np.max(np.nan_to_num(off, nan=np.inf))) if len(X) else float("nan")
 
 

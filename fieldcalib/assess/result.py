@@ -248,6 +248,9 @@ class Calibration:
             least = self._least_in_picture
             if not probability >= (LEAST_PROBABILITY if least is None else least):
                 improbable.append(Finding(What.IMPROBABLE, numbers=(tolerance, probability)))
+                solved = None if self.solved is None else self.solved.uncertainty
+                if solved is not None and solved.told_crown and not solved.off_given:  # a wrong value bends lines too
+                    improbable.append(Finding(What.NOT_LEVEL, numbers=(solved.told_crown,)))
             elif self.solved is not None:
                 known = self._probability_by_labels(self.field, tolerance, size_known=True)
                 sure = SURE if least is None else least
@@ -385,8 +388,8 @@ class Calibration:
             Whether to assume that the field has the given size. If it has another one, a camera may fit its image well
             and be wrong in metres.
         level : bool
-            Whether to assume that the ground is flat. It may be higher in the middle than at the touchlines
-            (`fieldcalib.fields.traits`), and cameras on flat ground fit such images too.
+            Whether to assume that the ground is level, unless the labels exclude it. It may be higher in the middle
+            than at the touchlines (`fieldcalib.fields.traits`), and cameras of level ground fit such images too.
 
         Raises
         ------

@@ -36,6 +36,8 @@ class SizeEvidence:
     """Fitted quantities minus the given ones, (c,) metres."""
     covariance: Array
     """Covariance of the offset, (c, c)."""
+    width_of_cost: Array
+    """Standard deviations of the quantities if the cost were their log likelihood, in units of the true ones, (c,)."""
     weights: Array
     """Probabilities of the possibilities, (K + 1,), the last one being wrong labels."""
     means: Array
@@ -44,6 +46,8 @@ class SizeEvidence:
     """Second moment of that difference, (K + 1, c, c)."""
     as_given: float
     """Probability that the field has the given size."""
+    level: float
+    """Probability that its ground is level."""
 
     @property
     def moment(self) -> Array:
@@ -52,7 +56,7 @@ class SizeEvidence:
 
     @property
     def mean(self) -> Array:
-        """Expected size minus the given one, (c,), if the field has another size and no label is wrong."""
+        """Expected quantities minus the given ones, (c,), if some are other ones and no label is wrong."""
         some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
         return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
 
@@ -101,7 +105,11 @@ class SizeEvidence:
             legal = _legal_share(means[:-1], found.covariances[:-1], room)
             posterior[:-1] *= legal / _legal_share(np.zeros_like(sigmas), S, room)
         posterior /= np.sum(posterior)
-        return cls(offset, V, posterior, means, moments, float(posterior[0] + posterior[-1] * weights[0]))
+        kept = posterior[:-1] + posterior[-1] * weights
+        sizes, crown = (sigmas[:, :2], sigmas[:, 2:]) if count > 1 else (sigmas[:, :0], sigmas)
+        as_given, level = (float(kept @ np.all(some == 0.0, axis=1)) for some in (sizes, crown))
+        width = np.sqrt(np.diagonal(inverse) / np.diagonal(V))
+        return cls(offset, V, width, posterior, means, moments, as_given, level)
 
 
 class PossibleValues(NamedTuple):

@@ -43,6 +43,9 @@ from fieldcalib.problem.layout import POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layo
 # Number of equations as which the noise of other frames counts. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
 # pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); here it is less, as annotators differ.
 OTHER_FRAMES = 5.0
+# Probability of level ground below which labels exclude it: of 2,000 drawn frames, a third of them of crowned fields,
+# 14 that seemed good on level ground are then more probably wrong, and all 14 are.
+LEAST_LEVEL = 0.1
 TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed, in the order of theta
 GIVEN = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "a1")  # that users give, in the order of theta
 TOUCHED = 1e-6  # share of a derivative along open directions: less is rounding
@@ -106,10 +109,16 @@ class Uncertainty(Estimate):
         return replace(self, field=field)
 
     @property
+    def told_crown(self) -> float:
+        """Expected height of the middle of the field, metres, if the labels exclude level ground; else 0."""
+        found = self.with_crown
+        return float(found.mean[-1]) if found is not None and found.level < LEAST_LEVEL else 0.0
+
+    @property
     def if_level(self) -> Uncertainty:
-        """The estimate with its errors if the field were known to be level."""
+        """The estimate with its errors if the field were known to be level; unchanged if the labels exclude that."""
         if self.with_crown is not None:
-            return replace(self, with_crown=None)
+            return self if self.told_crown else replace(self, with_crown=None)
         problem = self.problem
         if problem.considered is None or not np.any(problem.layout.is_crown):
             return self
@@ -387,7 +396,7 @@ def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | N
     """Size of the field estimated from each frame, on level ground and together with the crown."""
     layout, size, B = problem.layout, problem.layout.field_size, len(problem)
     nothing: list[SizeEvidence | None] = [None] * B
-    if size is None or problem.considered is not None or np.any(layout.free[layout.field_size_block]):
+    if size is None or problem.considered is not None or np.any(layout.free[layout.field_size_block.start :]):
         return nothing, nothing  # size and crown are exact, known with a covariance, or estimated
 
     def about(c: int, prior: tuple[Array, Array], room: Array | None) -> list[SizeEvidence | None]:

@@ -270,9 +270,9 @@ def calibrate_from_images(
         Whether pictures of another shape than 16:9 may have been squashed from 16:9, as in `calibrate_from_segments`;
         not without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
     estimate_size : bool
-        Whether an image that shows a field of another size than the given one is calibrated on a field of that size
-        (`Calibration.field`). Only if the size is not declared known (`size_known`), cameras are refined, and nothing
-        of the camera is given.
+        Whether an image that shows a field of another size than the given one, or one that is not level, is calibrated
+        on that field (`Calibration.field`). A size that is declared known (`size_known`), and a ground that is given,
+        are kept. Only if cameras are refined, and nothing of the camera is given.
     may_be_enlarged : bool
         Whether pictures of the shape of a frame may be enlarged parts of larger ones (digital zoom), whose principal
         point is not in the middle (`fieldcalib.images.shape.shape_of_picture`). Only with a network and a prior, where
@@ -414,12 +414,12 @@ def _calibrated_size(how: How, images: Sequence[Image], found: Sequence[PixelTab
             hypotheses = [calibrations[t], *(one for one, _ in islice(second, len(some)))]
             calibrations[t] = _best_supported(markings, images[t], hypotheses)
     if how.estimate_size and how.refine and how.task.given.is_empty:
-        return [_with_size_from_labels(how, *one) for one in zip(images, found, calibrations, strict=True)]
+        return [_with_field_from_labels(how, *one) for one in zip(images, found, calibrations, strict=True)]
     return calibrations
 
 
-def _with_size_from_labels(how: How, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
-    """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
+def _with_field_from_labels(how: How, image: Image, found: PixelTable, calibration: Calibration) -> Calibration:
+    """Calibrate an image on the field that it shows, in size and ground, or return the calibration on the given one."""
     sized = on_field_as_seen(how.task, image, calibration, found)
     if sized is None or sized.calibration.field is None:
         return calibration

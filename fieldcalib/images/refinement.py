@@ -1,7 +1,7 @@
 """Refinement of a camera on its image: it is fitted to lines that are detected near the projected markings.
 
 Lines are located with sub-pixel accuracy, including lines that neither a network nor an annotator has labelled. Where
-the size of fields varies (soccer), `on_field_as_seen` refines the camera on a field of the size that the image shows.
+size or ground of fields vary (soccer), `on_field_as_seen` refines the camera on the field that the image shows.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from fieldcalib.images.paint.paint_evidence import (
 from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import NO_PIXELS, ImageSegments, PixelTable, Weights
-from fieldcalib.solve.field_size import with_size_from_labels
+from fieldcalib.solve.field_size import with_field_from_labels
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import checked_labels
 from fieldcalib.solve.request import Task
@@ -402,7 +402,7 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
 def on_field_as_seen(
     task: Task, image: Image, calibration: Calibration, found: PixelTable = NO_PIXELS
 ) -> Refined | None:
-    """Refine a camera on a field of the size that its image shows; None if the given size is likely.
+    """Refine a camera on a field of the size, and on the ground, that its image shows; None if the given are likely.
 
     Parameters
     ----------
@@ -421,12 +421,12 @@ def on_field_as_seen(
         seen.append(_on_another_field(replace(task, object_segments=field), image, found, calibration, start))
         return seen[0].calibration
 
-    sized = with_size_from_labels(calibration, again)
+    sized = with_field_from_labels(calibration, again)
     return None if sized is calibration or sized.field is None else replace(seen[0], calibration=sized)
 
 
 def _on_another_field(task: Task, image: Image, found: PixelTable, before: Calibration, start: Calibration) -> Refined:
-    """Refine the camera of an image on a field of another size, starting from a camera that fits its lines."""
+    """Refine the camera of an image on another field, starting from a camera that fits its lines."""
     given = ToRefine(image, start, found, are_detected=True)
     (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
     if again.calibration is not start:

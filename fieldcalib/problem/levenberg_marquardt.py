@@ -270,8 +270,10 @@ class _Batch:
 def _compiled_solution(
     start: Evaluation, max_iterations: int, tolerance: float, initial_damping: float
 ) -> Solution | None:
-    """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise."""
+    """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise, or to find a crown."""
     problem, layout = start.problem, start.problem.layout
+    if np.any(layout.free & layout.is_crown):
+        return None
     terrain = problem.terrain(start.theta)
     module = kernels(layout, problem.observations, terrain)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:

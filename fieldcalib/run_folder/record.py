@@ -380,20 +380,25 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
     if calibration.camera is not None and calibration.knows_errors:
         line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
-    line |= _estimated_size(calibration)
+    line |= _estimated_field(calibration)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
 
 
-def _estimated_size(calibration: Calibration) -> dict[str, Any]:
-    """Size of the field with standard deviations, if it was estimated from the frame; else empty."""
-    layout = None if calibration.solved is None else calibration.uncertainty.layout
-    if calibration.field is None or layout is None or not np.any(layout.free[layout.field_size_block]):
-        return {}
-    size = calibration.field.length, calibration.field.width
-    deviations = np.sqrt(np.diagonal(calibration.covariance))[layout.field_size_block]
-    return dict(zip(SIZE_KEYS, (*size, deviations.tolist()), strict=True))
+def _estimated_field(calibration: Calibration) -> dict[str, Any]:
+    """Size and crown of the field, each with standard deviations, if they were estimated from the frame; else empty."""
+    field, line = calibration.field, dict[str, Any]()
+    if field is None or calibration.solved is None:
+        return line
+    layout, deviations = calibration.uncertainty.layout, np.sqrt(np.diagonal(calibration.covariance))
+    if np.any(layout.free[layout.field_size_block]):
+        size = field.length, field.width, deviations[layout.field_size_block].tolist()
+        line |= dict(zip(SIZE_KEYS, size, strict=True))
+    if np.any(layout.free[layout.crown_block]):
+        (deviation,) = deviations[layout.crown_block].tolist()
+        line["field_crown_m"] = {"value": field.terrain.crown, "standard_deviation": deviation}
+    return line
 
 
 def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:

@@ -12,12 +12,12 @@ The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two more 
 the size is a considered parameter with that covariance V: with P the covariance of the camera on a pitch of known size
 and K the derivatives of its estimate by the size, that of the camera is P + K V K^T, the marginal one of both.
 
-The size of the field from the labels of a single frame, estimated together with its camera.
+Size and ground of the field from the labels of a single frame, estimated together with its camera.
 
-A frame is calibrated on a field of the given size, and its evidence for another size is known to first order
-(`fieldcalib.assess.size_evidence`). If the given size is improbable, length and width, or the one of them that the
-frame determines, become free parameters: they are solved from several starts under the prior of sizes, within the legal
-ones. A dimension that the frame does not determine stays as given.
+A frame is calibrated on the given field, on level ground if nothing else is known, and its evidence for another size
+and for a crown is known to first order (`fieldcalib.assess.size_evidence`). If the given size, or level ground, is
+improbable, those of length, width and crown that the frame determines become free parameters: they are solved from
+several starts under the prior of such fields, within the legal sizes. What the frame does not determine stays as given.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._html import table
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
@@ -41,14 +41,15 @@ from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
-from fieldcalib.problem.layout import GaussianPrior, Layout, Role, SizeBlock
+from fieldcalib.problem.layout import CROWN_RANGE, GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.sequence.joint_solution import CrownEstimate, crown_of, joint_evaluation
+from fieldcalib.solve.sequence.joint_solution import LARGEST_CROWN_SIGMA, CrownEstimate, crown_of, joint_evaluation
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
 LIKELY = 0.5  # probability of the given size from which on it is kept
-LARGEST_SIGMA = 2.0  # m: of a length or width that counts as determined; less than the prior's standard deviations
+# m: of a length, a width and a crown that count as determined; less than the prior's standard deviations
+LARGEST_SIGMAS = np.array([2.0, 2.0, LARGEST_CROWN_SIGMA])
 
 STILL = 1e-3  # metres: a size that changes by less has converged
 ROUNDS = 10
@@ -58,31 +59,31 @@ SILENT = 0.05
 MOSTLY = 0.5  # share from which on a size counts as determined by the labels
 
 
-def with_size_from_labels(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
-    """Calibrate a frame again on a field of the size that its labels determine, unless the given size is likely.
+def with_field_from_labels(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
+    """Calibrate a frame again on a field of the size and ground that its labels determine, unless the given are likely.
 
     Parameters
     ----------
     calibration : Calibration
-        Calibration on a field of the given size.
+        Calibration on the given field.
     again : callable
         Function that calibrates the frame on another field, from a camera that fits its lines there.
     """
-    size = _SizeFromLabels.of(calibration)
-    if size is None or calibration.solved is None:
+    labels = _FieldFromLabels.of(calibration)
+    if labels is None or calibration.solved is None:
         return calibration
-    sized = size.solved(calibration.solved, size.starts)
-    found = again(sized.field, sized.camera)
+    fitted = labels.fitted(calibration.solved, labels.field, labels.starts)
+    found = again(fitted.field, fitted.camera)
     if not found.accepted or found.solved is None or found.solved is calibration.solved:
         return calibration
-    sized = size.solved(found.solved, sized.size[None])
-    unit = np.where(sized.layout.free, sized.prior_sigma, 0.0)[None]
-    return replace(found, camera=sized.camera, field=sized.field, errors=Solved(sized.evaluation, unit))
+    fitted = labels.fitted(found.solved, fitted.field, labels.quantities_of(fitted)[None])
+    unit = np.where(fitted.layout.free, fitted.prior_sigma, 0.0)[None]
+    return replace(found, camera=fitted.camera, field=fitted.field, errors=Solved(fitted.evaluation, unit))
 
 
 @dataclass(frozen=True, eq=False)
-class _Sized:
-    """A frame that was solved together with the size of its field."""
+class _Fitted:
+    """A frame that was solved together with size and ground of its field."""
 
     like: Field
     evaluation: Evaluation
@@ -92,17 +93,16 @@ class _Sized:
         return self.evaluation.problem.layout
 
     @property
-    def size(self) -> Array:
-        """Length and width, (2,) metres."""
-        return np.asarray(self.evaluation.theta[0, self.layout.field_size_block])
+    def theta(self) -> Array:
+        return np.asarray(self.evaluation.theta[0])
 
     @property
     def field(self) -> Field:
-        return self.like.resized(*self.size.tolist())
+        return _field_of(self.like, self.layout, self.theta)
 
     @property
     def camera(self) -> Camera:
-        return self.layout.camera(self.evaluation.theta[0])
+        return self.layout.camera(self.theta)
 
     @property
     def prior_sigma(self) -> Array:
@@ -111,62 +111,100 @@ class _Sized:
 
 
 @dataclass(frozen=True, eq=False)
-class _SizeFromLabels:
-    """Evidence of one frame for the size of its field, to first order."""
+class _FieldFromLabels:
+    """Evidence of one frame for those of length, width and crown of its field that are uncertain: c quantities."""
 
     field: Field
-    """Field of the given size."""
+    """The given field."""
     size: SizeBlock
+    """Its size and crown as parameters."""
     evidence: SizeEvidence
-    determined: BoolArray
-    """Whether the frame determines length and width, (2,)."""
-    wide: BoolArray
-    """Mask (K,) of the possibilities under which length and width are both uncertain."""
-    of_crown: Array
-    """Second moment of the crown, (1,); (0,) where all fields are level."""
+    index: IntArray
+    """Which of length, width and crown the quantities are, (c,)."""
+    freed: BoolArray
+    """Which of them the frame determines, and are unlikely as given, (c,)."""
 
     @classmethod
-    def of(cls, calibration: Calibration) -> _SizeFromLabels | None:
-        """The evidence of a calibration; None if the given size is likely, or no other one is possible."""
+    def of(cls, calibration: Calibration) -> _FieldFromLabels | None:
+        """The evidence of a calibration; None if the given field is likely, or no other one is possible."""
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
-        problem, evidence = solved.evaluation.problem, solved.uncertainty.size
+        problem, evidence = solved.evaluation.problem, solved.uncertainty.with_crown or solved.uncertainty.size
         size = problem.layout.field_size
-        if evidence is None or size is None or problem.prior is None or evidence.as_given > LIKELY:
+        if evidence is None or size is None or problem.prior is None:
             return None
-        determined = np.sqrt(np.diagonal(evidence.covariance)) < LARGEST_SIGMA
-        wide = np.all(size.possibilities[1] > 0.0, axis=1)
-        with_crown = solved.uncertainty.with_crown
-        of_crown = np.zeros(0) if with_crown is None else with_crown.moment[2:, 2]
-        return cls(field, size, evidence, determined, wide, of_crown) if np.any(determined) and np.any(wide) else None
+        index = np.flatnonzero(problem.layout.considered) - problem.layout.field_size_block.start
+        as_given = np.array([evidence.as_given, evidence.as_given, evidence.level])[index]
+        freed = (as_given <= LIKELY) & (_deviations(evidence, problem.layout.prior_moment) < LARGEST_SIGMAS[index])
+        return cls(field, size, evidence, index, freed) if np.any(freed) else None
 
     @property
     def starts(self) -> Array:
-        """Sizes (3, 2): the given one, the one of the best fit to first order, and the expected one."""
-        return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
+        """Quantities (3, c): the given ones, those of the best fit to first order, and the expected ones."""
+        given = np.append(self.size.given, self.size.height)[self.index]
+        return given + np.stack([np.zeros(len(given)), self.evidence.offset, self.evidence.mean])
 
-    def solved(self, solved: Solved, starts: Array) -> _Sized:
-        """Solve the frame together with the size that it determines, from several sizes (S, 2); least cost wins."""
+    def quantities_of(self, fitted: _Fitted) -> Array:
+        """The quantities (c,) of a fitted frame."""
+        return np.asarray(fitted.theta[self.index + fitted.layout.field_size_block.start])
+
+    def fitted(self, solved: Solved, field: Field, starts: Array) -> _Fitted:
+        """Solve a frame of a field together with the freed quantities, from several ones (S, c); least cost wins."""
         alone = solved.alone.evaluation
-        layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
+        roles = np.full(2 if self.size.crown is None else 3, Role.FIXED)
+        roles[self.index] = np.where(self.freed, Role.FRAME, Role.CONSIDERED)
+        layout, prior = _layout_on(field, alone.problem.layout, self.size, roles), alone.problem.prior
         assert prior is not None
-        for role, which in ((Role.FRAME, self.determined), (Role.CONSIDERED, ~self.determined)):
-            some = np.zeros(layout.size, dtype=bool)
-            some[block] = which
-            layout = layout.with_roles_of(some, role)
-        likely = int(np.argmax(np.where(self.wide, self.evidence.weights[:-1], -1.0)))
-        mean, sigma = prior.mean.copy(), prior.sigma.copy()
-        mean[:, block], sigma[:, block] = self.size.given, self.size.possibilities[1][likely]
-        kept = np.append(np.diagonal(self.evidence.moment)[~self.determined], self.of_crown)
-        considered = np.diag(kept) if len(kept) else None
-        problem = replace(alone.problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=considered)
-        theta = np.repeat(alone.theta, len(starts), axis=0)
-        theta[:, block] = np.where(self.determined, np.clip(starts, *self.size.limits), self.size.given)
+        _, sigmas = self.size.possibilities_with_crown
+        allows = np.all(sigmas[:, self.index[self.freed]] > 0.0, axis=1)
+        likely = sigmas[np.argmax(np.where(allows, self.evidence.weights[:-1], -1.0))]
+        sigma = np.where(likely > 0.0, likely, 1.0)  # of quantities that are kept any one will do
+        sigma[self.index] *= self.evidence.width_of_cost  # the prior weighs as much against the cost as against noise
+        given = np.append(self.size.given, self.size.height)[: len(roles)]
+        some = np.tile(given, (len(starts), 1))
+        some[:, self.index] = np.where(self.freed, starts, given[self.index])
+        some = np.clip(some, *np.column_stack([self.size.limits, CROWN_RANGE])[:, : len(roles)])
+        kept = np.diagonal(self.evidence.moment)[~self.freed]
+        problem = replace(
+            alone.problem,
+            layout=layout,
+            prior=GaussianPrior(_beside(prior.mean, layout, given), _beside(prior.sigma, layout, sigma)),
+            considered=np.diag(kept) if len(kept) else None,
+        )
+        theta = _beside(np.repeat(alone.theta, len(starts), axis=0), layout, some)
         start = evaluate(problem.take(np.zeros(len(starts), dtype=np.intp)), theta)
         _, iterations, tolerance = DEFAULT_CRITERIA
         found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
-        return _Sized(self.field, found.take(np.array([np.argmin(found.cost)])))
+        return _Fitted(self.field, found.take(np.array([np.argmin(found.cost)])))
+
+
+def _deviations(evidence: SizeEvidence, moment: Array) -> Array:
+    """Standard deviation of each quantity by the labels, (c,), the others having their prior moment (c, c)."""
+    information, prior = np.linalg.inv(evidence.covariance), np.diag(1.0 / np.diagonal(moment))
+    found = [np.linalg.inv(information + prior - prior * one)[i, i] for i, one in enumerate(np.eye(len(prior)))]
+    return np.sqrt(found)
+
+
+def _layout_on(field: Field, cameras: Layout, size: SizeBlock, roles: Array) -> Layout:
+    """The layout of cameras on a field, with its size and crown, in some roles, as parameters."""
+    on = size._replace(given=np.array([field.length, field.width]), height=field.terrain.crown)
+    layout = Layout.of(cameras.image_size, cameras.lens, on)
+    return replace(layout, roles=np.append(cameras.roles[: layout.field_size_block.start], roles))
+
+
+def _beside(cameras: Array, layout: Layout, field: Array) -> Array:
+    """Parameters (T, n) with those of cameras (T, m), and those of size and crown (c,) or (T, c) behind them."""
+    own = cameras[:, : layout.field_size_block.start]
+    return np.concatenate([own, np.broadcast_to(field, (len(own), np.shape(field)[-1]))], axis=1)
+
+
+def _field_of(field: Field, layout: Layout, theta: Array) -> Field:
+    """A field in the size, and on the ground, of a parameter vector; a crown of 0 leaves its ground open."""
+    size, height = layout.field_size, float(np.sum(theta[layout.crown_block]))
+    if size is not None and not size.is_known:
+        field = field.resized(*theta[layout.field_size_block].tolist())
+    return field.with_ground(Ground(height)) if height else field
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,24 +449,20 @@ def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock, crown: Ro
     parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
     assert pitch is not None
-    block = size_prior._replace(given=np.array([pitch.length, pitch.width]), height=pitch.terrain.crown)
-    layout = Layout.of(problem.layout.image_size, problem.layout.lens, block)
-    cameras = layout.field_size_block.start
-    size_role = Role.FIXED if block.is_known else Role.SHARED
-    known = [size_role, size_role, *([crown] if block.crown is not None else [])]
-    layout = replace(layout, roles=np.append(problem.layout.roles[:cameras], known))
+    size_role = Role.FIXED if size_prior.is_known else Role.SHARED
+    roles = np.array([size_role, size_role, *([] if size_prior.crown is None else [crown])])
+    layout = _layout_on(pitch, problem.layout, size_prior, roles)
+    cameras, c = layout.field_size_block.start, len(roles)
     mean, sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
     for t, part in enumerate(parts):
         if part.problem.prior is not None:
             mean[t, :cameras] = part.problem.prior.mean[0, :cameras]
             sigma[t, :cameras] = part.problem.prior.sigma[0, :cameras]
-    mean[:, layout.field_size_block], sigma[:, layout.field_size_block] = size_prior.given, size_prior.sigma
-    if block.crown is not None:
-        sigma[:, layout.crown_block] = block.crown.height
+    spread = 0.0 if size_prior.crown is None else size_prior.crown.height
+    mean[:, cameras:], sigma[:, cameras:] = [*size_prior.given, 0.0][:c], [*size_prior.sigma, spread][:c]
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
     own = np.concatenate([part.theta[:, :cameras] for part in parts])
-    size = [*block.given, *([block.height] if block.crown is not None else [])]
-    theta = np.concatenate([own, np.tile(size, (count, 1))], axis=1)
+    theta = _beside(own, layout, np.array([pitch.length, pitch.width, pitch.terrain.crown][:c]))
     like = replace(problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=None)
     pixels = PixelTable.joined(pitch, [one.solved.pixels for one in calibrations if one.solved is not None])
     return joint_evaluation(like, pitch, pixels, theta, once)
@@ -469,10 +503,7 @@ def _solved(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: F
     start = _joint(calibrations, size_prior, crown)
     found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
     layout, theta = found.problem.layout, found.theta[0]
-    pitch = field if size_prior.is_known else field.resized(*theta[layout.field_size_block].tolist())
-    height = float(np.sum(theta[layout.crown_block]))
-    pitch = pitch.with_ground(Ground(height)) if crown == Role.SHARED and height else pitch
-    return _MostLikely(pitch, crown_of(_system(calibrations, found), layout, theta))
+    return _MostLikely(_field_of(field, layout, theta), crown_of(_system(calibrations, found), layout, theta))
 
 
 def _system(calibrations: Sequence[Calibration], joint: Evaluation) -> ReducedSystem:

@@ -89,7 +89,8 @@ def _move_little(found: Calibration, other: Calibration) -> bool:
     """Whether another camera of a picture moves no place in view by more than half the field's tolerance."""
     if not found.accepted or found.camera is None or other.camera is None or found.field is None:
         return False
-    return largest_move(found.camera, other.camera, found.field) <= MOST_MOVED * found.field.tolerance
+    field, ground = found.field, None if other.field is None else other.field.terrain
+    return largest_move(found.camera, other.camera, field, ground) <= MOST_MOVED * field.tolerance
 
 
 def _is_raised(found: Calibration, other: Calibration) -> bool:

@@ -270,12 +270,13 @@ def test_places_on_a_crowned_field_and_their_errors():
 def test_a_picture_of_a_crowned_pitch_is_less_probably_right_in_metres():
     camera = Camera.from_angles(0.3, 1.32, 0.0, 1300.0, (3.0, 62.0, -17.0), SIZE)
     rng = np.random.default_rng(0)
-    level, raised = (
+    level, low, raised = (
         calibrate_from_segments(FIELD, labelled([camera], pitch, rng)[0].pixels, SIZE)
-        for pitch in (FIELD, crowned(FIELD, 0.35))
+        for pitch in (FIELD, crowned(FIELD, 0.1), crowned(FIELD, 0.35))
     )
-    assert raised.probability() < level.probability()
-    assert raised.probability() < raised.probability(level=True)
+    assert raised.probability() < low.probability() < level.probability()
+    assert low.probability() < low.probability(level=True)
+    assert raised.probability() == raised.probability(level=True)  # its labels exclude level ground
     back = Calibration.from_dict(json.loads(json.dumps(raised.to_dict())))
     assert back.probability() == pytest.approx(raised.probability(), abs=1e-6)
     assert back.probability(level=True) == pytest.approx(raised.probability(level=True), abs=1e-6)

@@ -15,6 +15,7 @@ from networks import Blind
 from pictures import picture
 from synthetic import in_image, observe, whole_circle_markings
 
+from data_tools.crown import crowned
 from data_tools.pictures_in_pictures import WAYS, View, arranged
 from fieldcalib import (
     PINHOLE_FLAGS,
@@ -32,7 +33,7 @@ from fieldcalib import (
 from fieldcalib.assess import Verdict, findings
 from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advice, Remedy, What
 from fieldcalib.assess.result import doubted, in_picture
-from fieldcalib.fields import Field, badminton, tennis
+from fieldcalib.fields import Field, Ground, badminton, tennis
 from fieldcalib.geometry.homography import homography_from_points
 from fieldcalib.images.paint.line_profiles import Markings
 from fieldcalib.images.paint.paint_evidence import paint_evidence
@@ -49,6 +50,7 @@ NETWORK = SegmentationNetwork.load()
 POINTS = np.array([point.X for point in PITCH.points.values()])
 LEFT = Camera.from_angles(-0.5, 1.36, 0.004, 1500.0, (1.5, 68.0, -17.0), SIZE)
 BOTH = Camera.from_angles(-0.3, 1.36, 0.004, 1300.0, (-2.0, 62.0, -15.0), SIZE)
+WIDE = Camera.from_angles(-0.3, 1.30, 0.004, 900.0, (-2.0, 62.0, -15.0), SIZE)
 COURT = Camera.from_angles(np.radians(90), np.radians(72), 0.0, 1500.0, (-34.0, 1.0, -10.0), SIZE)
 KNOWN = PINHOLE_FLAGS | CalibrationFlags.CALIB_FIX_FOCAL_LENGTH
 FOLLOWED = {}
@@ -310,6 +312,17 @@ def test_the_known_size_of_the_field(size):
     assert before.remedy == findings.OFF_PAINT.text
     (after,) = calibrate_from_images(soccer(*size, size_known=True), [image], NETWORK)
     assert after.verdict == Verdict.GOOD
+
+
+@follows(CAUSE_REMEDIES[What.NOT_LEVEL])
+def test_the_height_of_the_middle_of_a_field():
+    labels = frame_of(WIDE, field=crowned(PITCH, 0.4, roof=True))
+    before = calibrate_from_segments(PITCH, labels, SIZE)
+    assert before.remedy == CAUSE_REMEDIES[What.NOT_LEVEL].text
+    (height,) = next(one.numbers for one in before.findings if one.what is What.NOT_LEVEL)
+    after = calibrate_from_segments(PITCH.with_ground(Ground(crown=height)), labels, SIZE)
+    assert after.verdict == Verdict.GOOD
+    assert after.rms < before.rms
 
 
 @follows(findings.OFF_PAINT_OF_KNOWN_SIZE)

@@ -47,8 +47,7 @@ from fieldcalib.problem.labelled_pixels import PixelTable
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for
 ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
 BESIDE = 3.0  # px: paint further off is beside the marking; with correct cameras of 98 broadcast frames at most 2.9 px
-# px, the same for bent paint, and the most for skewed paint: lines of a crowned pitch, good by eye, bend by up to 4
-BENT = 4.25
+MOST_SKEWED = 4.25  # px: the most for paint that a rolling shutter skews
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
 PEAKS = 5  # strongest ridges that are kept of each profile
 SEEN = 0.5  # least share of the profiles that paint beside a marking must cover
@@ -184,10 +183,10 @@ def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.
             may_be = np.where(free, offset[at], np.nan)
             off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
             skew = 0.5 * float(np.median(np.abs(profiles.normal[at] @ np.asarray(motion)))) / unit
-            most = min(BESIDE + skew, BENT)
+            most = min(BESIDE + skew, MOST_SKEWED)
             if off == 0.0 and not markings.is_arc[k]:
                 off, run = _run_beside(may_be, _along(len(at), bent=True), on, unit)
-                most, is_bent = BENT, off > BENT * unit
+                most, is_bent = BESIDE, off > BESIDE * unit
             seen = np.isfinite(run)
             if off <= most * unit:  # near enough to be the paint on which the marking lies
                 off, on = 0.0, max(on, int(np.count_nonzero(seen)))

@@ -127,9 +127,9 @@ def log_ratio_of_squash(
 ) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
-    Each of the two cameras has its own lines, found near its markings. To both sets of lines, cameras of both shapes
-    are fitted. `task_of_shown` is the task for the picture as shown, if what is known of the camera differs there (a
-    focal length in pixels, say).
+    Each of the two cameras has its own lines, found near its markings, on its field. To both sets of lines, cameras of
+    both shapes are fitted. `task_of_shown` is the task for the picture as shown, if what is known of the camera differs
+    there (a focal length in pixels, say).
     """
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0
@@ -138,10 +138,10 @@ def log_ratio_of_squash(
     for own in (as_it_is, shown):
         if not own.accepted or own.camera is None or own.solved is None:
             continue
-        lines, own_size = own.solved.pixels, own.camera.image_size
+        lines, own_size, field = own.solved.pixels, own.camera.image_size, own.field or task.object_segments
         evidence, evidence_shown = (
-            evidence_of(calibrate_on_lines(one, [lines.scaled(np.divide(size, own_size))], size)[0])
-            for one, size in tasks
+            evidence_of(calibrate_on_lines(on, [lines.scaled(np.divide(size, own_size))], size)[0])
+            for on, size in ((replace(one, object_segments=field), size) for one, size in tasks)
         )
         ratios.append(evidence_shown - evidence)
     return float(np.mean(ratios)) if ratios else 0.0

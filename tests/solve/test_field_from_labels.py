@@ -1,4 +1,4 @@
-"""The size of a field that single frames tell, and what the rules allow."""
+"""The size and the ground of a field that single frames tell, and what the rules allow."""
 
 import json
 
@@ -12,21 +12,26 @@ from strategies import examples, generators, numbers
 from synthetic import observe
 from tripods import SIZE, panned
 
+from data_tools.crown import crowned, on_crown
 from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_images, calibrate_sequence, soccer
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
+from fieldcalib.fields import american_football
+from fieldcalib.fields.ground import LEVEL
+from fieldcalib.run_folder.frame_record import calibration_line
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.field_size import shared_size, with_size_from_labels
+from fieldcalib.solve.field_size import shared_size, with_field_from_labels
 
 FIELD = soccer()
 WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch
+LOW = Camera.from_angles(0.0, 1.33, 0.0, 640.0, (0.0, 66.0, -15.0), SIZE)  # sees most of a pitch, flat
 SIDE = Camera.from_angles(0.7, 1.25, 0.0, 1000.0, (0.0, 66.0, -25.0), SIZE)  # both touchlines and one end
 POSSIBLE, LIMITS = FIELD.size_model.possibilities, FIELD.size_model.limits
 ROOM = LIMITS - np.array([105.0, 68.0])
 
 
-def with_size(pitch, camera, rng, noise=0.5, field=FIELD):
-    """A frame of a pitch, calibrated on a field, and then on a field of the size from its labels."""
+def with_field(pitch, camera, rng, noise=0.5, field=FIELD):
+    """A frame of a pitch, calibrated on a field, and then on a field of the size and ground from its labels."""
     frame = observe(pitch, camera, rng, noise, per_line=9, per_curve=12)
     (found,) = calibrate_batch(field, [frame], SIZE)
 
@@ -34,13 +39,13 @@ def with_size(pitch, camera, rng, noise=0.5, field=FIELD):
         (one,) = calibrate_batch(field, [frame], SIZE, cameras=[start])
         return one
 
-    return found, with_size_from_labels(found, again)
+    return found, with_field_from_labels(found, again)
 
 
 @examples(8)
 @given(generators(), numbers(97.0, 112.0), numbers(62.0, 74.0))
 def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
-    given, found = with_size(soccer(length, width), WIDE, rng)
+    given, found = with_field(soccer(length, width), WIDE, rng)
     assert found.accepted
     off = np.array([found.field.length - length, found.field.width - width])
     assert np.all(np.abs(off) < 1.5) or found is given  # the given size, where that is likely
@@ -57,22 +62,67 @@ def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
 def test_the_usual_size_is_left_alone():
     rng = np.random.default_rng(0)
     for _ in range(5):
-        given, found = with_size(FIELD, WIDE, rng)
+        given, found = with_field(FIELD, WIDE, rng)
         assert found is given
-    given, found = with_size(soccer(100.0, 64.0), WIDE, rng, field=soccer(size_known=True))
+        assert found.field.ground is None
+    given, found = with_field(soccer(100.0, 64.0), WIDE, rng, field=soccer(size_known=True))
     assert found is given
 
 
 def test_what_a_frame_does_not_tell_stays_as_it_is_given():
-    given, found = with_size(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
+    given, found = with_field(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
     assert found.field.length == 105.0
     assert abs(found.field.width - 62.0) < 1.0
     assert found.rms < given.rms
     assert found.remedy.startswith("the length is not visible: positions are relative to the right end")
 
 
+@examples(8)
+@given(generators(), numbers(0.25, 0.5), st.booleans())
+def test_a_frame_of_the_whole_pitch_tells_its_crown(rng, height, roof):
+    given, found = with_field(crowned(FIELD, height, roof=roof), LOW, rng)
+    assert given.field.ground is None
+    assert abs(found.field.ground.crown - height) < 0.25 * height  # parabolas and roofs are other profiles
+    assert (found.field.length, found.field.width) == (105.0, 68.0)
+    assert found.rms < given.rms
+    X = np.array([[40.0, 20.0, 0.0], [-40.0, -20.0, 0.0], [10.0, 0.0, 0.0]])
+    on_ground = LOW.project(on_crown(X, FIELD, height, roof=roof))
+    off, off_level = (
+        np.linalg.norm((one.camera.image_to_field(on_ground, terrain=one.field.terrain) - X)[:, :2], axis=1)
+        for one in (found, given)
+    )
+    assert np.max(off) < np.max(off_level)
+    assert found.probability() > given.probability()
+
+
+def test_a_frame_tells_size_and_crown_together():
+    pitch = crowned(soccer(101.0, 64.0), 0.4, roof=True)
+    _, found = with_field(pitch, LOW, np.random.default_rng(5))
+    assert abs(found.field.length - 101.0) < 1.0
+    assert abs(found.field.width - 64.0) < 1.0
+    assert abs(found.field.ground.crown - 0.4) < 0.1
+    line = calibration_line("000000", found, None)
+    assert abs(line["field_width"] - 64.0) < 1.0
+    assert line["field_crown_m"]["value"] == found.field.ground.crown
+    assert 0.0 < line["field_crown_m"]["standard_deviation"] < 0.15
+
+
+@pytest.mark.parametrize("known", [soccer(size_known=True), american_football()])
+def test_the_crown_alone_of_a_field_whose_size_is_known(known):
+    _, found = with_field(crowned(known, 0.4, roof=True), LOW, np.random.default_rng(2), field=known)
+    assert abs(found.field.ground.crown - 0.4) < 0.1
+    assert (found.field.length, found.field.width) == (known.length, known.width)
+    assert "field_width" not in calibration_line("000000", found, None)
+
+
+def test_ground_that_is_given_is_kept():
+    labels = crowned(FIELD, 0.4, roof=True)
+    _, found = with_field(labels, LOW, np.random.default_rng(2), field=FIELD.with_ground(LEVEL))
+    assert found.field.ground == LEVEL
+
+
 def test_calibrations_with_a_size_of_their_own_survive_json():
-    _, found = with_size(soccer(100.0, 64.0), WIDE, np.random.default_rng(2))
+    _, found = with_field(soccer(100.0, 64.0), WIDE, np.random.default_rng(2))
     assert found.field.length < 102.0
     back = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
     np.testing.assert_allclose(back.covariance, found.covariance, rtol=1e-6, atol=1e-12)
