@@ -18,7 +18,7 @@ from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
 from fieldcalib.fields import american_football
 from fieldcalib.fields.ground import LEVEL
-from fieldcalib.run_folder.frame_record import calibration_line
+from fieldcalib.run_folder.record import calibration_line
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import shared_size, with_field_from_labels
 
