@@ -161,26 +161,32 @@ class _Lines:
         self._unit, self._total, self._stage = unit, total, stage
         self._initial, self._done, self.begin = initial, initial, time.monotonic()
         self._told = initial  # how many were done when the last line was printed
-        self._since = self.begin  # time of the last update
+        self._since, self._updates = self.begin, 0  # time of the last update, and how many there were
 
     def update(self, n: int = 1) -> None:
         """Count `n` more."""
-        self._done, self._since = self._done + n, time.monotonic()
+        self._done, self._since, self._updates = self._done + n, time.monotonic(), self._updates + 1
         _LINES.print_if_due(self._since, self)
 
-    def around(self, now: float) -> str:
-        """What is done of it, and the time left, before the line of a stage that is a part of it."""
-        line = f"{self._stage}: {self._done} of {self._total} {self._unit}s"
+    @property
+    def _counted(self) -> str:
+        stage, total = f"{self._stage}: " if self._stage else "", f" of {self._total}" if self._total else ""
+        return f"{stage}{self._done}{total} {self._unit}s"
+
+    def slowly(self, now: float) -> str:
+        """What is done of it, and the time left, by the updates so far, as of a stage whose parts are stages."""
+        line = self._counted
         if self._done > self._initial and self._total:
             each = (self._since - self.begin) / (self._done - self._initial)
             line += f", {_clock(max((self._total - self._done) * each - (now - self._since), 0.0))} left"
-        return f"{line}; "
+        return line
 
     def line(self, now: float) -> str:
         """What is done of it, the rate, and the time left; how long it has taken where it has not advanced."""
-        stage, seconds = f"{self._stage}: " if self._stage else "", max(now - self.begin, 1e-3)
-        line = f"{stage}{self._done}{f' of {self._total}' if self._total else ''} {self._unit}s"
+        line, seconds = self._counted, max(now - self.begin, 1e-3)
         if self._done == self._told:
+            if now - self._since < 2.0 * (self._since - self.begin) / max(self._updates, 1):  # the next is under way
+                return self.slowly(now)
             return f"{line}, {_clock(seconds)} so far"
         rate, self._told = (self._done - self._initial) / seconds, self._done
         line += f", {rate:.3g} a second"
@@ -248,7 +254,7 @@ class _Printer:
             self._next = now + INTERVAL
             bars, last = [stage for stage in self._stages if isinstance(stage, _Lines)], self._stages[-1]
             first = min(bars, key=lambda stage: stage.begin, default=last)
-            whole = first.around(now) if isinstance(first, _Lines) and first is not last else ""
+            whole = f"{first.slowly(now)}; " if isinstance(first, _Lines) and first is not last else ""
             print(f"fieldcalib: {whole}{last.line(now)}", file=sys.stderr, flush=True)
 
 

@@ -55,6 +55,21 @@ def test_a_stage_within_another_is_told_with_the_time_left_of_both(clock, capfd)
     assert 12 <= left[0] <= 48  # 24 to 27
 
 
+def test_work_of_few_large_parts_tells_the_time_left_between_them(monkeypatch, capfd):
+    monkeypatch.setattr(module, "INTERVAL", 0.1)
+    seen = []
+
+    def left():
+        seen.extend(re.findall(r"calibrating: 30 of 60 frames, 0:0(\d) left", capfd.readouterr().err))
+        return len(seen) >= 2
+
+    with progress_bar(unit="frame", total=60, desc="calibrating") as progress:
+        module.time.sleep(1.5)
+        progress.update(30)
+        until(left)
+    assert 0 <= int(seen[-1]) <= int(seen[0]) <= 3
+
+
 def test_a_line_without_a_known_end(clock, capfd):
     with progress_bar(unit="frame") as progress:
         for _ in range(5):
