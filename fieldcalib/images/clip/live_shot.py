@@ -52,6 +52,7 @@ MOST_KEYS, RECENT = 30, 12  # keyframes of a tripod that are solved together, an
 MOST_TRIPODS = 4  # earlier shots whose tripods are remembered
 WIDTHS_EVERY, MOST_WIDTHS = 25, 20  # frames after which the width of the paint is measured again; measurements kept
 LOST_AFTER = 8  # frames, a third of a second: if so many contradict their keyframes, the cameras are lost
+FIRST_WIDTHS = 6  # first looks at the paint, each of which measures it: one frame tells its width badly
 MOST_EXTRAPOLATED = 12  # successive untied frames whose camera is extrapolated: half a second
 
 
@@ -369,7 +370,8 @@ class LiveShot:
     def with_paint(self, index: int, image: Image, camera: Camera, markings: Sequence[MarkingInView]) -> LiveShot:
         """Remember the paint that a frame shows at the markings in view, and at times measure its width."""
         shot = self
-        if self.solved is not None and (not self.widths or index - self.widths[-1][0] >= WIDTHS_EVERY):
+        is_due = len(self.widths) < FIRST_WIDTHS or index - self.widths[-1][0] >= WIDTHS_EVERY
+        if self.solved is not None and is_due:
             measured = index, widths_by_marking(image, camera, self.solved.markings)
             shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
         markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))

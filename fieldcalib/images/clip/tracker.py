@@ -333,9 +333,10 @@ class Tracker:
         shot = self._shot
         if shot.solved is None:
             return None
-        # a keyframe takes longest, so that the paint is rather looked for in the next frame
+        # keyframes take longest: once the field is known, the paint is rather looked for in the next frame
+        learns = is_key and shot.count < MOST_KEYS
         is_due = shot.paint is None or index - shot.paint[0] >= PAINT_EVERY + is_key
-        looks = is_due or shot.is_new or shot.is_beside
+        looks = is_due or learns or shot.is_new or shot.is_beside
         found = follow(shot, shot.solved, index, image, ties, on_paint=looks)
         self._shot = shot.with_frame(index, found, ties)
         return found
