@@ -108,7 +108,7 @@ class SizeEvidence:
         kept = posterior[:-1] + posterior[-1] * weights
         sizes, crown = (sigmas[:, :2], sigmas[:, 2:]) if count > 1 else (sigmas[:, :0], sigmas)
         as_given, level = (float(kept @ np.all(some == 0.0, axis=1)) for some in (sizes, crown))
-        by_cost, true = np.diagonal(inverse), np.diagonal(V)
+        by_cost, true = np.diagonal(inverse), np.maximum(np.diagonal(V), FAINT)
         width = np.sqrt(np.where(by_cost > 0.0, by_cost, true) / true)  # robust costs may be concave
         return cls(offset, V, width, posterior, means, moments, as_given, level)
 
