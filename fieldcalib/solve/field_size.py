@@ -183,7 +183,7 @@ def _deviations(evidence: SizeEvidence, moment: Array) -> Array:
     """Standard deviation of each quantity by the labels, (c,), the others having their prior moment (c, c)."""
     information, prior = np.linalg.inv(evidence.covariance), np.diag(1.0 / np.diagonal(moment))
     found = [np.linalg.inv(information + prior - prior * one)[i, i] for i, one in enumerate(np.eye(len(prior)))]
-    return np.sqrt(found)
+    return np.sqrt(np.where(np.greater(found, 0.0), found, np.inf))
 
 
 def _layout_on(field: Field, cameras: Layout, size: SizeBlock, roles: Array) -> Layout:
