@@ -78,7 +78,10 @@ class Remedy(NamedTuple):
 
 NOTHING = Remedy()
 OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
-OFF_PAINT = Remedy(f"{LOOK}; give the known length and width of the field", (Advice.LOOK, Advice.FIELD_SIZE))
+OFF_PAINT = Remedy(
+    f"{LOOK}; give the known length and width of the field, or, of grass, how much higher its middle is",
+    (Advice.LOOK, Advice.FIELD_SIZE, Advice.GROUND),
+)
 OFF_PAINT_OF_KNOWN_SIZE = Remedy(f"{LOOK}; markings {BY_HAND}", (Advice.LOOK, Advice.BY_HAND))
 ONE_VIEW = Remedy("cut the view that you want out of the picture")
 NOT_WHOLE = Remedy(
@@ -144,9 +147,9 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
             Tool.PAGE: "type the size of the field in the tab Camera",
         },
         Advice.GROUND: {
-            Tool.COMMAND: "--crown with that height",
+            Tool.COMMAND: "--crown with the height in metres",
             Tool.PYTHON: "field=field.with_ground(fieldcalib.fields.Ground(crown=metres))",
-            Tool.PAGE: "fieldcalib run with --crown and that height, and open its results",
+            Tool.PAGE: "fieldcalib run with --crown, and open its results",
         },
     }
 )
@@ -526,7 +529,7 @@ CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
         What.PICTURE_CORNERS: Remedy("click the corners of the field itself, or other points of it that are in view"),
         What.RANK: Remedy("compute H from four or more points, of which no three lie on one line"),
         What.TWO_WIDTHS: Remedy(f"another line or mark, {BY_HAND}", (Advice.BY_HAND,)),
-        What.NOT_LEVEL: Remedy("say how much higher its middle is", (Advice.GROUND,)),
+        What.NOT_LEVEL: Remedy("give that height as the crown of the field", (Advice.GROUND,)),
         What.UNCHECKED: Remedy("a fifth point, or a known focal length", (Advice.KNOWN_CAMERA,)),
         What.AT_EDGE: Remedy("leave out points that are not where they are said to be"),
         What.FARTHEST: Remedy("check the points that are farther off than the others, or leave them out"),

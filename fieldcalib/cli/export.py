@@ -49,7 +49,7 @@ LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
     "homography": (
         "a homography has no lens (from_raw_rms_px says what that costs from_raw; from_undistorted is exact for the "
-        "pictures of `fieldcalib undistort`)",
+        "pictures of `fieldcalib undistort`, on level ground)",
         lambda camera: camera.lens_shift,
     ),
     "freed": ("FreeD has neither lens distortion nor principal point", freed_error),

@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Pictures or a video without the distortion of the lens: the homographies from undistorted pixels that "
-        "`export --format homography` writes are exact for them."
+        "`export --format homography` writes are exact for them, on level ground."
     )
     add_inputs(parser, "images, folders or zips of them, or one video")
     parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")

@@ -327,7 +327,7 @@ def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> N
         type=_height,
         metavar="M",
         help="height of the middle of the field above its touchlines in metres, if it is known: 0 for level ground "
-        "(by default frames of one tripod tell it, where they can)",
+        "(by default clips and pictures tell it, where they can)",
     )
 
 

@@ -403,7 +403,7 @@ class Camera:
         xy : (..., 2) array_like
             Pixels.
         z : float
-            Height of the plane: 0 is the ground, -2.44 the crossbar.
+            Height of the plane: 0 is level ground, -2.44 the crossbar.
         terrain : Terrain, optional
             The ground of a field that is not level (`Field.terrain`): points are then at height `z` above it.
 

@@ -264,7 +264,7 @@ class FieldSize:
         sizes, deviations = (self.length, self.width), self.std_deviations
         words = [*map(_in_words, ("length", "width"), sizes, deviations, self.from_labels)]
         if self.crown is not None:
-            words.append(f"crown: {self.crown.height:.2f} ± {self.crown.sigma:.2f} m")
+            words.append(f"crown: {self.field.terrain.crown:.2f} ± {self.crown.sigma:.2f} m")
         return "; ".join(words)
 
 
