@@ -223,6 +223,14 @@ def listed(values: Any, what: str) -> Any:
     return values
 
 
+def iterable(values: Any, what: str) -> Iterable[Any]:
+    """The values themselves; a ValueError that says what they should be if they cannot be iterated over."""
+    is_scalar = isinstance(values, np.ndarray) and not values.ndim
+    if is_scalar or isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise ValueError(f"expected {what}, a list or an iterator, got {named(values)}")
+    return values
+
+
 def several(values: Any, what: str) -> list[Any]:
     """The values of an iterable; a ValueError that says what they should be if they are none.
 
@@ -233,10 +241,7 @@ def several(values: Any, what: str) -> list[Any]:
         ...
     ValueError: expected frames, a list or an iterator, got a str
     """
-    is_scalar = isinstance(values, np.ndarray) and not values.ndim
-    if is_scalar or isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
-        raise ValueError(f"expected {what}, a list or an iterator, got {named(values)}")
-    return list(values)
+    return list(iterable(values, what))
 
 
 def named(value: object) -> str:

@@ -209,6 +209,7 @@ class Editor:
         IndexError
             If there is no such frame.
         """
+        number = self.frames.number(number)
         image = self.frames.image(number)
         state = self._state(number, image)
         base = state.base

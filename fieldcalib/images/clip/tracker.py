@@ -18,7 +18,7 @@ from typing import NamedTuple, Self
 
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import named, truth, whole_number
+from fieldcalib._types import iterable, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, in_picture
@@ -287,9 +287,7 @@ class Tracker:
         >>> len(frames) + frames[-1].dropped, frames[0].late < 30.0
         (3, True)
         """
-        if not isinstance(images, Iterable):
-            raise ValueError(f"expected images one after the other, as a list or a generator, got {named(images)}")
-        return self._live(Newest(images))
+        return self._live(Newest(iterable(images, "images")))
 
     def _live(self, newest: Newest[Image]) -> Iterator[LiveFrame]:
         """Calibrate images as they come."""
