@@ -24,6 +24,7 @@ from data_tools.synthetic.cache import read_frame
 from data_tools.synthetic.degraded import degraded
 from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import CLASSES, markings_mask
+from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image_files import Image
@@ -31,6 +32,10 @@ from fieldcalib.io.image_files import Image
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes
 SMALLEST_WINDOW = 0.6  # of a real frame's width and height
+NARROW_SHARE, NARROWEST = (
+    0.3,
+    0.3,
+)  # share of square and upright windows, which are squashed, and least share of the width
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
 
 
@@ -86,25 +91,26 @@ def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
 
 
 def window(labelled: LabelledFrame, rng: np.random.Generator, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:
-    """A random window of a real frame, with the blur, noise and compression of synthetic frames."""
-    share = rng.uniform(SMALLEST_WINDOW, 1.0)
-    corner = rng.uniform(0.0, 1.0 - share, size=2)
-    return cut(labelled, share, (corner[0], corner[1]), rng, classes)
+    """A random window of a real frame, wide or upright, with the blur, noise and compression of synthetic frames."""
+    share = np.full(2, rng.uniform(SMALLEST_WINDOW, 1.0))
+    if rng.random() < NARROW_SHARE:
+        share[0] = rng.uniform(NARROWEST, share[1])
+    return cut(labelled, share, rng.uniform(0.0, 1.0 - share), rng, classes)
 
 
 def whole(labelled: LabelledFrame, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:
     """A whole real frame and its mask."""
-    return cut(labelled, 1.0, (0.0, 0.0), None, classes)
+    return cut(labelled, np.ones(2), np.zeros(2), None, classes)
 
 
 def cut(
     labelled: LabelledFrame,
-    share: float,
-    corner: tuple[float, float],
+    share: Array,
+    corner: Array,
     rng: np.random.Generator | None,
     classes: Sequence[str],
 ) -> tuple[Image, Mask]:
-    """A window of a frame; its size and corner are shares of the frame's width and height."""
+    """A window of a frame; its size (2,) and corner (2,) are shares of the frame's width and height."""
     picture = np.asarray(cv2.imread(str(labelled.image), cv2.IMREAD_COLOR), np.uint8)
     pixels = np.array(picture.shape[1::-1])
     (x, y), (w, h) = np.rint(corner * pixels).astype(int), np.rint(share * pixels).astype(int)

@@ -14,6 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
+from fieldcalib._types import Array
 from fieldcalib.fields.field import OPPOSITE, Field, is_behind_end, looks_the_same_turned, side_of, turned_camera
 from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, soccer
 from fieldcalib.fields.traits import (
@@ -45,6 +46,7 @@ STANDS = {
     AROUND_GOAL: 0.04,
 }
 AIMED_SHARE = 0.75  # share of cameras that look at a point of the field; the others as their distribution says
+STEEP = 45.0  # degrees: cameras that look down more than this are not aimed, or they would turn in all directions
 ROLL_SIGMA, LEVEL_SHARE = np.radians(0.7), 0.85
 STRONG_LENS_SHARE = 0.15  # share of lenses of any strength
 SQUEEZED_SHARE, SQUEEZE = 0.08, 4.0 / 3.0  # fy / fx of 4:3 pictures stretched to 16:9
@@ -99,20 +101,32 @@ def on_canonical_side(camera: Camera, field: Field) -> Camera:
     >>> on_canonical_side(opposite, soccer()).C
     array([-10.,  60., -15.])
     """
-    is_turned = side_of(camera.C, field) == OPPOSITE and looks_the_same_turned(field)
+    is_turned = side_of(_place(camera, field), field) == OPPOSITE and looks_the_same_turned(field)
     return turned_camera(camera) if is_turned else camera
 
 
 def is_behind_goal(camera: Camera, field: Field) -> bool:
     """Whether the camera stands behind a goal line."""
-    return is_behind_end(camera.C, field)
+    return is_behind_end(_place(camera, field), field)
+
+
+def _place(camera: Camera, field: Field) -> Array:
+    """Where a camera stands, (3,); one over the field as if it stood where the lower edge of its picture is."""
+    half = 0.5 * np.array([field.length, field.width])
+    if np.any(np.abs(camera.C[:2]) > half):
+        return camera.C
+    ahead = (camera.R[2] - camera.R[1])[:2]
+    along = int(np.argmax(np.abs(ahead)))
+    place = np.zeros(3)
+    place[along] = -np.copysign(2.0 * half[along], ahead[along])
+    return place
 
 
 def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
     """A camera of a distribution, with a lens, a principal point and sometimes squeezed pixels."""
     layout = Layout.of(size)
     (theta,) = sample_theta(stand, 1, rng, layout)
-    if rng.random() < AIMED_SHARE:
+    if rng.random() < AIMED_SHARE and stand.tilt[1] > STEEP:
         target = np.array([field.length, field.width]) * rng.uniform(-0.5, 0.5, size=2)
         (x, y), z = target - theta[4:6], -theta[6]
         theta[PAN], theta[TILT] = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)

@@ -137,6 +137,25 @@ def stand_texture(rng: np.random.Generator) -> Float32:
     return np.clip(colour, 0.0, 255.0)
 
 
+def trees_texture(rng: np.random.Generator) -> Float32:
+    """A row of trees and houses below the sky, (200, 640, 3)."""
+    rows, columns = round(STAND_HEIGHT * STAND_SCALE), round(LENGTH * STAND_SCALE)
+    y, x = np.mgrid[:rows, :columns].astype(np.float32)
+    sky = np.array(random_colour(rng, (190.0, 240.0), (0.0, 0.5), (0.4, 1.0)), np.float32)
+    picture = sky + rng.uniform(0.0, 12.0) * noise_at(0.3 * x, y, 1.0, rng)[..., None]
+    for _ in range(rng.integers(1, 4)):
+        leaves = np.array(random_colour(rng, (50.0, 130.0), (0.15, 0.6), (0.08, 0.4)), np.float32)
+        top = rng.uniform(2.0, 14.0) * STAND_SCALE * (1.0 + 0.4 * noise_at(x, 0.0 * x, rng.uniform(0.3, 3.0), rng))
+        shade = 1.0 + rng.uniform(0.1, 0.4) * noise_at(x, y, rng.uniform(0.5, 2.0), rng)
+        tree = rows - y < top
+        picture[tree] = (shade[..., None] * leaves)[tree]
+    image = np.clip(picture, 0.0, 255.0)
+    for left in rng.integers(0, columns, size=rng.integers(0, 8)).tolist():  # houses, cars, fences
+        wide, high = int(rng.uniform(2.0, 14.0) * STAND_SCALE), int(rng.uniform(1.2, 7.0) * STAND_SCALE)
+        cv2.rectangle(image, (left, rows - high), (left + wide, rows), vivid_colour(rng), cv2.FILLED)
+    return np.asarray(image, np.float32)
+
+
 def _letters(face: Image, colour: Image, rng: np.random.Generator) -> None:
     """Draw words of seats in another colour."""
     for _ in range(rng.integers(0, 4)):

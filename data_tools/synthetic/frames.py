@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from data_tools.synthetic.cameras import is_behind_goal, random_camera
 from data_tools.synthetic.degraded import degraded, random_picture
 from data_tools.synthetic.games import Game, game_named
+from data_tools.synthetic.hard import hard_game, random_shape
 from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import GroundView
@@ -21,6 +23,7 @@ from fieldcalib.io.image_files import Image
 
 SIZE = (512, 288)
 EMPTY_SHARE = 0.05  # share of frames without a field
+HARD_SHARE, HARD = 0.5, 1  # share of hard frames of soccer, and the stream of random numbers that tells them
 
 
 @dataclass(frozen=True)
@@ -64,17 +67,28 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
     ((288, 512, 3), (288, 512), True)
     """
     rng, game = np.random.default_rng(seed), game_named(name)
+    chance = np.random.default_rng((seed, HARD))
+    hard = name == SOCCER and chance.random() < HARD_SHARE
+    if hard:
+        game = hard_game()
     field = game.random_field(rng)
     if rng.random() < EMPTY_SHARE:
         image = random_picture(size, rng)
         add_graphics(image, rng)
         return SyntheticFrame(degraded(image, rng), np.zeros(size[::-1], np.uint8), None, field)
-    return seen_by(random_camera(field, size, rng, game.stands), field, rng, game)
+    shape = random_shape(size, chance) if hard else size
+    return seen_by(random_camera(field, shape, rng, game.stands), field, rng, game, size)
 
 
-def seen_by(camera: Camera, field: Field, rng: np.random.Generator, game: Game) -> SyntheticFrame:
-    """A frame of a random game as a given camera sees it; its size is the camera's."""
+def seen_by(
+    camera: Camera, field: Field, rng: np.random.Generator, game: Game, size: tuple[int, int] | None = None
+) -> SyntheticFrame:
+    """A frame of a random game as a given camera sees it; its size is the camera's, or it is squashed to `size`."""
     image, hidden = filmed(GroundView.of(camera), field, rng, game)
+    if size is not None and size != camera.image_size:
+        camera = camera.scaled(size)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        hidden = cv2.resize(hidden.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     mask = np.where(hidden, np.uint8(0), markings_mask(camera, field, game.classes))
     return SyntheticFrame(image, mask, camera, field)
 

@@ -21,11 +21,13 @@ from data_tools.synthetic.colours import (
     BOARD_SCALE,
     STAND_HEIGHT,
     STAND_SCALE,
+    Hsv,
     Range,
     boards_texture,
     noise_at,
     random_colour,
     stand_texture,
+    trees_texture,
     wrapped,
 )
 from fieldcalib._types import BoolArray, Float32
@@ -37,6 +39,8 @@ from fieldcalib.fields.sports.soccer import LINE_WIDTH as WIDEST
 from fieldcalib.geometry.camera import Camera
 
 LINE_WIDTH = (0.08, 0.12)  # m, where the field's lines are as wide as the law allows
+PAINT: Hsv = (20.0, 140.0), (0.0, 0.08), (0.82, 1.0)
+FAINTEST = 0.55  # least opacity of the paint of a kept ground
 RUN_OFF = (1.5, 9.0)  # m of grass around the field
 STRIPE_WIDTHS = (GOAL_AREA_DEPTH, GOAL_AREA_DEPTH / 2.0, 16.5 / 4.0, 8.0)
 CORNER_RADIUS = 1.0  # m, law 1
@@ -58,10 +62,23 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     """Grass with its markings and its surroundings, in even light; (3, height, width)."""
     picture = grass(ground, field, rng)
     surround(picture, ground, field, rng)
-    (x, y), opacity = ground.xy, np.full_like(ground.xy[0], rng.uniform(0.55, 1.0))
+    paint_pitch(picture, ground, field, rng)
+    return picture
+
+
+def paint_pitch(
+    picture: Float32,
+    ground: Ground,
+    field: Field,
+    rng: np.random.Generator,
+    faintest: float = FAINTEST,
+    colour: Hsv = PAINT,
+) -> None:
+    """Paint the markings of a field, in place: in one colour, fresh or worn, with an opacity from `faintest` on."""
+    (x, y), opacity = ground.xy, np.full_like(ground.xy[0], rng.uniform(faintest, 1.0))
     if rng.random() < 0.5:  # worn or wet paint
         opacity *= np.clip(0.9 + 0.15 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
-    paint = random_colour(rng, hue=(20.0, 140.0), saturation=(0.0, 0.08), value=(0.82, 1.0))
+    paint = random_colour(rng, *colour)
     line_width = rng.uniform(*LINE_WIDTH) * (field.lines.width / WIDEST)
     segments = {**field.segments, **_unlabelled(field, rng)}
     low, high = np.nanmin(ground.xy, axis=(1, 2)) - 1.0, np.nanmax(ground.xy, axis=(1, 2)) + 1.0
@@ -69,7 +86,6 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     everything = Field(field.length, field.width, in_view, paint=field.paint)
     for share in painted(ground, everything, line_width).values():
         mix(picture, paint, opacity * share)
-    return picture
 
 
 def reaches(segment: Segment, low: Float32, high: Float32) -> bool:
@@ -224,6 +240,10 @@ class Around:
     """Distance, behind the boards, from which the foreground hides the ground."""
     past: tuple[float, float] = (0.0, 0.0)
     """Extent of the field's paint beyond its length and its width, at each end."""
+    trees: bool = False
+    """Whether trees stand where the stands would."""
+    top: float = np.inf
+    """Height of what is seen of stands and trees, metres: cameras above them see the ground beyond."""
 
 
 SOCCER = Around()
@@ -293,7 +313,8 @@ def add_surroundings(
         Mask of the pixels in which the foreground hides the field.
     """
     camera, ray, ground = view
-    boards, board_height, stand = boards_texture(rng), rng.uniform(*BOARD_HEIGHT), stand_texture(rng)
+    boards, board_height = boards_texture(rng), rng.uniform(*BOARD_HEIGHT)
+    stand = trees_texture(rng) if around.trees else stand_texture(rng)
     boards = boards if shown is None else shown
     drop = OPEN_DROP if rng.random() < OPEN_SHARE else 0.0
     half = np.array([field.length, field.width]) / 2.0 + around.past + rng.uniform(*(around.boards or NOWHERE), size=2)
@@ -302,7 +323,7 @@ def add_surroundings(
     for axis, sign in beyond:
         wall = Wall.of_rays(camera, ray, axis, sign * behind[axis], behind[1 - axis] + 1.0)
         rows = np.clip((STAND_HEIGHT - drop - wall.height) * STAND_SCALE, 0.0, len(stand) - 1.0)
-        cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.up_to(np.inf))
+        cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.up_to(around.top))
     for axis, sign in beyond if around.boards else ():
         wall = Wall.of_rays(camera, ray, axis, sign * half[axis], half[1 - axis])
         rows = np.clip((1.0 - wall.height / board_height) * len(boards), 0.0, len(boards) - 1.0)

@@ -9,7 +9,9 @@ from data_tools.synthetic.__main__ import main
 from data_tools.synthetic.cache import read_frame, write_cache
 from data_tools.synthetic.cameras import is_behind_goal, on_canonical_side, random_camera, random_field
 from data_tools.synthetic.degraded import random_picture
+from data_tools.synthetic.hard import other_lines, sunlight
 from data_tools.synthetic.masks import markings_mask
+from data_tools.synthetic.surroundings import GroundView
 from fieldcalib.fields.field import BEHIND_MARGIN
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -21,6 +23,14 @@ SEEDS = range(24)
 @pytest.fixture(scope="module")
 def frames():
     return [frame(seed) for seed in SEEDS]
+
+
+@pytest.fixture(scope="module")
+def hard_frames():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("data_tools.synthetic.frames.HARD_SHARE", 1.0)
+        patch.setattr("data_tools.synthetic.frames.EMPTY_SHARE", 0.0)
+        return [frame(seed) for seed in range(100, 140)]
 
 
 @pytest.fixture(scope="module")
@@ -183,3 +193,66 @@ def test_pictures_without_a_field_may_be_larger_than_their_noise():
     rng = np.random.default_rng(0)
     for _ in range(5):
         assert random_picture((2560, 720), rng).shape == (720, 2560, 3)
+
+
+# hard frames
+
+
+def test_the_other_half_of_the_frames_is_what_it_was(monkeypatch):
+    """Whether a frame is hard is told by numbers of their own."""
+    made = [frame(seed) for seed in SEEDS]
+    monkeypatch.setattr("data_tools.synthetic.frames.HARD_SHARE", 0.0)
+    same = [np.array_equal(one.image, frame(seed).image) for seed, one in zip(SEEDS, made, strict=True)]
+    assert 0.25 < np.mean(same) < 0.75
+
+
+def test_hard_frames_have_the_size_of_others_whatever_their_shape(hard_frames):
+    aspects = set()
+    for one in hard_frames:
+        assert one.image.shape == (SIZE[1], SIZE[0], 3)
+        assert one.camera.image_size == SIZE
+        fx, fy = one.camera.K[0, 0], one.camera.K[1, 1]
+        aspects.add(round(float(fx / fy), 1))
+    assert len(aspects) > 3
+
+
+def test_hard_frames_are_seen_from_above_and_from_behind(hard_frames):
+    assert 0.05 < np.mean([one.behind_goal for one in hard_frames]) < 0.6
+    tilts = [np.degrees(np.arccos(one.camera.R[2, 2])) for one in hard_frames]
+    assert min(tilts) < 40.0
+    assert max(tilts) > 80.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sun_and_shadow_have_sharp_edges(seed):
+    view = GroundView.of(Camera.from_angles(0.0, 1.2, 0.0, 420.0, (0.0, 60.0, -25.0), SIZE))
+    light = sunlight(view.ground, soccer(), np.random.default_rng(seed))
+    assert light.shape == (3, SIZE[1], SIZE[0])
+    assert np.all(np.isfinite(light))
+    assert np.all(light > 0.0)
+
+
+def test_most_hard_frames_have_strong_shadows():
+    view = GroundView.of(Camera.from_angles(0.0, 1.2, 0.0, 420.0, (0.0, 60.0, -25.0), SIZE))
+    lights = [sunlight(view.ground, soccer(), np.random.default_rng(seed))[1] for seed in range(40)]
+    jumps = [np.max(np.abs(np.diff(np.log(light), axis=0))) for light in lights]
+    assert np.mean(np.array(jumps) > 0.15) > 0.4
+
+
+def test_lines_of_other_sports_are_painted_on_the_ground():
+    view = GroundView.of(Camera.from_angles(0.0, 1.0, 0.0, 420.0, (0.0, 50.0, -40.0), SIZE))
+    picture = np.zeros((3, SIZE[1], SIZE[0]), np.float32)
+    other_lines(picture, view.ground, np.random.default_rng(0))
+    painted = picture.max(axis=0) > 20.0
+    assert 0.002 < painted.mean() < 0.3
+
+
+@pytest.mark.parametrize(("pan", "up", "behind"), [(0.0, -1.0, False), (0.5 * np.pi, 1.0, True), (np.pi, -1.0, False)])
+def test_what_is_up_in_a_picture_from_above_tells_the_side(pan, up, behind):
+    """Labels are those of a picture whose upper edge is the far touchline, or the goal far away."""
+    camera = on_canonical_side(Camera.from_angles(pan, 0.2, 0.0, 420.0, (0.0, -3.0, -60.0), SIZE), soccer())
+    assert is_behind_goal(camera, soccer()) == behind
+    above, below = camera.image_to_field(np.array([[256.0, 40.0], [256.0, 248.0]]))
+    axis = 0 if behind else 1
+    assert np.sign(above[axis] - below[axis]) == up
+    assert on_canonical_side(camera, soccer()) == camera

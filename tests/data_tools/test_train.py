@@ -73,6 +73,24 @@ def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path):
         assert all(torch.equal(expected[key], found[key]) for key in expected)
 
 
+def test_a_checkpoint_in_half_precision_is_small_and_nearly_the_same(tmp_path):
+    first = Training.begin(0, CPU)
+    first.rate = 0.5 * LEARNING_RATE
+    advanced(first, [Batches(3, 2, SMALL)[step] for step in range(2)], 2)
+    first.save(tmp_path / "checkpoint.pt", half=True)
+    assert (tmp_path / "checkpoint.pt").stat().st_size < 10e6
+    second = Training.begin(1, CPU)
+    second.load(tmp_path / "checkpoint.pt")
+    assert (second.step, second.rate) == (2, first.rate)
+    for name in ("network", "averaged"):
+        expected, found = (getattr(training, name).state_dict() for training in (first, second))
+        for key, value in expected.items():
+            assert found[key].dtype == value.dtype
+            torch.testing.assert_close(found[key], value, rtol=1e-3, atol=1e-5)
+    moments = [training.optimizer.state_dict()["state"][0] for training in (first, second)]
+    torch.testing.assert_close(moments[1]["exp_avg_sq"], moments[0]["exp_avg_sq"], rtol=1e-2, atol=0.0)
+
+
 def test_the_rate_of_learning_rises_and_falls():
     rates = [learning_rate(step, 1000) for step in range(1000)]
     assert np.argmax(rates) == pytest.approx(200, abs=40)
