@@ -4,6 +4,7 @@
     python -m data_tools.score_images homographies IMAGES ANNOTATIONS
     python -m data_tools.score_images clip VIDEO CAMERAS.npz
     python -m data_tools.score_images frames FOLDER --model FILE [--field NAME]
+    python -m data_tools.score_images views [--frames N]
     python -m data_tools.score_images nonsense [--frames N]
 
 each with [--model FILE] [--no-refinement]; each prints a line of JSON.
@@ -22,6 +23,10 @@ standard deviations that the calibrations state.
 `frames`: output of `data_tools.synthetic --out`. Measured is, for each frame that shows a field, the median distance
 between the images of field points under the true and the calibrated camera, in pixels of 1280x720; and how many frames
 without a field get an accepted camera.
+
+`views`: rendered frames that are hard (`data_tools.synthetic.hard`), so many of each kind of view. Measured are, for
+each kind, the share whose camera is accepted and right, to 6 pixels of 1280x720, and the shares that are accepted or
+good, and not right.
 
 `nonsense`: the number of pictures without a field (`data_tools.nonsense`) that get an accepted camera.
 
@@ -45,12 +50,27 @@ from data_tools.labelled import clip_of, labelled_points
 from data_tools.measured_cameras import read_camera
 from data_tools.nonsense import nonsense
 from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
-from data_tools.truth import compared
+from data_tools.synthetic import SyntheticFrame
+from data_tools.synthetic.cameras import BROADCAST
+from data_tools.synthetic.frames import seen_from
+from data_tools.synthetic.hard import (
+    CORNER,
+    DRONE,
+    HIGH_BEHIND,
+    LOW_BEHIND,
+    MAST,
+    OVERHEAD,
+    OVERHEAD_BEHIND,
+    TOUCHLINE,
+)
+from data_tools.truth import compared, points_in_view
 from fieldcalib._types import Array
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import SOCCER, NetworkOptions, add_named_field, field_of, load_network
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
+from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, parse_image
@@ -63,6 +83,9 @@ from fieldcalib.problem.layout import CENTER, LOG_F
 SIZE = (1280, 720)  # to which squashed images are stretched
 REPORTED_WIDTH = 1920.0
 LEAST_POINTS = 4
+KINDS = (BROADCAST, MAIN_CENTER, LOW_BEHIND, HIGH_BEHIND, CORNER, TOUCHLINE, MAST, DRONE, OVERHEAD, OVERHEAD_BEHIND)
+RIGHT = 6.0  # px of `SIZE`
+TURN = (-1.0, -1.0, 1.0)  # of points about the centre mark
 
 
 @dataclass(frozen=True)
@@ -167,6 +190,31 @@ def synthetic_frames(options: argparse.Namespace) -> int:
     return 0
 
 
+def views(options: argparse.Namespace) -> int:
+    """Score rendered frames by kind of view."""
+    calibrator = Calibrator.of(options)
+    for stand in KINDS:
+        made = [seen_from(stand, seed) for seed in range(options.seed, options.seed + options.frames)]
+        found = list(calibrator(one.image for one in made))
+        right = np.array([_is_right(c, one) for c, one in zip(found, made, strict=True)])
+        accepted = np.array([c.accepted for c in found])
+        good = np.array([c.verdict == Verdict.GOOD for c in found])
+        shares = {"right": right, "accepted_wrong": accepted & ~right, "good_wrong": good & ~right}
+        percent = {name: round(100.0 * float(np.mean(one)), 1) for name, one in shares.items()}
+        print(json.dumps({"view": stand.name, "frames": len(made), **percent}), flush=True)
+    return 0
+
+
+def _is_right(found: Calibration, made: SyntheticFrame) -> bool:
+    """Whether a camera is accepted and right; it may be turned with the field."""
+    if not found.accepted or found.camera is None or made.camera is None:
+        return False
+    xy, X = points_in_view(made.camera, made.field)
+    turns = np.stack([X, X * TURN])
+    off = np.median(np.linalg.norm(found.camera.project(turns) - xy, axis=-1), axis=-1)
+    return bool(np.min(np.nan_to_num(off, nan=np.inf)) * SIZE[0] < RIGHT * made.camera.image_size[0])
+
+
 def no_field(options: argparse.Namespace) -> int:
     """Count the cameras of pictures that show no field."""
     images = (nonsense(seed) for seed in range(options.seed, options.seed + options.frames))
@@ -193,6 +241,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "homographies": homographies,
         "clip": clip,
         "frames": synthetic_frames,
+        "views": views,
         "nonsense": no_field,
     }
     parser, commands = parser_of(__doc__, functions)
@@ -213,7 +262,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command.add_argument("video", type=Path)
             command.add_argument("cameras", type=Path, help="<name>.npz")
         else:
-            add_made_frames(command, 500)
+            add_made_frames(command, 300 if name == "views" else 500)
     return run_command(parser.parse_args(arguments))
 
 

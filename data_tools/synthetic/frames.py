@@ -18,6 +18,7 @@ from fieldcalib._types import BoolArray
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.traits import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image_files import Image
 
@@ -78,6 +79,20 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
         return SyntheticFrame(degraded(image, rng), np.zeros(size[::-1], np.uint8), None, field)
     shape = random_shape(size, chance) if hard else size
     return seen_by(random_camera(field, shape, rng, game.stands), field, rng, game, size)
+
+
+def seen_from(stand: CameraDistribution, seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
+    """A hard frame of a soccer field of 105 x 68 m from one stand, in the shape of `size`.
+
+    Examples
+    --------
+    >>> from data_tools.synthetic.hard import HIGH_BEHIND
+    >>> seen_from(HIGH_BEHIND, 0).behind_goal
+    True
+    """
+    rng, game = np.random.default_rng(seed), hard_game()
+    camera = random_camera(game.field, size, rng, {stand: 1.0})
+    return seen_by(camera, game.field, rng, game)
 
 
 def seen_by(

@@ -18,7 +18,10 @@ from data_tools.onnx_model import read_network, write_model
 from data_tools.simulated import observe
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
+from data_tools.synthetic.cameras import BROADCAST
+from data_tools.synthetic.frames import seen_from
 from data_tools.synthetic.games import game_named
+from data_tools.synthetic.hard import OVERHEAD
 from data_tools.train import (
     LEARNING_RATE,
     PACKAGE,
@@ -33,6 +36,7 @@ from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, calibrate_
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.cli.main import main as fieldcalib
 from fieldcalib.draw.scene import render_field
+from fieldcalib.fields.field import turned_camera
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.image_files import write_image
 from fieldcalib.run_folder.record import RunRecord
@@ -167,6 +171,25 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
         with pytest.raises(SystemExit):
             main([str(out), *wrong, *common])
         assert message in capsys.readouterr().err
+
+
+def test_views_are_scored_by_kind(monkeypatch, capsys):
+    monkeypatch.setattr("data_tools.score_images.KINDS", (BROADCAST, OVERHEAD))
+    assert score_images.main(["views", "--frames", "3", "--seed", "5"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(row["view"], row["frames"]) for row in rows] == [("broadcast", 3), ("overhead", 3)]
+    assert rows[0]["right"] > 50.0
+    assert all(row["good_wrong"] <= row["accepted_wrong"] <= 100.0 - row["right"] for row in rows)
+
+
+def test_a_camera_turned_with_the_field_is_right():
+    made = seen_from(BROADCAST, 0)
+    assert made.camera is not None
+    for camera, expected in ((made.camera, True), (turned_camera(made.camera), True), (None, False)):
+        found = Calibration(camera, Status.ACCEPTED if camera else Status.REJECTED, "", 0.0, 0.0, {}, field=made.field)
+        assert score_images._is_right(found, made) == expected
+    off = Camera(made.camera.K, made.camera.R, made.camera.C + (3.0, 0.0, 0.0), made.camera.image_size)
+    assert not score_images._is_right(Calibration(off, Status.ACCEPTED, "", 0.0, 0.0, {}, field=made.field), made)
 
 
 # data
