@@ -34,7 +34,15 @@ def interrupts_reach_the_work() -> Iterator[None]:
         yield
     finally:
         for number in changed:
-            signal.signal(number, before[number])
+            if signal.getsignal(number) is _interrupt:
+                signal.signal(number, before[number])
+
+
+def ignore_interrupts() -> None:
+    """Let interrupts come too late: the work is done, and only the interpreter is still to end."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if _is_handled_by(number, signal.default_int_handler, signal.SIG_DFL, _interrupt):
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _is_handled_by(number: signal.Signals, *handlers: object) -> bool:

@@ -15,7 +15,7 @@ from functools import cache, reduce
 from pathlib import Path
 
 import numpy as np
-from networks import Blind
+from networks import Blind, KnownCameras
 from synthetic import whole_circle_markings
 
 import fieldcalib
@@ -84,7 +84,7 @@ def video():
 
 @cache
 def results():
-    return calibrate([IMAGE], network=Blind(), progress=False)
+    return calibrate([scene()], network=KnownCameras([CAMERA]), progress=False)
 
 
 @cache
@@ -108,6 +108,7 @@ def right_arguments():
         "H": H,
         "X": X,
         "xy": XY,
+        "detections": XY,
         "points": XY,
         "object_points": X,
         "image_points": XY,
@@ -159,6 +160,7 @@ def right_arguments():
         "message": "none",
         "markings": [],
         "SequenceCalibration.seen_in_images markings": {},
+        "Camera.from_dict record": CAMERA.to_dict(),
         "Calibration.from_dict record": calibration().to_dict(),
         "SequenceCalibration.from_dict record": sequence().to_dict(),
         "VideoCalibration.from_dict record": video().to_dict(),
@@ -171,6 +173,7 @@ def right_arguments():
         "id": "000000",
         "folder": "none",
         "Results.save folder": "saved",
+        "Camera.save path": "saved.json",
         "path": "none.json",
         "name": "soccer",
         "problem.RobustLoss name": "cauchy",

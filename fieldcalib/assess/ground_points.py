@@ -101,7 +101,6 @@ def locate_on_ground(
 
 def _by_pixel(calibration: Calibration, xy: Array) -> Array:
     """Derivatives (..., 2, 2) of ground points by their pixels (..., 2)."""
-    steps = STEP * np.eye(2)
-    ends = [(calibration.image_to_field(xy + step), calibration.image_to_field(xy - step)) for step in steps]
-    columns = [(after - before) / (2.0 * STEP) for after, before in ends]
-    return np.stack(columns, axis=-1)[..., :2, :]
+    steps = STEP * np.eye(2).reshape(2, *[1] * (xy.ndim - 1), 2)
+    columns = (calibration.image_to_field(xy + steps) - calibration.image_to_field(xy - steps)) / (2.0 * STEP)
+    return np.moveaxis(columns, 0, -1)[..., :2, :]

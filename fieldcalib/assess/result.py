@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
+from reprlib import repr as short
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,10 +52,8 @@ from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
-from fieldcalib.geometry.lens import FisheyeLens
 from fieldcalib.problem.picture_shape import SURE, Declared, Placement
 
-ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
@@ -77,7 +77,7 @@ class WhenRead:
         vars(instance)[self._name] = value
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
 
@@ -121,21 +121,21 @@ class Calibration:
     alternatives: tuple[Camera, ...] = ()
     """Cameras that are as good: the one turned by 180 degrees about the centre mark, where nothing tells on which side
     of the field the camera is (`fieldcalib.fields.field`)."""
-    _found: tuple[Finding, ...] = attribute(default=(), repr=False)
+    _found: tuple[Finding, ...] = attribute(default=())
     """Findings that do not follow from the other attributes, see `findings`."""
-    pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
+    pixel_counts: Mapping[str, int] = attribute(default_factory=dict)
     """Number of pixels of each given label; read-only."""
-    field: Field | None = attribute(default=None, repr=False)
+    field: Field | None = attribute(default=None)
     """The field that was calibrated against; None if the object is not a `Field`."""
-    errors: CameraErrors = attribute(default_factory=NoErrors, repr=False)
+    errors: CameraErrors = attribute(default_factory=NoErrors)
     """Errors of the camera: `Solved` for a frame by itself, `KnownErrors` for a frame of a sequence, `NoErrors` for a
     homography or without a camera."""
-    markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
+    markings: tuple[MarkingInView, ...] = attribute(default=())
     """Paint that the image shows of each marking in view; empty if no image was examined."""
-    are_annotated: bool = attribute(default=False, repr=False)
+    are_annotated: bool = attribute(default=False)
     """Whether a person labelled the pixels, following markings to the border of the picture: true for labels that are
     neither weighted nor trusted."""
-    declared: Declared = attribute(default=Declared.NOTHING, repr=False)
+    declared: Declared = attribute(default=Declared.NOTHING)
     """Statements of the user about the picture, which are not doubted."""
 
     def __post_init__(self) -> None:
@@ -170,8 +170,17 @@ class Calibration:
         return self.required_camera.project(X)
 
     def image_to_field(self, xy: ArrayLike) -> Array:
-        """Ground points (..., 3) seen at pixels (..., 2), as `Camera.image_to_field`."""
-        return self.required_camera.image_to_field(xy, terrain=terrain_of(self.field))
+        """Ground points (..., 3) seen at pixels (..., 2), as `Camera.image_to_field`.
+
+        Warns
+        -----
+        UserWarning
+            If `xy` is a single pixel and no ground is seen there; in arrays such points are NaN.
+        """
+        X = self.required_camera.image_to_field(xy, terrain=terrain_of(self.field))
+        if X.ndim == 1 and np.isnan(X[0]):
+            warn(f"no ground is seen at pixel {short(xy)}: it is above the horizon, or beyond the lens", stacklevel=2)
+        return X
 
     @property
     def solved(self) -> Solved | None:
@@ -455,6 +464,13 @@ class Calibration:
         reason = in_words(*paint_findings(markings))
         return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")
 
+    def __repr__(self) -> str:
+        if self.camera is None:
+            return f"Calibration({self.verdict}, no camera: {short(self.message)})"
+        x, y, z = self.camera.C
+        f = f"f={self.camera.focal_length:.0f} px, C=({x:.1f}, {y:.1f}, {z:.1f}) m"
+        return f"Calibration({self.verdict}, {f}, rms {self.rms:.2f} px)"
+
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them."""
         rvec, tvec, K, dist = self.required_camera.to_opencv()
@@ -575,12 +591,12 @@ def calibration_to_record(calibration: Calibration, found: Sequence[Finding]) ->
     return {
         "status": str(calibration.status),
         "message": calibration.message,
-        **({} if camera is None else _camera_to_record(camera)),
+        **({} if camera is None else _without_size(camera)),
         **({} if np.isnan(calibration.rms) else {"rms_px": to_json(calibration.rms)}),
         "segment_errors_px": {label: to_json(error) for label, error in errors.items()},
         "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in suspects],
         **({} if np.isnan(calibration.loss_ndc) else {"loss_ndc": to_json(calibration.loss_ndc)}),
-        "alternatives": [_camera_to_record(other) for other in calibration.alternatives],
+        "alternatives": [_without_size(other) for other in calibration.alternatives],
         "found": [one.to_dict() for one in found],
         "pixel_counts": dict(calibration.pixel_counts),
         "image_size": None if camera is None else list(camera.image_size),
@@ -599,7 +615,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
         size = record["image_size"]
         field = None if record["field"] is None else field_from_record(record["field"])
         return {
-            "camera": None if size is None else camera_from_line(record, size),
+            "camera": None if size is None else Camera.from_dict(record),
             "status": Status(record["status"]),
             "message": expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
             "rms": float(from_json(record.get("rms_px"))),
@@ -611,7 +627,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
                 SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
                 for one in record["suspect_labels"]
             ),
-            "alternatives": tuple(camera_from_line(other, size) for other in record["alternatives"]),
+            "alternatives": tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
             "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
             "pixel_counts": _pixel_counts_from_record(record),
             "field": field,
@@ -622,23 +638,8 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
         }
 
 
-def _camera_to_record(camera: Camera) -> dict[str, Any]:
-    return {
-        "K": to_json(camera.K),
-        "dist": to_json(camera.dist[0]),
-        **({"lens": FisheyeLens.name} if camera.fisheye else {}),
-        "R": to_json(camera.R),
-        "C": to_json(camera.C),
-        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
-    }
-
-
-def camera_from_line(line: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
-    """The camera of a record of results; a ValueError or KeyError if it is none."""
-    lens = line.get("lens")
-    if lens not in (None, FisheyeLens.name):
-        raise ValueError(f"'lens': expected {FisheyeLens.name!r}, or no such key for OpenCV's lens, got {lens!r}")
-    return Camera(line["K"], line["R"], line["C"], image_size, line["dist"], fisheye=lens is not None)
+def _without_size(camera: Camera) -> dict[str, Any]:
+    return {key: value for key, value in camera.to_dict().items() if key != "image_size"}
 
 
 def _pixel_counts_from_record(record: Mapping[str, Any]) -> dict[str, int]:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import fieldcalib
 from fieldcalib.console.options import NEGATIVE, Parser
 
+if TYPE_CHECKING:
+    from fieldcalib.io.formats import Format
+
 COMMANDS = {
-    "run": "calibrate images or a video",
+    "run": "calibrate images, a video or annotated frames",
     "open": "see, mend and label frames in the browser",
     "localize": "find the markings in images",
-    "calibrate": "calibrate annotated frames",
+    "calibrate": "calibrate annotated frames: run does so too",
     "evaluate": "score cameras or homographies against annotations",
     "export": "write cameras in the formats of other tools",
     "project": "boxes of players to metres on the field",
@@ -56,8 +62,27 @@ def command_parser(arguments: Sequence[str]) -> Parser:
     for name, help in COMMANDS.items():
         command = commands.add_parser(name, help=help)
         if name == given:
+            name = "calibrate" if name == "run" and _is_of_labels(arguments) else name
             module = import_module(f"fieldcalib.cli.{name}")
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name, arguments=list(arguments))
             parser.chosen = command
     return parser
+
+
+def _is_of_labels(arguments: Sequence[str]) -> bool:
+    """Whether the input of a command line is annotations: a file of them, or a folder or zip without pictures."""
+    from fieldcalib.io.formats import ANNOTATIONS, IMAGES, VIDEOS
+
+    named = (one for before, one in pairwise(arguments) if not before.startswith("--"))  # no values of options
+    first = next((path for path in map(Path, named) if path.exists()), None)
+    if first is None or (first.is_file() and first.suffix.lower() != ".zip"):
+        return first is not None and ANNOTATIONS.recognises(first)
+    return _holds(ANNOTATIONS, first) and not _holds(IMAGES, first) and not _holds(VIDEOS, first)
+
+
+def _holds(form: Format[Any, Any], path: Path) -> bool:
+    try:
+        return bool(form.find([path]))
+    except (OSError, ValueError):
+        return False

@@ -130,7 +130,7 @@ def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argp
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
         raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
-    cameras = {id: results.cameras[id] if id in results else None for id in ids}
+    cameras = {id: results.cameras.get(id) for id in ids}
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
     if rejected and not options.keep_rejected:
         cameras |= dict.fromkeys(rejected)

@@ -10,14 +10,17 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from fieldcalib._interrupts import interrupts_end_the_process
+from fieldcalib._interrupts import ignore_interrupts, interrupts_end_the_process
 from fieldcalib.console.program import exit_code
 from fieldcalib.processes.threads import one_thread_for_blas
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 something was broken, 2 wrong usage."""
-    return exit_code(partial(_run, arguments))
+    code = exit_code(partial(_run, arguments))
+    if arguments is None:  # the process ends with it
+        ignore_interrupts()
+    return code
 
 
 def _run(arguments: Sequence[str] | None) -> int:

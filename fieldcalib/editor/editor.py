@@ -14,7 +14,7 @@ from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around
 from fieldcalib.editor.edit import Edit, History, Marks, check_edit
-from fieldcalib.editor.fitting import automatic, network_marks, network_of, searched
+from fieldcalib.editor.fitting import automatic, marks_of, network_marks, network_of, searched
 from fieldcalib.editor.folder import NOTHING_KEPT, Folder, field_of, frames_of, places_of
 from fieldcalib.editor.frame import FrameEditor, moved_marks
 from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, Table, basis_of, is_by_hand
@@ -26,6 +26,7 @@ from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.image_files import Image
 from fieldcalib.localize import Network
+from fieldcalib.results.frames import NoFrameError
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL
 
@@ -199,16 +200,30 @@ class Editor:
         """How often a frame was changed."""
         return self._states.revision(self.frames.number(number))
 
-    def __getitem__(self, number: int) -> FrameEditor:
-        """Return a frame in its present state; without labels by hand its camera is found automatically.
+    def __getitem__(self, frame: int | str) -> FrameEditor:
+        """Return a frame, by number or id, in its present state.
+
+        The camera of a frame that nobody has changed is found automatically, and the frame has labels that were found
+        in it, to which a change adds (`begun`).
 
         Raises
         ------
         BrokenFileError
             If its image cannot be read.
-        IndexError
+        IndexError, KeyError
             If there is no such frame.
         """
+        return self.begun(self._number(frame))
+
+    def _number(self, frame: int | str) -> int:
+        if not isinstance(frame, str):
+            return self.frames.number(frame)
+        if frame not in self._states.numbers:
+            raise NoFrameError(frame, self._states.numbers)
+        return self._states.numbers[frame]
+
+    def _frame(self, number: int) -> FrameEditor:
+        """Return a frame in its present state, without the labels of `begun`."""
         number = self.frames.number(number)
         image = self.frames.image(number)
         state = self._state(number, image)
@@ -236,7 +251,7 @@ class Editor:
     def with_camera(self, number: int) -> FrameEditor:
         """Return a frame with the camera calibrated from its marks, which is cached until the frame changes."""
         revision = self.revision(number)
-        one = self[number]
+        one = self._frame(number)
         found = one.calibration
         with self.lock:
             state = self._states[number]
@@ -271,7 +286,7 @@ class Editor:
         The frame has the camera found until a person changes something. The search takes half a second or more, during
         which nothing else waits. Fields without stands are not searched for.
         """
-        one = self[number]
+        one = self._frame(number)
         if not self.is_to_search(number):
             return False
         try:
@@ -289,19 +304,21 @@ class Editor:
         return True
 
     def gets_marks(self, number: int) -> bool:
-        """Whether the first change of a frame will add marks of the network to those of the person, see `begun`."""
-        one = self[number]
-        return self.revision(number) == 0 and one.is_automatic and not len(one.marks) and self.network is not None
+        """Whether the first change of a frame will add marks that were found in it to the person's, see `begun`."""
+        one = self._frame(number)
+        is_new = self.revision(number) == 0 and one.is_automatic and not len(one.marks)
+        return is_new and (self.network is not None or len(marks_of(one.base)) > 0)
 
     def begun(self, number: int) -> FrameEditor:
-        """Return a frame that is about to be changed, with the labels of the network if it has no marks yet.
+        """Return a frame that is about to be changed, with labels that were found in it if it has no marks yet.
 
-        While any labels of the network are left, the basis of the frame is "labelled by hand and by the network".
+        They are the network's or, on a field that it does not know, those that the camera was fitted to. While any of
+        them are left, the basis of the frame is "labelled by hand and by the network".
         """
-        one = self[number]
+        one = self._frame(number)
         network = self.network
-        if network is not None and self.gets_marks(number):
-            marks = network_marks(one.field, one.image, network)
+        if self.gets_marks(number):
+            marks = marks_of(one.base) if network is None else network_marks(one.field, one.image, network)
             with self.lock:
                 state = self._states[number]
                 if state.revision == 0:
@@ -309,12 +326,12 @@ class Editor:
                     edits.history = History(Edit(marks, automatic=True))
                     if was_saved:
                         edits.note_saved()
-            return self[number]
+            return self._frame(number)
         return one
 
     def automatic(self, number: int) -> FrameEditor:
         """Return a frame to the camera that was found without a person, and to the labels of the network."""
-        one, network = self[number], self.network
+        one, network = self._frame(number), self.network
         return one.automatic(Marks() if network is None else network_marks(one.field, one.image, network))
 
     def with_marks_of(self, number: int, other: int) -> FrameEditor:
@@ -325,7 +342,7 @@ class Editor:
         ValueError
             If the other frame has no marks, or shows no background that this one shows too.
         """
-        one, source = self[number], self[other]
+        one, source = self._frame(number), self._frame(other)
         if not len(source.marks):
             raise ValueError(f"frame {self.ids[other]} has no marks to copy: label it first")
         return one.with_marks(moved_marks(source.marks, source.image, one))
@@ -368,9 +385,9 @@ class Editor:
                 self._folder.note_change(number, after)
             state.change(before.changed_to(after), changed.found)
 
-    def __setitem__(self, number: int, changed: FrameEditor) -> None:
+    def __setitem__(self, frame: int | str, changed: FrameEditor) -> None:
         """Change a frame, see `put`."""
-        self.put(number, changed)
+        self.put(self._number(frame), changed)
 
     def set_cuts(self, cuts: Sequence[int]) -> None:
         """Set the first frames of the shots of a clip; the first frame of the clip is always one.
@@ -435,7 +452,7 @@ class Editor:
 
     def _by_marks(self, number: int) -> Calibration:
         """Calibrate a frame from its marks alone, also if the clip's camera was kept for it."""
-        one, state = self[number], self._states[number]
+        one, state = self._frame(number), self._states[number]
         return replace(one, found=None).calibration if state.is_of_clip else self.fitted(number).calibration
 
     def _now(self, number: int) -> Calibration | None:

@@ -22,10 +22,11 @@ from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.labelled_pixels import PixelTable, Weights
+from fieldcalib.problem.labelled_pixels import Pixels, PixelTable, Weights
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import CalibrationFlags, pixel_unit
@@ -81,13 +82,25 @@ def searched(field: Field, image: Image) -> Calibration:
 def network_marks(field: Field, image: Image, network: Network) -> Marks:
     """Label an image by a network: a few marks for each segment, in their order along it."""
     (found,) = localize(field, [image], network)
-    pixels: dict[str, Array] = {}
-    for label, weight in found.weight.items():
-        xy = found.pixels[label]
-        if weight >= LEAST_WEIGHT:
-            some = np.linspace(0, len(xy) - 1, min(len(xy), MOST_MARKS)).round().astype(int)
-            pixels[label] = xy[field[label].order(xy)][some]
-    return Marks.of(pixels, by_hand=False)
+    return _few(field, {label: found.pixels[label] for label, one in found.weight.items() if one >= LEAST_WEIGHT})
+
+
+def marks_of(calibration: Calibration | None) -> Marks:
+    """Marks at a few of the pixels that a camera was fitted to, such as those of a court that was searched for."""
+    if not calibration or calibration.solved is None or calibration.field is None:
+        return Marks()
+    placement = Placement.of_cameras(calibration.required_camera, calibration.solved.camera)
+    pixels = calibration.solved.pixels.by_label(0)
+    return _few(calibration.field, {label: placement.to_picture(xy) for label, xy in pixels.items()})
+
+
+def _few(field: Field, pixels: Pixels) -> Marks:
+    """A few marks for each segment, in their order along it, of pixels that no person labelled."""
+    few = {}
+    for label, xy in pixels.items():
+        some = np.linspace(0, len(xy) - 1, min(len(xy), MOST_MARKS)).round().astype(int)
+        few[label] = xy[field[label].order(xy)][some]
+    return Marks.of(few, by_hand=False)
 
 
 def fitted(task: Task, image: Image, marks: Marks) -> Calibration:

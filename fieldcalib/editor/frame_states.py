@@ -21,11 +21,12 @@ from weakref import finalize
 import numpy as np
 
 from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration
+from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.edit import Edit, History, Marks
 from fieldcalib.editor.fitting import is_to_search
 from fieldcalib.editor.journal import FrameHistory
 from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import ANGLE_NAMES
 from fieldcalib.run_folder.frame_source import FrameSource
 
 BY_HAND = "labelled by hand"  # basis of a frame that a person has labelled

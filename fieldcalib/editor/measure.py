@@ -59,7 +59,7 @@ def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
     >>> bool(np.linalg.norm(place.X - (30.0, -10.0)) < 0.5), bool(place.rms < 2.0)
     (True, True)
     """
-    X = calibration.image_to_field(xy)[:2]
+    X = calibration.image_to_field(np.array([xy], dtype=float))[0, :2]
     if not np.all(np.isfinite(X)):
         return GroundPoint(None, None, None)
     if not calibration.knows_errors:
@@ -111,7 +111,7 @@ def line_across(calibration: Calibration, field: Field, xy: ArrayLike) -> Across
     NoCameraError
         If there is no camera.
     """
-    x = float(calibration.image_to_field(xy)[0])
+    x = float(calibration.image_to_field(np.array([xy], dtype=float))[0, 0])
     if not np.isfinite(x):
         return None
     field = calibration.field or field

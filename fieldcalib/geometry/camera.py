@@ -6,7 +6,10 @@ World: metres, x right along the touchline, y towards the main camera, z down. C
 
 from __future__ import annotations
 
+import json
+import os
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from reprlib import repr as short
@@ -16,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldcalib._html import table
-from fieldcalib._types import Array, is_number, number, real_array, truth
+from fieldcalib._json import to_json
+from fieldcalib._types import Array, expect, file_path, is_number, number, real_array, truth
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
@@ -27,6 +31,7 @@ from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_ang
 LENS_SHIFT = 1.0  # px, from which on a homography without the lens is worth a warning
 FULL_TURN = 2.0 * np.pi
 PIXELS_PER_AXIS = 17  # of the grid on which the lens is compared with a pinhole
+ANGLE_NAMES = ("pan", "tilt", "roll")
 CAMERA_TITLES = ("focal length", "pan, tilt, roll", "position")
 NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
 
@@ -446,6 +451,41 @@ class Camera:
         if self.fisheye:
             return np.asarray(cv2.fisheye.undistortImage(image, K, dist, Knew=K), dtype=np.uint8)
         return np.asarray(cv2.undistort(image, K, dist), dtype=np.uint8)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The camera as a dict for JSON: the keys of ``cameras.jsonl``, see ``docs/reference/files.md``."""
+        return {
+            "K": to_json(self.K),
+            "dist": to_json(self.dist[0]),
+            **({"lens": FisheyeLens.name} if self.fisheye else {}),
+            "R": to_json(self.R),
+            "C": to_json(self.C),
+            "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(self.angles).tolist(), strict=True)),
+            "image_size": list(self.image_size),
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Camera:
+        """The camera of a dict of `to_dict`, such as a line of ``cameras.jsonl``.
+
+        Raises
+        ------
+        ValueError
+            If it is none.
+        """
+        expect(record, Mapping, "camera.to_dict()")
+        missing = [name for name in ("K", "R", "C", "image_size", "dist") if name not in record]
+        lens = record.get("lens")
+        if missing:
+            raise ValueError(f"the key {missing[0]!r} is missing, as camera.to_dict() has it")
+        if lens not in (None, FisheyeLens.name):
+            raise ValueError(f"'lens': expected {FisheyeLens.name!r}, or no such key for OpenCV's lens, got {lens!r}")
+        K, R, C, image_size, dist = (record[name] for name in ("K", "R", "C", "image_size", "dist"))
+        return cls(K, R, C, image_size, dist, fisheye=lens is not None)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the camera to a file of JSON; ``Camera.from_dict(json.loads(...))`` gives it back."""
+        file_path(path, "a file of JSON").write_text(json.dumps(self.to_dict(), indent=1) + "\n")
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""

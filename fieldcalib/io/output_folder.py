@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -84,7 +84,7 @@ class FolderInUseError(OSError):
 
 @contextmanager
 def output_folder(path: Path) -> Iterator[None]:
-    """Make and lock a folder for results while the context lasts.
+    """Make and lock a folder for results while the context lasts; one that an error leaves empty is removed again.
 
     Raises
     ------
@@ -99,11 +99,18 @@ def output_folder(path: Path) -> Iterator[None]:
     """
     if path.is_file():
         raise NotADirectoryError(f"{path} is a file: results need a folder")
+    is_new = not path.exists()
     path.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=path):  # an error of writing shows before the work, not after it
-        pass
-    with locked_folder(path):
-        yield
+    try:
+        with tempfile.TemporaryFile(dir=path):  # an error of writing shows before the work, not after it
+            pass
+        with locked_folder(path):
+            yield
+    except BaseException:
+        if is_new:
+            with suppress(OSError):  # it holds something
+                path.rmdir()
+        raise
 
 
 @contextmanager

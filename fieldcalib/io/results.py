@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldcalib._types import LARGEST, is_number
 from fieldcalib.assess.findings import Status, Verdict
-from fieldcalib.assess.result import Calibration, camera_from_line
+from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.output_folder import whole_lines
@@ -210,6 +210,8 @@ class ResultFile:
             self._add(number, text)
             begins.append(begins[-1] + len(text))
         self._begins = np.array(begins, dtype=np.int64)
+        self.is_cut = self._texts is None and begins[-1] < path.stat().st_size
+        """Whether the last line is incomplete, and left out."""
         if self.ids:
             self.main(0)
 
@@ -267,7 +269,7 @@ class ResultFile:
         if line.get("K") is None:
             return None
         with self._named(number):
-            return camera_from_line(line, tuple(line["image_size"]))
+            return Camera.from_dict(line)
 
     def texts(self, number: int) -> Texts:
         """The lines of a frame as they stand in both files."""

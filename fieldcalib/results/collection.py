@@ -16,10 +16,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
-from itertools import islice
 from pathlib import Path
 from reprlib import repr as short
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._types import file_path, truth
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
+from fieldcalib.assess.ground_points import GroundPoints, locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
@@ -37,13 +37,14 @@ from fieldcalib.fields.ground_homography import FieldHomography, field_homograph
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import CAMERA_TITLES, Camera, camera_cells
 from fieldcalib.images.clip.from_video import PART
+from fieldcalib.io.boxes import foot_points
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, encode_image
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, NoFrameError, Pictures
+from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, Pictures, number_of
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
 from fieldcalib.run_folder.labelled_frames import CAMERA_FILES, WITHHELD
@@ -125,12 +126,10 @@ class Results(Mapping[str, Calibration]):
         return self.frames.calibration(self._number(id))
 
     def _number(self, id: str | int) -> int:
-        numbers = self._numbers
-        if isinstance(id, int) and 0 <= id < len(numbers):
-            return next(islice(numbers.values(), id, None))
-        if not isinstance(id, str) or id not in numbers:
-            raise NoFrameError(id, numbers, self.broken)
-        return numbers[id]
+        return number_of(self._numbers, id, self._why_broken)
+
+    def _why_broken(self, id: str) -> str:
+        return f"could not be read: {self.broken[id]}" if id in self.broken else ""
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers)
@@ -197,9 +196,18 @@ class Results(Mapping[str, Calibration]):
         return LazyList(len(self.frames.ids), self.frames.line)
 
     @property
-    def cameras(self) -> Mapping[str, Camera | None]:
-        """Best camera of each frame by id, whatever the verdict; None if there is none."""
-        return Lazy(self._numbers, lambda number: self.frames.camera(number))
+    def cameras(self) -> Mapping[str, Camera]:
+        """Best camera of each frame that has one, by id, whatever the verdict; the error for another says why not."""
+        return Lazy(self._with_camera, lambda number: cast(Camera, self.frames.camera(number)), self._why_none)
+
+    @cached_property
+    def _with_camera(self) -> dict[str, int]:
+        """Numbers of the frames that have a camera, by id."""
+        with_one = {line["id"] for line in self.frames.mains() if line.get("K") is not None}
+        return {id: number for id, number in self._numbers.items() if id in with_one}
+
+    def _why_none(self, id: str) -> str:
+        return f"has no camera: {self[id].message}" if id in self else self._why_broken(id)
 
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
@@ -313,13 +321,48 @@ class Results(Mapping[str, Calibration]):
             Exact homographies of undistorted pixels, the closest homographies of the pixels of the picture, and the
             errors of the latter due to the lens, in pixels and metres. They are computed when they are accessed.
         """
-        numbers = {id: number for id, number in self._numbers.items() if self.cameras[id] is not None}
-        return Lazy(numbers, lambda number: self._homography(self.frames.ids[number]))
+        return Lazy(self._with_camera, lambda number: self._homography(self.frames.ids[number]), self._why_none)
 
     def _homography(self, id: str) -> FieldHomography:
-        camera = self.cameras[id]
-        assert camera is not None
-        return field_homography(camera, self._field(self[id]))
+        return field_homography(self.cameras[id], self._field(self[id]))
+
+    def to_field(self, detections: Any, frame: str | int | None = None, *, pixel_sd: float = 2.0) -> GroundPoints:
+        """Ground points, with their errors, of what a detector found in a frame.
+
+        Parameters
+        ----------
+        detections : supervision.Detections, (N, 4) array_like or (N, 2) array_like
+            Anything with boxes ``xyxy``, such as ultralytics' ``result.boxes``; boxes (left, top, right, bottom), of
+            which the middle of the lower edge is taken (`fieldcalib.io.boxes.foot_points`); or pixels.
+        frame : str or int, optional
+            The id or the number of the frame; may be left out if there is one only.
+        pixel_sd : float
+            Standard deviation of the feet in the picture, pixels.
+
+        Returns
+        -------
+        GroundPoints
+            `X` (N, 3), metres, and `standard_deviations` (N, 2); NaN where no ground is seen.
+
+        Raises
+        ------
+        ValueError
+            As `fieldcalib.locate_on_ground`; without a camera it says why there is none.
+
+        Examples
+        --------
+        >>> import fieldcalib
+        >>> truth = fieldcalib.Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+        >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+        >>> pixels = {label: truth.project(fieldcalib.soccer()[label].sample(9.0)) for label in labels}
+        >>> results = fieldcalib.calibrate(pixels, image_size=(960, 540), progress=False)
+        >>> results.to_field([(400, 200, 420, 260), (610, 240, 632, 305)]).X[:, :2].round(1)
+        array([[11.8, -8.7],
+               [19.9,  3.7]])
+        """
+        boxes = np.asarray(getattr(detections, "xyxy", detections), dtype=float)
+        xy = foot_points(boxes) if boxes.shape[-1:] == (4,) else boxes.reshape(-1, 2)
+        return locate_on_ground(self[self._id(frame)], xy, pixel_sd=pixel_sd)
 
     def to_pandas(self, *, everything: bool = False) -> pandas.DataFrame:
         """Make a table with a row for each frame, broken ones included, indexed by id.
@@ -397,7 +440,7 @@ class Results(Mapping[str, Calibration]):
             if id in self.broken:
                 rows.append([id, "broken file", "", "", "", self.broken[id]])
             else:
-                rows.append([id, str(self.verdicts[id]), *camera_cells(self.cameras[id]), self[id].reason])
+                rows.append([id, str(self.verdicts[id]), *camera_cells(self.cameras.get(id)), self[id].reason])
         return long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(ids))
 
     def _html_picture(self) -> str:

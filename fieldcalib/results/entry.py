@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._progress import Progress, progress_bar, solving
-from fieldcalib._types import file_path, is_number, number
+from fieldcalib._types import file_path, is_number, number, truth
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.catalogue import AUTO
@@ -82,6 +82,7 @@ def calibrate(
     end: Time = None,
     step: int = 1,
     clip: bool | None = None,
+    rgb: bool = False,
     image_size: tuple[int, int] | None = None,
     network: Network | None = None,
     camera_matrix: ArrayLike | None = None,
@@ -108,7 +109,8 @@ def calibrate(
 
         * the path of a video, a picture, a folder or a zip of pictures, a pattern of paths (``"match/*.jpg"``), or a
           list of paths;
-        * a (height, width, 3) uint8 array in blue, green, red, a list of them, or an iterator;
+        * a (height, width, 3) uint8 array in blue, green, red, a picture of PIL, a list of them, or an iterator;
+        * a ``cv2.VideoCapture``, whose frames are calibrated one by one;
         * labelled pixels, a mapping of labels to (N, 2) pixels, several of them in a list or by id, or what
           `read_annotations` returns;
         * a URL, or ``"-"`` for standard input, up to `end`. To calibrate frames as they come, use `Tracker`.
@@ -123,6 +125,8 @@ def calibrate(
         Take every n-th frame only.
     clip : bool, optional
         Whether pictures are a clip whose frames are calibrated together. By default a video is one, pictures are not.
+    rgb : bool
+        Whether arrays are in red, green, blue.
     image_size : (int, int), optional
         Width and height of the pictures in which pixels were labelled, if the labels do not have it.
     network : Network, optional
@@ -163,7 +167,7 @@ def calibrate(
     >>> str(results.verdicts["000000"])  # a black picture
     'reject'
     """
-    taken = input_of(source, _cut(start, end, step), clip, image_size)
+    taken = input_of(source, _cut(start, end, step), clip, image_size, rgb=truth(rgb, "rgb"))
     if isinstance(field, str) and field == AUTO:
         field = auto_field(pictures_of(taken))
     task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
@@ -214,6 +218,11 @@ def read(folder: str | os.PathLike[str]) -> Results:
     Results
         A mapping of ids to `Calibration`. An unfinished run has the frames that are done.
 
+    Warns
+    -----
+    UserWarning
+        If the last line is incomplete.
+
     Raises
     ------
     FileNotFoundError
@@ -238,6 +247,8 @@ def read(folder: str | os.PathLike[str]) -> Results:
     if path.is_dir():
         path = lines_file(path)
     frames = StoredFrames(path)
+    if frames.is_cut:
+        _warn(f"{path}: its last line is incomplete and is left out: is a run still writing it, or was it cut off?")
     home = path.parent
     record, clip = RunRecord.read(home), home / CLIP
     options: Mapping[str, Any] = {} if record is None else record.options
@@ -269,7 +280,9 @@ class Input(Protocol):
         """Calibrate the whole input; `how` has the network that the user gives, if any."""
 
 
-def input_of(source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None) -> Input:
+def input_of(
+    source: object, cut: Cut, clip: bool | None, image_size: tuple[int, int] | None, *, rgb: bool = False
+) -> Input:
     """Recognise the kind of a source of `fieldcalib.calibrate`; a ValueError if it is none of them."""
     labels = _labels_in(source)
     if labels is not None:
@@ -288,16 +301,34 @@ def input_of(source: object, cut: Cut, clip: bool | None, image_size: tuple[int,
     if isinstance(source, str | os.PathLike):
         return _files(_paths(source), cut, clip)
     if isinstance(source, np.ndarray):
-        return _arrays([source] if source.ndim < 4 else list(source), cut, clip)
+        source = [source] if source.ndim < 4 else list(source)
     if isinstance(source, Sequence) and len(source) and all(isinstance(one, str | os.PathLike) for one in source):
         return _files([file_path(one, "a picture") for one in source], cut, clip)
+    if hasattr(source, "getbands"):  # a picture of PIL
+        source = [source]
     if isinstance(source, Sequence):
-        return _arrays(source, cut, clip)
+        return _arrays([_in_bgr(one) for one in source] if rgb else source, cut, clip)
+    if hasattr(source, "retrieve"):  # a cv2.VideoCapture
+        source = _captured(source)
     if not isinstance(source, Iterable):
         raise ValueError(f"{EXPECTED}, got {source!r}")
     if clip:
         raise ValueError("the frames of a clip are read several times, an iterator only once: give a list or a path")
-    return OneByOne(Pictures(cut=cut), source)
+    return OneByOne(Pictures(cut=cut), map(_in_bgr, source) if rgb else source)
+
+
+def _in_bgr(image: Any) -> Image:
+    """A picture in blue, green, red, of an array in red, green, blue or a picture of PIL."""
+    array = checked_image(image)
+    return array[..., ::-1] if isinstance(image, np.ndarray) else array
+
+
+def _captured(video: Any) -> Iterator[Image]:
+    """Frames of a cv2.VideoCapture from where it is."""
+    if not video.isOpened():
+        raise ValueError("the cv2.VideoCapture is not open: is its path or its camera there?")
+    while (frame := video.read())[0]:
+        yield frame[1]
 
 
 def _check_no_clip(how: How) -> None:

@@ -179,13 +179,13 @@ FrameStore: TypeAlias = KeptFrames | StoredFrames  # frames by their numbers
 class NoFrameError(KeyError):
     """Raised for a frame that does not exist: it says which ids there are, and which one may be meant."""
 
-    def __init__(self, id: object, known: Collection[str], broken: Mapping[str, str] = MappingProxyType({})) -> None:
+    def __init__(self, id: object, known: Collection[str], why: str = "") -> None:
         super().__init__(id)
-        self._id, self._known, self._broken = id, known, broken
+        self._id, self._known, self._why = id, known, why
 
     def __str__(self) -> str:
-        if isinstance(self._id, str) and self._id in self._broken:
-            return f"frame {self._id!r} could not be read: {self._broken[self._id]}"
+        if self._why:
+            return f"frame {self._id!r} {self._why}"
         if not self._known:
             return f"there is no frame {self._id!r}: no frame has a calibration"
         text = str(self._id)
@@ -206,16 +206,25 @@ class ById(dict[str, Value]):
         raise NoFrameError(id, self.keys())
 
 
+def number_of(numbers: Mapping[str, int], id: object, why: Callable[[str], str] = lambda id: "") -> int:
+    """Number of a frame that a user names by its id, or by its place among these; a `NoFrameError` with the reason."""
+    if isinstance(id, int) and -len(numbers) <= id < len(numbers):
+        return next(islice(numbers.values(), id % len(numbers), None))
+    if not isinstance(id, str) or id not in numbers:
+        raise NoFrameError(id, numbers, why(id) if isinstance(id, str) else "")
+    return numbers[id]
+
+
 class Lazy(Mapping[str, Value]):
-    """Mapping of ids to values that are computed when they are accessed."""
+    """Mapping of ids to values that are computed when they are accessed; `why` says why a frame has none."""
 
-    def __init__(self, numbers: Mapping[str, int], value: Callable[[int], Value]) -> None:
-        self._numbers, self._value = numbers, value
+    def __init__(
+        self, numbers: Mapping[str, int], value: Callable[[int], Value], why: Callable[[str], str] = lambda id: ""
+    ) -> None:
+        self._numbers, self._value, self._why = numbers, value, why
 
-    def __getitem__(self, id: str) -> Value:
-        if id not in self._numbers:
-            raise NoFrameError(id, self._numbers)
-        return self._value(self._numbers[id])
+    def __getitem__(self, id: str | int) -> Value:
+        return self._value(number_of(self._numbers, id, self._why))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers)

@@ -27,8 +27,8 @@ import fieldcalib
 from fieldcalib._progress import counted
 from fieldcalib._types import Array
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, What, how
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.assess.result import Calibration
+from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,

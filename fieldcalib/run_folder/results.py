@@ -282,11 +282,13 @@ def open_run_folder(
                 results = ResultsWriter(out, log, solver)
                 _restore(results, lines)
                 yield results
-        except BaseException:
+        except BaseException as error:
             remove_temporaries(out)  # left by an interrupt between the creation of one and its use
             if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
                 _remove(_files_of_frames(out, record))
                 _forget(out)
+                if isinstance(error, KeyboardInterrupt):
+                    say("no frame was done: run it again")
             elif results is not None and not is_finished(out):
                 done = f"{counted(results.done, 'frame')} done in {out}"
                 say(f"{done}: --resume goes on with the run")

@@ -45,7 +45,7 @@ from fieldcalib.solve.misreadings import (
     with_best_reading,
     with_doubted_points,
 )
-from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size
+from fieldcalib.solve.origin_and_unit import check_coordinates, hint_of_another_size, is_no_pitch
 from fieldcalib.solve.request import GivenCamera, Options, Task
 from fieldcalib.solve.solver_options import (
     ALL,
@@ -226,15 +226,15 @@ def calibrate_from_points(
 ) -> Calibration:
     """Calibrate a camera from points of one frame: `calibrate_from_segments` with a `Point` for each pixel.
 
-    With a prior the points are those of a soccer field, and initial cameras come from its stands. Without one they may
-    be of any object, in any unit: the initial camera is the best of many DLTs on few of the points, which is robust to
-    gross errors, as is the final loss.
+    With a prior the points are those of a soccer field, and initial cameras come from its stands. Without one, or if by
+    default most of them lie on no marking of such a field, they may be of any object, in any unit: the initial camera
+    is the best of many DLTs on few of the points, which is robust to gross errors, as is the final loss.
 
     Parameters
     ----------
     object_points : (N, 3) array_like
         Points of the object. For a field: metres, origin at the centre mark, y towards the main camera, z down. A
-        single view in OpenCV's shapes, (N, 1, 3) or (1, N, 3), is accepted too.
+        single view in OpenCV's shapes, (N, 1, 3), (1, N, 3) or a list of one such array, is accepted too.
     image_points : (N, 2) array_like
         Pixels of the points.
     image_size : (int, int)
@@ -244,8 +244,9 @@ def calibrate_from_points(
     flags : int
         As in `calibrate_from_segments`, but by default the lens is fixed too: few points do not determine it.
     prior : str, CameraDistribution, an iterable of them, or None
-        As in `calibrate_from_segments`; None for any object other than a soccer field. Four points on a plane or six in
-        space are then needed, unless `rvec` and `tvec` give the initial pose.
+        As in `calibrate_from_segments`; None for any object other than a soccer field, and where by default the points
+        are of none. Four points on a plane or six in space are then needed, unless `rvec` and `tvec` give the initial
+        pose.
     weights : float or (N,) array_like, optional
         Weights of the points, as in `calibrate_from_segments`: one over the variance of the pixels, in units of that of
         a point of weight 1. A point of weight 2 counts as two, one of weight 0 is left out.
@@ -284,6 +285,8 @@ def calibrate_from_points(
     points = Points(tuple(f"point {i}" for i in range(len(X))), X, xy, weight).seen
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     task = Task(points.segments, given, flags, criteria, members, loss, tau)
+    if members == ALL and is_no_pitch(points.X):
+        members, task = None, replace(task, prior=None)
     if _on_field(members):
         task = replace(task, object_segments=soccer_points(points.segments))
     options = task.options(image_size)
@@ -366,8 +369,8 @@ def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
         raise ValueError(f"{name}: expected an array of shape (N, {size}), got {repr(values)[:100]}: {error}") from None
     if array.size == 0:
         return np.empty((0, size))
-    if array.ndim == 3 and 1 in array.shape[:2]:
-        array = array.reshape(-1, array.shape[2])
+    if array.ndim > 2 and sum(length > 1 for length in array.shape[:-1]) <= 1:
+        array = array.reshape(-1, array.shape[-1])
     if array.ndim != 2 or array.shape[1] != size:
         hint = "; on a plane, z = 0 is to be appended" if size == 3 and array.shape[-1:] == (2,) else ""
         raise ValueError(f"{name}: expected an array of shape (N, {size}), one view, got shape {array.shape}{hint}")

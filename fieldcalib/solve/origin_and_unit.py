@@ -52,6 +52,7 @@ MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
 ROBOFLOW_SIZE = (120.0, 70.0)
 SIZES = ((105.0, 68.0), ROBOFLOW_SIZE, (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
 NEAR = 0.07  # metres: allows for rounding to yards, and for edges instead of middles of lines
+LARGEST_COURT = (61.0, 31.0)  # metres: an ice rink
 LEAST_POINTS, MOST_POINTS = 4, 60  # different points; more add nothing
 LEAST_EXTENT = 5.0  # metres: within less, all points are near markings
 EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
@@ -143,6 +144,21 @@ def check_coordinates(X: Array, *, anywhere: bool) -> None:
             "corner of the field, subtract half its length and width; expected are metres from the centre mark",
             stacklevel=3,
         )
+
+
+def is_no_pitch(X: Array) -> bool:
+    """Whether points (N, 3) are of another court: they reach no farther than one, and most are on no soccer marking.
+
+    Examples
+    --------
+    >>> court = np.array([[-14, -7.5, 0], [14, -7.5, 0], [14, 7.5, 0], [-14, 7.5, 0], [5.8, 2.45, 0]])
+    >>> is_no_pitch(court), is_no_pitch(court * (52.5 / 14.0, 34.0 / 7.5, 1.0))
+    (True, False)
+    """
+    x = np.unique(X[:, :2], axis=0)
+    if len(x) < LEAST_POINTS or np.any(np.ptp(x, axis=0) > LARGEST_COURT) or np.any(np.ptp(x, axis=0) == 0.0):
+        return False
+    return other_reading(X) is None and _best(x, corner=False)[0] < UNEXPLAINED * len(x)
 
 
 def looks_like_a_quadrant(X: Array) -> bool:

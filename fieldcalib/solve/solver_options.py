@@ -86,6 +86,9 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_ROTATION = 1 << 27
     """Keep the rotation of `rvec`, as of a tripod head that measures it."""
 
+    def __repr__(self) -> str:
+        return " | ".join(str(flag.name) for flag in self) or "0"
+
 
 F = CalibrationFlags
 

@@ -300,8 +300,11 @@ class Page:
         found = line_across(one.calibration, one.field, (_real(request, "x"), _real(request, "y")))
         if found is None:
             return Json({"line": [], "X": None})
+        field = one.calibration.field or one.field
+        end = "goal line" if any(label.startswith("Goal") for label in field) else "end line"
         points = [point for curve in found.curves for point in curve.round(1).tolist()]
-        return Json({"line": points, "X": _rounded(found.x)})
+        to_end = field.length / 2.0 - abs(found.x)
+        return Json({"line": points, "X": _rounded(found.x), "to_end": _rounded(to_end), "end": end})
 
     async def offside_picture(self, request: Request) -> Response:
         """The picture with the line across the field at a pixel."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import product
+from math import ceil
 from string import ascii_lowercase
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from fieldcalib._json import to_json
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Tool, how
+from fieldcalib.assess.findings import Finding, Tool, What, how, in_words
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import image_curves_of
@@ -28,6 +29,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import homogenize
 from fieldcalib.io.image_files import size_of
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.solve.misreadings import BY_LABEL
 from fieldcalib.solve.solver_options import LENS_FLAGS
 
 MARGIN = 0.06  # margin around the field on its map, as a share of its diagonal
@@ -36,6 +38,7 @@ BORDER = 24  # points along each side of the image that are traced to the ground
 BEYOND = 1e6  # m: points of the ground this far off lie on the horizon
 AZIMUTHS = 721  # directions in which the horizon is traced
 
+EQUATIONS_OF_A_LINE = 2
 ERROR_GRID = (43, 29)  # places along and across the field in the map of errors
 
 
@@ -102,12 +105,35 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "status": str(calibration.status),
         "message": calibration.message,
         "verdict": str(calibration.verdict),
-        "reason": calibration.reason,
+        "reason": _reason(calibration),
         "remedy": calibration.remedy,
         "here": how(calibration.advice, Tool.PAGE),
+        "more": _more(calibration),
         "probability": _probability(calibration),
         "camera": None if calibration.camera is None else camera_record(calibration),
     }
+
+
+def _reason(calibration: Calibration) -> str:
+    """Reason of the verdict, in which each wrong label is told once, with its distance from the others' camera."""
+    suspects = {one.label: one for one in calibration.suspect_labels}
+    if not suspects or not calibration.accepted:
+        return calibration.reason
+    wrong = (
+        f"{label!r} lies {one.error_px:.0f} px off" + (f" and fits {one.fits!r}" if one.fits else ": check its label")
+        for label, one in suspects.items()
+    )
+    others = (one for one in calibration.findings if one.what.is_against and one.what not in BY_LABEL)
+    return in_words(*(Finding(What.SAID, one) for one in wrong), *(one for one in others if one.about not in suspects))
+
+
+def _more(calibration: Calibration) -> int | None:
+    """Number of markings that are still to be labelled for a camera; None if that is not what is missing."""
+    for one in calibration.findings:
+        if one.what is What.TOO_FEW_LABELS and not calibration.accepted:
+            _, equations, unknowns = one.numbers
+            return max(ceil((unknowns - equations) / EQUATIONS_OF_A_LINE), 1)
+    return None
 
 
 def projection_record(calibration: Calibration, field: Field) -> dict[str, Any]:
@@ -288,7 +314,7 @@ def broken_state(editor: Editor, number: int, problem: str) -> dict[str, Any]:
         "marks": [],
         "curves": [],
         "view": [],
-        **dict.fromkeys(("camera", "probability", "horizon", "next")),
+        **dict.fromkeys(("camera", "probability", "horizon", "next", "more")),
         "milliseconds": 0.0,
     }
 

@@ -32,10 +32,11 @@ import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray, expect, file_path
 from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration, camera_from_line
+from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import BrokenFileError, escaped, write_text
 from fieldcalib.io.image_files import Image, stored_size
 from fieldcalib.io.results import BROKEN
@@ -483,6 +484,4 @@ def _rounded(value: float | None, digits: int) -> float | None:
 
 def _view(line: Mapping[str, Any], field: Field) -> list[float]:
     """Coordinates x, y, x, y, ... of the ground in view, metres."""
-    width, height = line["image_size"]
-    camera = camera_from_line(line, (width, height))
-    return [round(value, 1) for X in view_of(camera, field, VIEW_POINTS // 4) for value in X]
+    return [round(value, 1) for X in view_of(Camera.from_dict(line), field, VIEW_POINTS // 4) for value in X]

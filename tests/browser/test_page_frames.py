@@ -176,7 +176,7 @@ def test_metres_are_measured(serve, window, picture):
     one.press("4")
     one.click(foot)
     line = one.page.locator(".measure-row", has_text="Offside")
-    line.get_by_text("x = −").wait_for()
+    line.get_by_text("from the goal line").wait_for()
     with one.page.expect_download() as download:
         line.get_by_text("Save picture").click()
     image = cv2.imread(str(download.value.path()))

@@ -262,7 +262,7 @@ def test_undo_goes_twenty_steps_back_and_forth(serve, window, picture):
     one.press(*["Control+z"] * 20)
     one.wait_for_revision(41)
     assert one.state()["marks"] == []
-    assert one.text("#verdict strong") == "No camera"
+    assert one.text("#verdict strong") == "Begin"
 
     one.press(*["Control+Shift+z"] * 20)
     one.wait_for_revision(61)

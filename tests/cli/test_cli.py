@@ -246,8 +246,25 @@ units.work = work
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 def test_a_request_to_end_tidies_up(annotated_folder, tmp_path):
     done = in_a_process(REQUESTED, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", tmp_path)
-    assert (done.returncode, done.stderr) == (143, "fieldcalib: terminated, nothing more is written\n")
+    ends = "fieldcalib: no frame was done: run it again\nfieldcalib: terminated, nothing more is written\n"
+    assert (done.returncode, done.stderr) == (143, ends)
     assert list(tmp_path.iterdir()) == []
+
+
+LATE = """
+import atexit, os, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+atexit.register(lambda: os.kill(os.getpid(), signal.{signal}))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_an_interrupt_after_the_work_changes_nothing(annotated_folder, tmp_path, number):
+    code, out = LATE.format(signal=number), tmp_path / "out"
+    done = in_a_process(code, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", out)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (out / "summary.json").is_file()
 
 
 INTERRUPTED_FINALIZER = """
@@ -270,7 +287,8 @@ def test_an_interrupt_of_a_finalizer_is_not_lost(annotated_folder, tmp_path, num
     """Python prints what a finalizer raises, and goes on."""
     program = INTERRUPTED_FINALIZER.format(signal=number)
     done = in_a_process(program, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", tmp_path)
-    assert (done.returncode, done.stderr) == (code, f"fieldcalib: {word}, nothing more is written\n")
+    ends = f"fieldcalib: no frame was done: run it again\nfieldcalib: {word}, nothing more is written\n"
+    assert (done.returncode, done.stderr) == (code, ends)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")

@@ -259,7 +259,7 @@ def test_a_run_is_mended(pictures, tmp_path):
     editor = edited(pictures, out=out)
     before = (out / "camera_b.json").read_bytes()
     assert editor.table.rows[1].verdict == "good"
-    assert not len(editor[1].marks)
+    assert {mark.by_hand for mark in editor[1].marks.all} == {False}
     editor[1] = editor.begun(1).mark(LINES[0], ends(LINES[0], PANNED)[0])
     assert len(editor[1].marks) > 9  # with those of the network
     assert editor.save() == 1
@@ -529,3 +529,36 @@ def test_marks_far_from_their_marking_are_named(pictures):
     assert found.camera is not None
     assert "'Small rect. left main' is marked" in found.reason
     assert found.verdict != "good"
+
+
+def test_a_mark_is_added_to_the_labels_of_a_good_camera(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), render_field(TRUTH, soccer()))
+    out = tmp_path / "out"
+    fieldcalib.calibrate(tmp_path / "a.png", progress=False).save(out)
+    editor = edited(tmp_path / "a.png", out=out)
+    before = editor["a"].calibration
+    assert before.verdict == "good"
+    editor["a"] = editor["a"].mark("Side line top", ends("Side line top"))
+    assert len(editor["a"].marks) > 10
+    editor.save()
+    (found,) = fieldcalib.read(out).values()
+    assert found.verdict == "good"
+    assert np.linalg.norm(found.camera.C - before.camera.C) < 1.0
+
+
+def test_a_court_that_was_searched_for_has_marks_to_add_to():
+    field = tennis()
+    camera = Camera.from_angles(0.0, 1.2, 0.0, 1150.0, (0.0, 24.0, -8.0), SIZE)
+    editor = edited([render_field(camera, field)], field)
+    assert editor.search(0)
+    assert editor[0].calibration
+    assert {mark.by_hand for mark in editor[0].marks.all} == {False}
+    editor[0] = editor[0].mark("Net top", camera.project(field["Net top"].sample(1.0))[3:4], snap=False)
+    assert len(editor[0].marks.pixels) > 4
+    assert np.linalg.norm(editor[0].calibration.camera.C - camera.C) < 0.5
+
+
+def test_an_unknown_frame_of_an_editor_is_named():
+    editor = edited([BLANK, BLANK])
+    with pytest.raises(KeyError, match="there is no frame '5': ids are '000000', '000001'"):
+        editor["5"]

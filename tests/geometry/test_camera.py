@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import json
 import pickle
 
 import cv2
@@ -618,3 +619,11 @@ def test_copies_are_equal_and_read_only(copied):
     assert other == camera
     with pytest.raises(ValueError, match="read-only"):
         other.K[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_a_camera_is_kept_in_a_file(tmp_path, fisheye):
+    plain = main_camera(0.2, 1.35)
+    camera = Camera(plain.K, plain.R, plain.C, SIZE, (0.1, 0.02, 0.0, 0.0), fisheye=fisheye)
+    camera.save(tmp_path / "camera.json")
+    assert Camera.from_dict(json.loads((tmp_path / "camera.json").read_text())) == camera

@@ -391,7 +391,7 @@ def test_a_pitch_is_given_in_metres_the_touchline_first(length, width):
         with pytest.raises(ValueError, match="larger than any: expected metres"):
             soccer(factor * length, factor * width)
     if width > 2.0 * (16.5 + 9.15) and width < 90.0:
-        with pytest.raises(ValueError, match=r"longer than wide, .* give the touchline first"):
+        with pytest.raises(ValueError, match=r"longer than wide, .* give both in metres, the touchline first"):
             soccer(width, length)
 
 

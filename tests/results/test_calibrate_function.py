@@ -6,6 +6,7 @@ import sys
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from commands import run
 from hypothesis import given
@@ -176,6 +177,7 @@ def test_arrays(rendered, knows, tmp_path):
         (rendered[:2], ["000000", "000001"]),
         (np.array(rendered[:2]), ["000000", "000001"]),
         (iter(rendered[:2]), ["000000", "000001"]),
+        (PIL.Image.fromarray(rendered[0][..., ::-1]), ["000000"]),
     ):
         knows(TRUTHS)
         results = calibrate(source, progress=False)
@@ -186,6 +188,31 @@ def test_arrays(rendered, knows, tmp_path):
     assert list(calibrate(iter(rendered), start="1f", step=2, progress=False)) == ["000001", "000003"]
     knows([TRUTHS[t] for t in looked_at(rendered)])
     assert len(calibrate(rendered, clip=True, progress=False).video) == 4
+
+
+@pytest.mark.parametrize("given", [list, iter, np.array, lambda images: images[0]])
+def test_arrays_in_red_green_blue(rendered, given):
+    """What the network gets is the picture in blue, green, red."""
+    seen = []
+
+    class Seeing(Blind):
+        def __call__(self, images):
+            seen.extend(map(np.array, images))
+            return super().__call__(images)
+
+    coloured = [image.copy() for image in rendered[:2]]
+    for image in coloured:
+        image[..., 0] //= 2
+    calibrate(given([image[..., ::-1] for image in coloured]), rgb=True, network=Seeing(), progress=False)
+    np.testing.assert_array_equal(seen[0], coloured[0])
+
+
+def test_an_open_video_of_opencv(rendered, knows, tmp_path):
+    video = cv2.VideoCapture(str(video_file(tmp_path / "a.mp4", rendered)))
+    knows(TRUTHS[1:])
+    assert list(calibrate(video, start="1f", progress=False)) == ["000001", "000002", "000003"]
+    with pytest.raises(ValueError, match=r"the cv2\.VideoCapture is not open"):
+        calibrate(cv2.VideoCapture(str(tmp_path / "none.mp4")), progress=False)
 
 
 def test_a_pattern_of_paths_and_a_list_of_them(rendered, knows, tmp_path):
@@ -211,7 +238,7 @@ def test_labelled_pixels(annotated_folder, calibrated_folder, tmp_path):
     np.testing.assert_allclose(one.cameras["000000"].C, TRUTHS[3].C, atol=3.0)
     by_id = calibrate({"x": labelled(), "y": {}}, image_size=SIZE, progress=False)
     assert by_id["x"] == one["000000"]
-    assert by_id.cameras["y"] is None
+    assert by_id.cameras.get("y") is None
     assert list(calibrate([labelled(), labelled(TRUTHS[2])], image_size=SIZE, progress=False)) == ["000000", "000001"]
     assert_kept(by_id, tmp_path / "out")
     size = (960, 540)
@@ -398,11 +425,20 @@ def test_a_frame_is_named_by_its_number_too(some):
     assert some.line(0) == some.line("x")
     np.testing.assert_array_equal(some.overlay(0), some.overlay("x"))
     assert some.get(3) is None
-    for number in (3, -1):
+    assert some[-1] == some["z"]
+    assert some.cameras[0] == some.cameras["x"]
+    assert some.cameras[1] == some.cameras["z"]  # the second that has one
+    for number in (3, -4):
         with pytest.raises(KeyError, match=f"there is no frame {number}: ids are 'x', 'y', 'z'"):
             some[number]
-    with pytest.raises(KeyError, match=r"there is no frame 0: did you mean 'x'\? ids are"):
-        some.cameras[0]
+
+
+def test_a_frame_without_a_camera_says_why(some):
+    assert list(some.cameras) == list(some.homographies()) == ["x", "z"]
+    assert some.cameras.get("y") is None
+    for of in (some.cameras, some.homographies()):
+        with pytest.raises(KeyError, match="frame 'y' has no camera: no labelled pixels"):
+            of["y"]
 
 
 def test_frames_of_a_video_have_six_digits(some):
@@ -410,6 +446,14 @@ def test_frames_of_a_video_have_six_digits(some):
     with pytest.raises(KeyError, match=r"did you mean '000007'\? ids are '000000', '000001', '000002' and 6 more"):
         many[7]
     assert many.get(7) is None
+
+
+def test_half_a_line_of_results_is_said(some, tmp_path):
+    some.save(tmp_path / "out")
+    path = tmp_path / "out" / "cameras.jsonl"
+    path.write_bytes(path.read_bytes()[:-50])
+    with pytest.warns(UserWarning, match=r"cameras.jsonl: its last line is incomplete and is left out"):
+        assert list(read(tmp_path / "out")) == ["x", "y"]
 
 
 def test_results_that_differ_are_not_equal(some):
@@ -476,3 +520,31 @@ print(fieldcalib.calibrate.__module__, fieldcalib.read.__module__)
 """
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.split() == ["fieldcalib.results.entry", "fieldcalib.results.entry"]
+
+
+# --- what a detector found, in metres ---
+
+
+class Detections:
+    """As supervision.Detections, as far as it is read."""
+
+    def __init__(self, xyxy):
+        self.xyxy = np.asarray(xyxy, np.float32)
+
+
+def test_detections_are_places_on_the_ground(some):
+    X = np.array([(30.0, -10.0, 0.0), (38.0, 2.0, 0.0)])
+    feet = TRUTHS[3].project(X)
+    boxes = np.column_stack([feet - (5.0, 30.0), feet + (5.0, 0.0)]) + 0.5  # from the corner of the first pixel
+    for detections in (feet, boxes, Detections(boxes)):
+        found = some.to_field(detections, "x")
+        np.testing.assert_allclose(found.X, X, atol=0.5)
+        off = np.abs(found.X - X)[:, :2]
+        assert np.all(off < 4.0 * found.standard_deviations)
+    exact = some.to_field(feet, 0, pixel_sd=0.0)
+    assert np.all(exact.standard_deviations < some.to_field(feet, 0).standard_deviations)
+    assert some.to_field([], "x").X.shape == (0, 3)
+    with pytest.raises(ValueError, match="no labelled pixels"):
+        some.to_field(boxes, "y")
+    with pytest.raises(ValueError, match="say which frame"):
+        some.to_field(boxes)

@@ -164,7 +164,7 @@ def test_a_run_that_did_nothing_leaves_nothing(annotated_folder, tmp_path, monke
     monkeypatch.setattr(LineLog, "append", lambda log, line: Ending(0, NO_SPACE)(log, line))
     assert calibrate(tmp_path / "out", annotated_folder) == 2
     assert capsys.readouterr().err.splitlines()[-1] == "fieldcalib: no space left on device"
-    assert list((tmp_path / "out").iterdir()) == []
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_a_kill_leaves_is_repaired(annotated_folder, calibrated_folder, tmp_path):
@@ -176,7 +176,8 @@ def test_what_a_kill_leaves_is_repaired(annotated_folder, calibrated_folder, tmp
     (out / "cameras.jsonl").write_bytes(b"".join(lines[:2]) + lines[2][:1000])
     (out / "camera_b.json").unlink()  # of the last whole line
     (out / ".unfinished-x.json").write_text("half")
-    assert len(read(out)) == 2
+    with pytest.warns(UserWarning, match="its last line is incomplete"):
+        assert len(read(out)) == 2
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
     assert content_of(out) == content_of(calibrated_folder)
 

@@ -322,6 +322,16 @@ def test_points_on_a_line_are_degenerate(prior):
     assert (calibration.camera is None) == (prior is None)
 
 
+@pytest.mark.parametrize("origin", [(0.0, 0.0, 0.0), (-14.0, -7.5, 0.0)])
+def test_points_of_another_court_need_no_prior(origin):
+    corners = np.array([(x, y, 0.0) for x in (-14.0, 0.0, 14.0) for y in (-7.5, 7.5)]) - origin
+    camera = Camera.from_angles(0.1, 1.2, 0.0, 900.0, np.array((0.0, 20.0, -6.0)) - origin, SIZE)
+    inside = [corners.astype(np.float32)], [camera.project(corners)[:, None].astype(np.float32)]  # as cv2 takes them
+    found = calibrate_from_points(*inside, SIZE)
+    assert found.verdict == "good"
+    np.testing.assert_allclose(found.camera.C, camera.C, atol=0.01)
+
+
 def test_points_of_another_camera_everywhere_are_implausible():
     rng = np.random.default_rng(0)
     X, _ = seen(CAMERA)

@@ -144,3 +144,25 @@ def test_a_frame_without_a_camera_has_its_reason():
     assert "choose a marking on the map" in record["here"]
     assert "--" not in record["here"] + record["remedy"]
     assert "labelled by hand" in record["remedy"]
+
+
+def labelled(*labels, camera=None):
+    seen = {label: (camera or a_camera()).project(soccer()[label].sample(4.0)) for label in labels}
+    return {label: xy[((xy >= 0.0) & (xy < SIZE)).all(axis=1)] for label, xy in seen.items()}
+
+
+@pytest.mark.parametrize(("count", "more"), [(1, 3), (2, 2), (3, 1), (4, None)])
+def test_how_many_markings_are_missing_while_labelling_begins(count, more):
+    """A line gives two equations, and seven numbers are estimated."""
+    found = calibrate_from_segments(soccer(), labelled(*LABELS[:count]), SIZE)
+    assert calibration_record(found, soccer())["more"] == more
+
+
+def test_a_wrong_label_is_told_once_with_one_number():
+    pixels = labelled(*LABELS) | {"Middle line": [(480.0, 100.0), (470.0, 500.0)]}
+    found = calibrate_from_segments(soccer(), pixels, SIZE)
+    (wrong,) = found.suspect_labels
+    reason = calibration_record(found, soccer())["reason"]
+    assert reason.count("Middle line") == 1
+    assert f"'Middle line' lies {wrong.error_px:.0f} px off" in reason
+    assert "labels lie" not in reason

@@ -83,10 +83,10 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
             f"a soccer field of {length} x {width} m is larger than any: expected metres (not centimetres or feet), "
             f"length about 105 and width about 68"
         )
-    if length < min(width, ALL_MATCHES[0][0]):
+    if length <= width and length < ALL_MATCHES[0][0]:
         raise ValueError(
-            f"a soccer field is longer than wide, got length = {length} and width = {width}: give the touchline first, "
-            f"soccer({width}, {length})"
+            f"a soccer field is longer than wide, got length = {length} and width = {width}: give both in metres, the "
+            f"touchline first, as soccer(105, 68)"
         )
     return _pitch(float(length), float(width), truth(size_known, "size_known"))
 

@@ -291,6 +291,7 @@ class App {
       get marks() { return app.edits.shown.marks; },
       select: (numbers) => app.select(numbers),
       choose: (label) => app.choose(label),
+      ask: (xy) => app.ask(xy),
       hover: (over) => app.hovered(over),
       preview: (to) => app.preview(to),
       addMarks: (label, xy, snap) => app.addMarks(label, xy, snap),
@@ -353,6 +354,14 @@ class App {
     if (this.edits) this.marks.show(this.edits.shown, this.picture.selected, this.chosen);
   }
 
+  /** A click in the picture while no marking is chosen: say how one is, and which it may be. */
+  async ask({ x, y }) {
+    const likely = this.edits.state.camera ? await get(`api/frame/${this.current}/likely`, { query: { x, y } }).catch(() => null) : null;
+    const keys = new Map(this.field.segments.map(({ label, key }) => [label, key]));
+    const some = (likely?.labels ?? []).slice(0, 2).map((label) => `${label} (${keys.get(label)?.toUpperCase()})`);
+    this.notices.say(`Which marking is this? Click it on the map or type its key${some.length ? `: ${some.join(" or ")} here?` : "."}`);
+  }
+
   emphasize(label) {
     this.picture.emphasized = label ?? this.chosen;
     this.picture.drawLines();
@@ -371,6 +380,8 @@ class App {
       if (this.chosen) this.choose(null);
     }
     at("stage").dataset.tool = tool;
+    this.picture.measuring = tool !== "mark";
+    this.picture.drawLines();
     this.showChosen();
   }
 

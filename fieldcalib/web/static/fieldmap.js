@@ -4,6 +4,7 @@ import { element, svgElement, shownNumber } from "./dom.js";
 
 const NEAR = 11; // CSS pixels from a marking or a point that still are a click on it
 const KEY_PLACES = [0.5, 0.32, 0.68, 0.18, 0.82, 0.42, 0.58]; // along a marking, where its key may be written
+const KEY_PLACES_ROUND = [0.25, 0.75, ...KEY_PLACES]; // of a circle, whose halves have their keys at their middles
 const GOAL_SHARE = 0.24; // of the width of the map, for each goal below it
 // cividis: for colour-blind people, from small errors to large ones
 const HEAT = [[0, 34, 78], [33, 62, 108], [87, 93, 109], [123, 122, 119], [165, 156, 116], [211, 193, 100], [254, 232, 56]];
@@ -104,12 +105,14 @@ export class FieldMap {
 
   /** Write the keys beside their markings, where they cover no other key. */
   writeKeys() {
-    const size = 3.5 * this.unit;
+    const size = 4.4 * this.unit;
     const taken = [];
     const free = ({ x, y }) => taken.every((one) => Math.abs(one.x - x) > 1.75 * size || Math.abs(one.y - y) > 1.15 * size);
     for (const { segment, points, part, isPoint } of this.parts.values()) {
       if (!segment.key || isPoint) continue;
-      const places = KEY_PLACES.map((share) => along(points, share));
+      const [[x0, y0], [x1, y1]] = [points[0], points.at(-1)];
+      const isRound = points.length > 2 && Math.hypot(x1 - x0, y1 - y0) < this.unit;
+      const places = (isRound ? KEY_PLACES_ROUND : KEY_PLACES).map((share) => along(points, share));
       const place = places.find(free);
       if (!place) continue; // its key is in its name, shown on hover
       taken.push(place);

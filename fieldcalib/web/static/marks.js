@@ -24,7 +24,8 @@ export class MarkList {
       );
       return;
     }
-    this.root.replaceChildren(...[...groups].map(([label, marks]) => this.row(label, marks, selected, chosen)));
+    const rows = [...groups].map(([label, marks]) => this.row(label, marks, selected, chosen));
+    this.root.replaceChildren(element("p", { class: "dim small", text: "Right: how far the farthest mark lies from its marking. The rms of the verdict is of the paint that the camera was fitted to." }), ...rows);
   }
 
   row(label, marks, selected, chosen) {

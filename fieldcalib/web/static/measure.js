@@ -116,7 +116,7 @@ export class Measurements {
       } else {
         if (item.tool === "offside" && item.result) picture.drawCurve(context, item.result.line, { colour: "--check", width: 2.5 });
         picture.drawMark(context, x, y, { colour: item.tool === "offside" ? "--check" : "--accent" });
-        if (words && item.tool === "foot") picture.drawText(context, words, x, y);
+        if (words) picture.drawText(context, words, x, y);
       }
     }
   }
@@ -125,7 +125,7 @@ export class Measurements {
 function wordsOf({ tool, result }) {
   if (!result) return "…";
   if (tool === "ruler") return `${shownMetres(result.metres)} ± ${shownNumber(result.sd, 2)}`;
-  if (tool === "offside") return `x = ${shownMetres(result.X)}`;
+  if (tool === "offside") return result.X === null ? "above the ground" : `${shownMetres(result.to_end)} from the ${result.end}`;
   if (!result.X) return "above the ground";
   return `${shownNumber(result.X[0], 2)}, ${shownNumber(result.X[1], 2)} m ± ${shownNumber(result.rms, 2)}`;
 }

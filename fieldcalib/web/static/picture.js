@@ -34,6 +34,8 @@ export class Picture {
     this.root = root;
     this.view = new View();
     this.layers = { markings: true, horizon: false, marks: true };
+    this.measuring = false; // then marks are hidden
+    this.texts = []; // places of the texts that are drawn
     this.proposed = []; // curves of another camera, drawn over those of the frame
     this.drawings = []; // functions of (context, picture) that draw on top
     this.pixels = element("canvas", { class: "picture-pixels", "aria-hidden": "true" });
@@ -160,9 +162,11 @@ export class Picture {
       if (this.layers.markings) this.drawMarkings(context);
       for (const { points } of this.proposed) this.drawCurve(context, points, { colour: "--accent", dash: [6, 4], width: 1.5 });
       context.restore();
+      const shows = this.layers.marks && !this.measuring; // marks and numbers of metres would cover one another
+      if (shows) this.drawMarks(context);
+      if (shows && this.frame.next) this.drawNext(context);
+      this.texts = [];
       for (const draw of this.drawings) draw(context, this);
-      if (this.layers.marks) this.drawMarks(context);
-      if (this.layers.marks && this.frame.next) this.drawNext(context);
       const { dataset } = this.lines; // what is on the screen, for who waits for it
       dataset.frame = this.frame.number;
       dataset.revision = this.frame.revision;
@@ -270,7 +274,10 @@ export class Picture {
     context.font = `${12 * unit}px ${getComputedStyle(this.root).fontFamily}`;
     const width = context.measureText(words).width + 12 * unit;
     const left = Math.min(Math.max(x + 12 * unit, 4), this.view.box.width - width - 4);
-    const top = Math.min(Math.max(y - 30 * unit, 4), this.view.box.height - 26 * unit);
+    let top = Math.min(Math.max(y - 30 * unit, 4), this.view.box.height - 26 * unit);
+    const covers = (text) => left < text.left + text.width && text.left < left + width && Math.abs(text.top - top) < 23 * unit;
+    for (let text = this.texts.find(covers); text; text = this.texts.find(covers)) top = text.top + 24 * unit; // below it
+    this.texts.push({ left, top, width });
     context.fillStyle = "rgba(13, 17, 22, 0.88)";
     context.beginPath();
     context.roundRect(left, top, width, 22 * unit, 4 * unit);

@@ -108,7 +108,9 @@ export class Pointing {
   clickBeside(at) {
     this.actions.select([]);
     const label = this.picture.curveAt(at);
+    const xy = this.picture.view.toPicture(at);
     if (label) this.actions.choose(label);
+    else if (this.picture.view.isInside(xy)) this.actions.ask(xy);
   }
 
   cancel() {
@@ -176,7 +178,7 @@ export class Pointing {
   wheel(event) {
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : 1;
-    const speed = event.ctrlKey ? 0.01 : 0.0018;
+    const speed = event.ctrlKey ? 0.01 : 0.0012;
     this.picture.view.zoomBy(Math.exp(-event.deltaY * lines * speed), this.place(event));
     this.picture.moved();
   }

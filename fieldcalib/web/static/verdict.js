@@ -50,21 +50,23 @@ export class VerdictCard {
 
   /** Show the verdict of a frame: verdict, reason, remedy, message, basis, probability, by_hand, milliseconds. */
   show(frame) {
-    const name = frame.camera === null ? "" : frame.verdict;
-    const { words, means } = verdictOf(name);
+    const begins = frame.by_hand && frame.marks?.length === 0 ? { words: "Begin", means: "label three or four markings" } : null;
+    const goesOn = frame.more ? { words: "Go on", means: `${counted(frame.more, "more marking")} for a camera` } : begins;
+    const name = frame.problem || goesOn ? "" : frame.verdict;
+    const { words, means } = goesOn ?? verdictOf(name);
     const rows = [
       element(
         "div",
         { class: "verdict-title" },
         verdictShape(name),
         element("strong", { text: words }),
-        means ? element("span", { class: "dim", text: means }) : null,
+        means ? element("span", { class: "dim", text: frame.camera === null && !goesOn ? "there is no camera" : means }) : null,
       ),
     ];
-    const reason = frame.problem || frame.reason || frame.message;
-    if (reason) rows.push(element("p", { class: "verdict-reason", text: sentence(reason) }));
-    if (frame.remedy && name !== "good") rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
-    if (frame.here && name !== "good") rows.push(element("p", { class: "verdict-remedy verdict-here", text: `${this.here}: ${frame.here}.` }));
+    if (frame.remedy && name !== "good" && !goesOn) rows.push(element("p", { class: "verdict-remedy", text: sentence(frame.remedy) }));
+    if (frame.here && name !== "good" && !goesOn) rows.push(element("p", { class: "verdict-remedy verdict-here", text: `${this.here}: ${frame.here}.` }));
+    const reason = frame.problem ? `${frame.id}: ${frame.problem}` : goesOn ? "" : frame.reason || frame.message;
+    if (reason) rows.push(element("p", { class: "verdict-reason", text: frame.problem ? `${reason}.` : sentence(reason) }));
     const leftOut = leftOutWords(frame);
     if (leftOut) rows.push(element("p", { class: "verdict-left-out", text: leftOut }));
     const facts = basisWords(frame);
@@ -106,7 +108,8 @@ function likelihood({ metres, value }) {
 
 function basisWords(frame) {
   const suspects = (frame.marks ?? []).filter((mark) => mark.suspect).length;
-  const facts = frame.probability ? [likelihood(frame.probability)] : [];
+  const facts = frame.probability ? [`${frame.verdict === "good" ? "" : "by its labels alone "}${likelihood(frame.probability)}`] : [];
+  if (frame.camera === null) return "";
   if (frame.by_hand) facts.push(frame.basis || "labelled by hand");
   else if (frame.automatic) facts.push("found automatically");
   else if (frame.basis) facts.push(frame.basis);
