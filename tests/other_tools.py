@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import re
+import tomllib
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.soccernet import soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
+from fieldcalib.io.exports.toml import toml_files
 from fieldcalib.io.soccernet import camera_from_record, parse_camera
 from fieldcalib.io.tvcalib import parse_per_sample_output
 
@@ -84,6 +86,18 @@ def by_nerfstudio(files):
         return pinhole(K, R, -R @ Z_UP @ pose[:3, 3], dist)
 
     return {f["file_path"].removesuffix(".jpg"): project(f) for f in json.loads(files["transforms.json"])["frames"]}
+
+
+def by_toml(files):
+    """cv2's projection in a world with z up; caliscope's file has the same cameras as that of Pose2Sim and anipose."""
+    sections, numbered = (tomllib.loads(files[name].decode()) for name in ("calibration.toml", "camera_array.toml"))
+    assert sections.pop("metadata") == {"adjusted": False, "error": 0.0}
+    found = {}
+    for section, other in zip(sections.values(), numbered["cameras"].values(), strict=True):
+        assert all(section[key] == value for key, value in other.items() if key != "cam_id")
+        K, dist, rvec, tvec = (np.array(section[key]) for key in ("matrix", "distortions", "rotation", "translation"))
+        found[section["name"]] = pinhole(K, cv2.Rodrigues(rvec)[0] @ Z_UP, tvec, np.pad(dist, (0, 12 - len(dist))))
+    return found
 
 
 def blender_data(files):
@@ -178,6 +192,7 @@ EXACT = {
     "soccernet": (soccernet_files, by_soccernet),
     "tvcalib": (tvcalib_files, by_tvcalib),
     "csv": (table_files, by_table),
+    "toml": (toml_files, by_toml),
 }
 
 

@@ -24,6 +24,7 @@ from fieldcalib.io.exports.opencv import opencv_files
 from fieldcalib.io.exports.rerun import rerun_files
 from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
 from fieldcalib.io.exports.table import table_files
+from fieldcalib.io.exports.toml import toml_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE
@@ -43,6 +44,7 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "csv": table_files,
     "homography": homography_files,
     "rerun": rerun_files,
+    "toml": toml_files,
 }
 # What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {

@@ -79,3 +79,41 @@ def test_a_homography_from_pixels_to_metres_is_said_to_be_one():
     assert calibration.message.endswith("H seems to map pixels to metres, give np.linalg.inv(H)")
     singular = calibrate_from_homography([[1.0, 0.0, 2.0], [0.0, 1.0, 3.0], [0.0, 0.0, 0.0]], SIZE)
     assert "pixels to metres" not in singular.message
+
+
+@pytest.mark.parametrize("scale", [-1.0, 1e-12, -1e12])
+def test_scale_and_sign_of_a_homography_do_not_matter(scale):
+    truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), SIZE)
+    found = calibrate_from_homography(scale * truth.homography, SIZE)
+    np.testing.assert_allclose(found.camera.C, truth.C, rtol=1e-6)
+    assert found.camera.focal_length == pytest.approx(truth.focal_length, rel=1e-6)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_a_homography_that_is_not_finite_is_told(value):
+    H = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), SIZE).homography
+    H[1, 2] = value
+    with pytest.raises(ValueError, match="finite"):
+        calibrate_from_homography(H, SIZE)
+
+
+@pytest.mark.parametrize(
+    "H",
+    [
+        np.zeros((3, 3)),
+        np.ones((3, 3)),  # rank one
+        [[10.0, 5.0, 480.0], [2.0, 1.0, 270.0], [0.0, 0.0, 1.0]],  # rank two
+        np.eye(3),  # parallel to the picture: any focal length
+        [
+            [8.0, 2.0, 480.0],
+            [0.0, 3.0, 270.0],
+            [0.0, 0.0, 1.0],
+        ],  # affine
+        [[8.0, 2.0, 480.0], [0.0, 3.0, 270.0], [0.004, 0.004, 1.0]],
+    ],
+)
+def test_a_homography_without_a_camera_has_a_reason(H):
+    found = calibrate_from_homography(H, SIZE)
+    assert not found
+    assert found.message
+    assert found.camera is None or np.isfinite(found.camera.K).all()

@@ -7,3 +7,4 @@ from . import opencv as opencv
 from . import rerun as rerun
 from . import soccernet as soccernet
 from . import table as table
+from . import toml as toml
