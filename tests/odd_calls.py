@@ -51,7 +51,7 @@ API = Path(__file__).parents[1] / "docs" / "reference" / "api.md"
 # Enumerations, a protocol, a film, what only the library makes, and what ends the objects that the other calls need.
 NOT_CALLED = {"Status", "Verdict", "CalibrationFlags", "assess.Advice", "assess.Tool", "assess.What"}
 NOT_CALLED |= {"localize.Network", "images.LiveFrame", "sample", "assess.Finding", "editor.FrameEditor"}
-NOT_CALLED |= {"Editor.close", "Tracker.close", "processes.Processes.shutdown"}
+NOT_CALLED |= {"Editor.close", "Tracker.close", "processes.Processes.shutdown", "web.app"}  # its threads would go on
 HAS_PITCHES = importlib.util.find_spec("mplsoccer") is not None
 
 SIZE = (480, 270)

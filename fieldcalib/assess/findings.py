@@ -511,8 +511,7 @@ OF_LABELS: Mapping[Status, Remedy] = MappingProxyType(
     {
         Status.NOT_CONVERGED: Remedy("check the labels; more iterations may help (criteria, in Python)"),
         Status.IMPLAUSIBLE: Remedy(
-            f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed",
-            (Advice.PICTURE,),
+            f"check the labels, the field and its size; say {PICTURE}, if it was cropped or squashed", (Advice.PICTURE,)
         ),
     }
 )

@@ -38,10 +38,7 @@ DEPTH_IN_PLANE = 1e-9  # m: the depth at which samples in the plane of the camer
 
 
 def ndc_loss(
-    cameras: Sequence[Camera],
-    object_segments: ObjectSegments,
-    frames: Sequence[Pixels],
-    kind: NdcLoss = "tvcalib",
+    cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels], kind: NdcLoss = "tvcalib"
 ) -> Array:
     """One of the paper's losses for T frames.
 

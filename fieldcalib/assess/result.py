@@ -517,10 +517,7 @@ class Calibration:
         if self.camera is not None:
             camera = self.camera
             rows |= dict(zip(CAMERA_TITLES, camera_cells(camera), strict=True))
-            rows |= {
-                "image size": "{} x {}".format(*camera.image_size),
-                "rms": f"{self.rms:.2f} px",
-            }
+            rows |= {"image size": "{} x {}".format(*camera.image_size), "rms": f"{self.rms:.2f} px"}
         if self.field is not None and self.has_probability:
             up_to = ", up to the side" * bool(self.alternatives)
             rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}{up_to}"

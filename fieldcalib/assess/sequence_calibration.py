@@ -234,11 +234,7 @@ class SequenceCalibration(FrameSequence):
         count, frames, layout = len(self.names), self.frames, self.layout
         if self.values.shape != (count,) or self.covariance.shape != (count, count):
             raise ValueError(f"expected 'values' and 'covariance' of {count} shared parameters")
-        for name, matrices in (
-            ("covariance", self.covariance),
-            ("considered", self.considered),
-            ("own", frames.own),
-        ):
+        for name, matrices in (("covariance", self.covariance), ("considered", self.considered), ("own", frames.own)):
             check_covariances(matrices, repr(name))
         if self.alternatives.ndim != 2 or self.alternatives.shape[1] != 3:
             raise ValueError(f"'alternatives': expected positions, got shape {self.alternatives.shape}")

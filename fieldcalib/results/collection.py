@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
 from pathlib import Path
-from reprlib import repr as short
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -278,14 +277,9 @@ class Results(Mapping[str, Calibration]):
 
     def _id(self, frame: str | int | None) -> str:
         """Find the id of a frame that a user names by id or number."""
-        ids = list(self) if not isinstance(frame, str) else []
-        if frame is None and len(ids) != 1:
-            raise ValueError(f"say which frame: there are {len(ids)}, as {', '.join(map(repr, ids[:3]))}")
-        if not isinstance(frame, str | int | None) or (isinstance(frame, int) and not 0 <= frame < len(ids)):
-            raise ValueError(f"expected an id, or the number of a frame from 0 to {len(ids) - 1}, got {short(frame)}")
-        found = frame if isinstance(frame, str) else ids[frame or 0]
-        self._number(found)
-        return found
+        if frame is None and len(self) != 1:
+            raise ValueError(f"say which frame: there are {len(self)}, as {', '.join(map(repr, list(self)[:3]))}")
+        return self.frames.ids[self._number(frame or 0)]
 
     def _field(self, calibration: Calibration) -> Field:
         return calibration.field or soccer()

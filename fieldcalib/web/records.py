@@ -106,6 +106,7 @@ def judgement_record(calibration: Calibration) -> dict[str, Any]:
         "message": calibration.message,
         "verdict": str(calibration.verdict),
         "reason": _reason(calibration),
+        "findings": [one.to_dict() for one in calibration.findings],
         "remedy": calibration.remedy,
         "here": how(calibration.advice, Tool.PAGE),
         "more": _more(calibration),

@@ -50,7 +50,7 @@ def serve(editor: Editor, *, host: str = LOCAL[0], port: int = 0, browser: bool 
     """
     imported("uvicorn", "web", "the page")
     imported("starlette", "web", "the page")
-    from fieldcalib.web.app import Page
+    from fieldcalib.web.page import Page
 
     with _listening(host, port) as listening:
         bound, port = listening.getsockname()[:2]

@@ -205,11 +205,7 @@ class KeyframeTracker:
 
 
 def tied_frames(
-    images: Iterable[Image],
-    *,
-    every: int = EVERY,
-    moving: bool = False,
-    tracker: KeyframeTracker | None = None,
+    images: Iterable[Image], *, every: int = EVERY, moving: bool = False, tracker: KeyframeTracker | None = None
 ) -> Iterator[tuple[Image, TiedFrame]]:
     """Tie the frames of a video to keyframes, in one pass.
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
-from collections.abc import Awaitable, Callable, Container, Mapping
+from collections.abc import Awaitable, Callable, Container, Mapping, Sequence
 from functools import partial
 from importlib.resources import files
 from typing import Any
@@ -21,6 +22,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from fieldcalib._json import to_json
+from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.editor.edit import FARTHEST
 from fieldcalib.editor.editor import Editor, StaleEdit
@@ -29,12 +31,15 @@ from fieldcalib.editor.label_versions import ChangedFileError, UnfinishedSaveErr
 from fieldcalib.editor.measure import distance, draw_line_across, ground_point, line_across
 from fieldcalib.editor.saved_files import HISTORY
 from fieldcalib.fields.catalogue import FIELDS
+from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image_files import Image, encode_image
+from fieldcalib.results.entry import calibrate
 from fieldcalib.web.guard import Guard, TooLargeError
 from fieldcalib.web.jobs import ClipJob, Worker
 from fieldcalib.web.pictures import LARGEST, ShownPictures
-from fieldcalib.web.records import error_map, field_record, frames_state
+from fieldcalib.web.records import calibration_record, error_map, field_record, frames_state
 
 MOST_MARKS = 2000  # largest number of marks of a frame
 KNOWN = ("focal_length", "position", "principal_point", "lens", "field_size", "aspect")
@@ -51,6 +56,39 @@ INDEX = "index.html"
 ENDING = 5.0  # seconds in which threads may finish their work at the end
 
 Answer = Callable[[Request], Awaitable[Response]]
+
+
+def app(
+    source: str | os.PathLike[str] | Sequence[Image],
+    field: Field | str | None = None,
+    *,
+    out: str | os.PathLike[str] | None = None,
+    labels: str | os.PathLike[str] | None = None,
+) -> Starlette:
+    """The page of `fieldcalib open` with its addresses as an ASGI application, to mount in another one.
+
+    Who may ask is left to the other application: unlike the page of `fieldcalib open` this one has no token and answers
+    every host. Arguments are those of `Editor`. ``app.state.page.close()`` ends its threads and closes its files.
+
+    Raises
+    ------
+    ImportError
+        If the extra ``web`` is not installed.
+    FileNotFoundError, BrokenFileError, FileExistsError, ValueError
+        As `Editor`.
+
+    Examples
+    --------
+    >>> from starlette.applications import Starlette
+    >>> page = app([np.zeros((54, 96, 3), np.uint8)])
+    >>> site = Starlette()
+    >>> site.mount("/calibration", page)
+    >>> page.state.page.close()
+    """
+    page = Page(Editor(source, field, out=out, labels=labels))
+    application = page.unguarded()
+    application.state.page = page
+    return application
 
 
 def apply(editor: Editor, number: int, body: Mapping[str, Any]) -> None:
@@ -174,7 +212,11 @@ class Page:
             self.worker.state(0)  # the first frame is calibrated before the browser asks for it
 
     def application(self, token: str, hosts: Container[str]) -> Guard:
-        """The ASGI application."""
+        """The ASGI application, of which the guard lets only pages of this server ask."""
+        return Guard(self.unguarded(), token, hosts)
+
+    def unguarded(self) -> Starlette:
+        """The ASGI application for another one, which says who may ask."""
         get, post = partial(Route, methods=["GET"]), partial(Route, methods=["POST"])
         routes = [
             get("/", answered(self.index)),
@@ -205,9 +247,9 @@ class Page:
             post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
             get("/image/{n}/crop", answered(self.crop)),
+            post("/api/v1/calibrate", answered(self.calibrate)),
         ]
-        app = Starlette(routes=routes, exception_handlers={404: _not_found, 405: _not_found})
-        return Guard(app, token, hosts)
+        return Starlette(routes=routes, exception_handlers={404: _not_found, 405: _not_found})
 
     def close(self) -> None:
         """End the threads and close the files, after a save that is being written."""
@@ -273,8 +315,18 @@ class Page:
         try:
             await run_in_threadpool(apply, self.editor, number, body)
         except StaleEdit as error:
-            return Json({"error": str(error), "state": await self._state(number)}, 409)
+            return Json({"error": str(error), "code": "StaleEdit", "state": await self._state(number)}, 409)
         return Json(await asyncio.wrap_future(self.worker.drawn(number)))
+
+    async def calibrate(self, request: Request) -> Response:
+        """The camera of a picture in the body, and ground points of pixels in the query, ``points=480,300;500,310``."""
+        image, texts = IMAGES.read(await request.body()), request.query_params.get("points", "")
+        xy = _points([one.split(",") for one in texts.split(";")]) if texts else np.zeros((0, 2))
+        field = self.editor.field
+        (found,) = (await run_in_threadpool(calibrate, [image], field, progress=False)).values()
+        places = locate_on_ground(found, xy) if found.camera is not None else None
+        metres = None if places is None else {"X": _rounded(places.X), "sd": _rounded(places.standard_deviations)}
+        return Json({**calibration_record(found, field), "metres": metres})
 
     async def errors(self, request: Request) -> Response:
         """Shift of ground points if all clicks are 2 px off."""
@@ -432,16 +484,17 @@ def answered(answer: Answer) -> Answer:
         except ClientDisconnect:
             return problem(400, "the request has no end")  # the client is gone and will not read it
         except (ValueError, UnfinishedSaveError) as error:
-            return problem(next(status for kind, status in STATUSES.items() if isinstance(error, kind)), str(error))
+            status = next(status for kind, status in STATUSES.items() if isinstance(error, kind))
+            return problem(status, str(error), type(error).__name__)
         except OSError as error:
             return problem(507, f"nothing was written: {error.strerror or error}")
 
     return safely
 
 
-def problem(status: int, message: str) -> Response:
-    """Answer with an error message."""
-    return Json({"error": message}, status)
+def problem(status: int, message: str, code: str = "") -> Response:
+    """Answer with an error message, and the name of the error if it has one."""
+    return Json({"error": message, "code": code}, status)
 
 
 async def _png(image: Image, name: str) -> Response:
