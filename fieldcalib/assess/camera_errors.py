@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -156,11 +156,20 @@ def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array
     return own, z, inverse @ (less * z), inverse @ (A @ determined @ A - np.diag(less)) @ inverse.T
 
 
-def score(uncertainty: Uncertainty, found: PrincipalPoint, probability: float) -> float:
-    """Score of a picture with the shape of a frame (`score_of_part`), for a camera that is right with a probability."""
+def scores_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, probability: float) -> bool:
+    """Whether the score of a picture with the shape of a frame (`score_of_part`) is above a value.
+
+    Its camera is right with a probability. Errors of a part take long: they are computed only where they decide.
+    """
     roll = float(uncertainty.theta[ROLL]), float(uncertainty.covariance[ROLL, ROLL])
+    score = partial(score_of_part, probability, found.log_ratio_of_part, roll)
+    return score(np.inf) > least and score(_error_of_part(uncertainty)) > least
+
+
+def _error_of_part(uncertainty: Uncertainty) -> float:
+    """Largest error of the ground in view if the picture is a part, in units of the field's tolerance; 1 if unknown."""
     error = 1.0 if uncertainty.field is None else largest_error_of_part(uncertainty) / uncertainty.field.tolerance
-    return score_of_part(probability, found.log_ratio_of_part, roll, float(np.nan_to_num(error, nan=1.0)))
+    return float(np.nan_to_num(error, nan=1.0))
 
 
 def seems_part(
@@ -189,7 +198,7 @@ def seems_part(
         return ()
     size = uncertainty.layout.image_size
     if is_whole_shape(size):
-        return (CUT,) if score(uncertainty, found, probability) + log_ratio_of_part > 0.0 else ()
+        return (CUT,) if scores_above(-log_ratio_of_part, uncertainty, found, probability) else ()
     is_known = declared != Declared.NOTHING or "log aspect" not in uncertainty.offsets
     is_square = is_known or has_square_pixels(size, uncertainty.offsets["log aspect"])
     if is_square and probability >= sure:

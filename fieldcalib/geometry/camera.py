@@ -126,9 +126,9 @@ class Camera:
         (_, skew, _), (below, _, _), last = self.K.tolist()
         if skew != 0.0 or below != 0.0 or last != [0.0, 0.0, 1.0]:
             raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")
-        x, y, z = self.R
         with np.errstate(over="ignore", invalid="ignore"):
-            is_rotation = np.all(np.abs(self.R @ self.R.T - np.eye(3)) <= NOT_ORTHONORMAL) and x @ np.cross(y, z) > 0.0
+            is_orthonormal = np.all(np.abs(self.R @ self.R.T - np.eye(3)) <= NOT_ORTHONORMAL)
+            is_rotation = is_orthonormal and np.linalg.det(self.R) > 0.0
         if checked and not is_rotation:
             raise ValueError(f"R must be a rotation matrix (R R^T = I, det R = 1), got {self.R.tolist()}")
 

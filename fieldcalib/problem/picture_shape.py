@@ -486,7 +486,7 @@ def log_ratio_of_cut(object_segments: ObjectSegments, pixels: Pixels, camera: Ca
     >>> log_ratio_of_cut(soccer(), left, whole.cropped((0, 0), (960, 720))) > 3.0
     True
     """
-    places = [place for label, xy in pixels.items() for place in _ends(object_segments.get(label), xy, camera)]
+    places = _ends(object_segments, pixels, camera)
     best = -np.inf
     for side in range(SIDES):
         own = [gap for where, gap in places if where == side]
@@ -499,23 +499,31 @@ def log_ratio_of_cut(object_segments: ObjectSegments, pixels: Pixels, camera: Ca
     return float(np.log(1.0 - WITH_LABELS + WITH_LABELS * np.exp(min(best, MOST_LOG_RATIO))))
 
 
-def _ends(segment: Segment | None, xy: Array, camera: Camera) -> list[tuple[int, float]]:
-    """Places where a marking on the ground leaves the picture: the side, and the gap to its label (of the width)."""
-    X = np.zeros((0, 3)) if segment is None or segment.is_arc else segment.sample(SPACING)
-    if not len(X) or np.any(X[:, 2]) or not len(xy):  # circles need not be followed to the border
+def _ends(object_segments: ObjectSegments, pixels: Pixels, camera: Camera) -> list[tuple[int, float]]:
+    """Places where labelled markings on the ground leave the picture: the side, and the gap to the label (in widths).
+
+    Circles need not be followed to the border.
+    """
+    labels = [label for label, xy in pixels.items() if label in object_segments and len(xy)]
+    lines = {label: object_segments[label].sample(SPACING) for label in labels if not object_segments[label].is_arc}
+    lines = {label: X for label, X in lines.items() if len(X) and not np.any(X[:, 2])}
+    if not lines:
         return []
-    points = camera.project(X)
+    labels, line = list(lines), np.repeat(np.arange(len(lines)), [len(X) for X in lines.values()])
+    points = camera.project(np.concatenate(list(lines.values())))
     last = np.array(camera.image_size) - 1.0
     beyond = np.concatenate([-points, points - last], axis=1)[:, [0, 2, 1, 3]]  # px, beyond left, right, top, bottom
     outside = np.max(beyond, axis=1)
     known, out = np.isfinite(outside), outside > 0.0
     found = []
-    for b in np.flatnonzero(known[:-1] & known[1:] & (out[:-1] != out[1:])) + 1:
+    leaves = known[:-1] & known[1:] & (out[:-1] != out[1:]) & (line[:-1] == line[1:])
+    for b in np.flatnonzero(leaves) + 1:
         a, b = (b, b - 1) if out[b - 1] else (b - 1, b)  # a is inside
         side = int(np.argmax(beyond[b]))
         share = -beyond[a, side] / (beyond[b, side] - beyond[a, side])
         place = points[a] + share * (points[b] - points[a])
-        found.append((side, float(np.min(np.linalg.norm(xy - place, axis=1)) / camera.image_size[0])))
+        gap = np.linalg.norm(pixels[labels[line[a]]] - place, axis=1)
+        found.append((side, float(np.min(gap) / camera.image_size[0])))
     return found
 
 

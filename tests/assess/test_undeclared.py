@@ -16,7 +16,7 @@ from data_tools.simulated import observe as demo_labels
 from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, score, seems_part
+from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, scores_above, seems_part
 from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named
@@ -24,6 +24,7 @@ from fieldcalib.fields.segments import Line
 from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
+from fieldcalib.problem.layout import ROLL
 from fieldcalib.problem.picture_shape import (
     PART_SCALE,
     Declared,
@@ -89,8 +90,13 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
     scores = [score_of_part(0.9, 0.0, (0.0, 0.0), error) for error in (0.01, 0.05, 0.5, 2.0, 9.0)]
     assert scores[0] == scores[1] < scores[2] < scores[3] == scores[4]
     uncertainty = calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty
-    point = principal_point_of(uncertainty)
-    assert score(uncertainty, point, 0.5) > score(uncertainty, point, 0.9)
+    point, roll = principal_point_of(uncertainty), (uncertainty.theta[ROLL], uncertainty.covariance[ROLL, ROLL])
+    error = largest_error_of_part(uncertainty) / FIELD.tolerance
+    low, high = (score_of_part(probability, point.log_ratio_of_part, roll, error) for probability in (0.9, 0.5))
+    assert low < high
+    for probability, value in ((0.9, low), (0.5, high)):
+        assert scores_above(value - 1e-6, uncertainty, point, probability)
+        assert not scores_above(value + 1e-6, uncertainty, point, probability)
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():
