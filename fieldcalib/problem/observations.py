@@ -160,8 +160,10 @@ class Observations:
         frame, label = columns[is_new, :2].astype(np.intp).T
         distinct = np.bincount(frame * shape[1] + label, minlength=self.rank.size).reshape(shape)
         found = np.zeros(shape, dtype=np.intp)
-        for t, index in np.argwhere(distinct):
-            found[t, index] = self.segments[index].equations(int(distinct[t, index]))
+        t, index = np.nonzero(distinct)
+        counts = list(zip(index.tolist(), distinct[t, index].tolist(), strict=True))
+        equations = {(label, pixels): self.segments[label].equations(pixels) for label, pixels in set(counts)}
+        found[t, index] = [equations[count] for count in counts]
         return found
 
     @cached_property

@@ -45,7 +45,7 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.solve.auto_lens import FISHEYE, as_fisheye, may_be_fisheye, more_likely, with_required_lens
 from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_aspect
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
-from fieldcalib.solve.misreadings import with_exchanged_sides, with_other_court
+from fieldcalib.solve.misreadings import with_other_names
 from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
 from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
@@ -214,18 +214,16 @@ def calibrate_checked(
     (`fieldcalib.solve.misreadings`).
     """
     number = {label: index for index, label in enumerate(pixels.labels)}
-
-    def under_other_names(t: int, names: Mapping[str, str]) -> Calibration:
-        of_label = np.array([number[names.get(label, label)] for label in pixels.labels])
-        own = pixels.of_frames([t])
-        (found,) = _calibrate_as_given(replace(own, label=of_label[own.label]), options, solve)
-        return found
-
     calibrations = _calibrate_as_given(pixels, options, solve, given)
-    for t, found in enumerate(calibrations):
-        if found.are_annotated:
-            again = partial(under_other_names, t)
-            calibrations[t] = with_other_court(with_exchanged_sides(found, options, again), options, again)
+
+    def under_other_names(frames: Sequence[int], names: Sequence[Mapping[str, str]]) -> list[Calibration]:
+        of_label = np.array([[number[its.get(label, label)] for label in pixels.labels] for its in names])
+        own = pixels.of_frames(frames)
+        return _calibrate_as_given(replace(own, label=of_label[own.frame, own.label]), options, solve)
+
+    annotated = {t: one for t, one in enumerate(calibrations) if one.are_annotated}
+    for t, found in with_other_names(annotated, options, under_other_names).items():
+        calibrations[t] = found
     return calibrations
 
 

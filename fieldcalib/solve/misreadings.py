@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -40,6 +41,8 @@ COURTS = (  # with two widths, metres
     (badminton.LENGTH, badminton.WIDTH, badminton.SINGLES_WIDTH),
 )
 SAME_SIDE = 0.02  # of a side of a court: as lengths are rounded, or measured between other edges of lines
+
+UnderOtherNames: TypeAlias = Callable[[Sequence[int], Sequence[Mapping[str, str]]], list[Calibration]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +117,7 @@ def with_best_reading(
         one = read(reading)
         if one.accepted and not is_contradicted(one) and one.rms <= EXPLAINED * options.noise:
             odds = LOG_ODDS + np.log(len(readings)) + CERTAIN * len(reading.findings)
-            odds += CERTAIN * (options.field is not None and side_of(one.required_camera.C, options.field) == OPPOSITE)
+            odds += CERTAIN * (options.field is not None and _is_opposite(one, options.field))
             cost = _points_cost(one, options) + odds
             if cost < given:
                 explained.append((cost, reading, one))
@@ -157,32 +160,52 @@ def log_cost(calibration: Calibration, options: Options) -> float:
     return float(calibration.solved.evaluation.cost[calibration.solved.frame] + _mistakes(calibration, options))
 
 
-def with_exchanged_sides(
-    found: Calibration, options: Options, solve: Callable[[Mapping[str, str]], Calibration]
-) -> Calibration:
-    """The calibration of labels in which left and right, or top and bottom, are exchanged, if that explains them.
+def with_other_names(
+    found: Mapping[int, Calibration], options: Options, solve: UnderOtherNames
+) -> dict[int, Calibration]:
+    """Calibrations of frames, by number, with the names of their labels exchanged where that explains them.
 
     Parameters
     ----------
-    found : Calibration
-        Calibration of the labels as given.
+    found : mapping of int to Calibration
+        Calibrations of the labels as given.
     options : Options
     solve : callable
-        Calibration of the labels under other names.
+        Calibrations of some of the frames under other names of their labels, which are given for each frame.
     """
     of = options.field
-    if of is None or not (len(found.suspect_labels) > 1 or not found.accepted) or found.camera is None:
-        return found
+    if of is None:
+        return dict(found)
+    named = _with_exchanged_sides(found, of, options, solve)
+    accepted = {t: one.per_segment_errors for t, one in named.items() if one.accepted}
+    courts = {t: names for t, labels in accepted.items() if (names := other_court(of, labels))}
+    others = solve(list(courts), list(courts.values())) if courts else []
+    for (t, names), other in zip(courts.items(), others, strict=True):
+        named[t] = _with_other_court(named[t], other, options, names)
+    return named
+
+
+def _with_exchanged_sides(
+    found: Mapping[int, Calibration], of: Field, options: Options, solve: UnderOtherNames
+) -> dict[int, Calibration]:
+    """Calibrations of labels in which left and right, or top and bottom, are exchanged, where that explains them."""
+    exchanged = dict(found)
+    doubtful = [t for t, one in found.items() if one.camera and not (one.accepted and len(one.suspect_labels) < 2)]
     for about, names in (("left and right", of.mirrored[0]), ("top and bottom", of.mirrored[1])):
-        if all(names.get(label, label) == label for label in found.per_segment_errors):
-            continue
-        other = solve(names)
-        if not other.accepted or log_cost(other, options) + LOG_ODDS + CERTAIN >= log_cost(found, options):
-            return found  # the other way is this one turned by 180 degrees
-        if about == "left and right" and options.task.side is None and side_of(other.required_camera.C, of) == OPPOSITE:
-            continue
-        return _under_given_names(other, names, Finding(What.EXCHANGED_SIDES, about))
-    return found
+        tried = [t for t in doubtful if any(names.get(one, one) != one for one in found[t].per_segment_errors)]
+        others = solve(tried, [names] * len(tried)) if tried else []
+        for t, other in zip(tried, others, strict=True):
+            if not other.accepted or log_cost(other, options) + LOG_ODDS + CERTAIN >= log_cost(found[t], options):
+                doubtful.remove(t)  # the other way is this one turned by 180 degrees
+            elif not (about == "left and right" and options.task.side is None and _is_opposite(other, of)):
+                doubtful.remove(t)
+                exchanged[t] = _under_given_names(other, names, Finding(What.EXCHANGED_SIDES, about))
+    return exchanged
+
+
+def _is_opposite(calibration: Calibration, field: Field) -> bool:
+    """Whether a camera is on the opposite side of a field."""
+    return side_of(calibration.required_camera.C, field) == OPPOSITE
 
 
 def _under_given_names(other: Calibration, names: Mapping[str, str], finding: Finding) -> Calibration:
@@ -218,17 +241,10 @@ def other_court(field: Field, labels: Iterable[str]) -> Mapping[str, str]:
     return next((names for names in (singles, doubles) if names and set(names) == sides), {})
 
 
-def with_other_court(
-    found: Calibration, options: Options, solve: Callable[[Mapping[str, str]], Calibration]
+def _with_other_court(
+    found: Calibration, other: Calibration, options: Options, names: Mapping[str, str]
 ) -> Calibration:
-    """The calibration, with the finding that its labels fit a court of another width as well.
-
-    Arguments are those of `with_exchanged_sides`.
-    """
-    names = {} if options.field is None else other_court(options.field, found.per_segment_errors)
-    if not names or not found.accepted:
-        return found
-    other = solve(names)
+    """The calibration, with the finding that its labels, under other names, fit a court of another width as well."""
     if not other.accepted or log_cost(other, options) >= log_cost(found, options) + CERTAIN:
         return found
     given, instead = (
