@@ -247,10 +247,12 @@ class Camera:
             half = np.inf if np.isnan(x) else x
         return float(2.0 * np.arctan(half))
 
-    @property
+    @cached_property
     def angles(self) -> Array:
         """Pan, tilt, roll in radians, with the smaller roll of the two solutions."""
-        return angles_from_rotation(self.R)
+        angles = angles_from_rotation(self.R)
+        angles.flags.writeable = False
+        return angles
 
     @property
     def half_diagonal(self) -> float:

@@ -546,16 +546,15 @@ def other_border(object_segments: ObjectSegments, pixels: Pixels, camera: Camera
     True
     """
     width, height = camera.image_size
-    ends = {
-        label: xy[np.argmax(xy[:, 0])]
-        for label, xy in pixels.items()
-        if len(xy) and not object_segments[label].is_point and np.ptp(xy[:, 0]) > AWAY * width  # no posts
-    }
-    end = float(max((xy[0] for xy in ends.values()), default=width - 1.0))
+    lines = {label: xy for label, xy in pixels.items() if len(xy) and not object_segments[label].is_point}
+    right = {label: float(xy[:, 0].max()) for label, xy in lines.items()}
+    right = {label: x for label, x in right.items() if x - lines[label][:, 0].min() > AWAY * width}  # no posts
+    end = max(right.values(), default=width - 1.0)
     if abs(end + 1.0 - width) <= AWAY * width:
         return None
-    last = {label: xy for label, xy in ends.items() if xy[0] > end - NEAR * width}
-    rows = np.sort([xy[1] for label, xy in last.items() if _goes_on(object_segments[label], camera, end)])
+    last = {label: lines[label] for label, x in right.items() if x > end - NEAR * width}
+    ends = {label: xy[np.argmax(xy[:, 0])] for label, xy in last.items()}
+    rows = np.sort([xy[1] for label, xy in ends.items() if _goes_on(object_segments[label], camera, end)])
     are_apart = np.any(np.diff(rows) > APART * height)
     is_usual = len(rows) and np.min(np.abs(end + 1.0 - np.array(WIDTHS))) < ROUNDED
     return round(end) if are_apart or is_usual else None
