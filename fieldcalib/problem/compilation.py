@@ -1,8 +1,8 @@
 """Dispatch between compiled code, where Numba is installed, and NumPy.
 
-Compiled code solves independent frames of lines, arcs and points under a radial lens or none, on fields whose size is
-known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and other lenses,
-and an unknown size of a field that is not level.
+Compiled code solves independent frames of lines, arcs and points under a radial lens or none, on fields whose size and
+crown are known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and
+other lenses.
 If both can solve a frame, their results differ by rounding only.
 """
 
@@ -43,10 +43,9 @@ def compiled_module() -> ModuleType | None:
     return module
 
 
-def kernels(layout: Layout, observations: Observations, terrain: Terrain | None = None) -> ModuleType | None:
-    """The compiled functions; None if they do not support the lens, the kinds of rows or the ground."""
+def kernels(layout: Layout, observations: Observations) -> ModuleType | None:
+    """The compiled functions; None if they do not support the lens or the kinds of rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
-    plain = plain and not (terrain is not None and _is_sized(layout))
     supported = plain and all(rows.compiled for rows in observations.rows if rows)
     return compiled_module() if supported else None
 
@@ -55,7 +54,7 @@ def compiled_closest_points(
     theta: Array, layout: Layout, observations: Observations, terrain: Terrain | None
 ) -> ClosestPoints | None:
     """`Observations.closest_points` of cameras theta (B, n); None if it is not compiled."""
-    module = kernels(layout, observations, terrain)
+    module = kernels(layout, observations)
     if module is None:
         return None
     shape = observations.label.shape
@@ -69,10 +68,14 @@ def _is_sized(layout: Layout) -> bool:
     return bool(np.any(layout.free[layout.field_size_block]))
 
 
+def _is_crowned(layout: Layout) -> bool:
+    return bool(np.any(layout.free & layout.is_crown))
+
+
 def unknowns(layout: Layout, theta: Array) -> Array:
-    """The parameters (B, n) of the cameras and, where it is estimated, of the size of the field, as a new array."""
-    last = layout.field_size_block if _is_sized(layout) else layout.lens_block
-    return theta[:, : last.stop].copy()
+    """The parameters (B, n) of the cameras and, where they are estimated, of the field, as a new array."""
+    of_field = layout.field_size_block if _is_sized(layout) else layout.lens_block
+    return theta[:, : (layout.crown_block if _is_crowned(layout) else of_field).stop].copy()
 
 
 def packed_frames(
@@ -86,6 +89,7 @@ def packed_frames(
         assert layout.field_size is not None
         motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for _, k in kinds)
         given = np.array(layout.field_size.given, dtype=float)
+    is_crowned = _is_crowned(layout)
     return module.Frames(
         tuple(kind for kind, _ in kinds),
         tuple(np.ascontiguousarray(one.xy) for one in rows),
@@ -95,6 +99,8 @@ def packed_frames(
         motion,
         given,
         _raised(terrain, len(observations)),
+        layout.field_size_block.start if is_crowned or _is_sized(layout) else -1,
+        layout.crown_block.start if is_crowned else -1,
         layout.lens.rho,
         module.Limits(),
     )

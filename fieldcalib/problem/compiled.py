@@ -328,9 +328,10 @@ def on_arc(view: CameraView, C: Vector, xy: Array, geometry: Array, b: int, i: i
 @inlined
 def _profile(v: float, ridge: float) -> Vector:
     """A section across the ground, with its derivatives, see `fieldcalib.fields.ground.Profile`."""
+    if not abs(v) < 1.0:  # beside the field, or at infinity
+        return 0.0, 0.0, 0.0
     r, n = math.sqrt(v * v + ridge * ridge), math.sqrt(1.0 + ridge * ridge) - ridge
-    inside = 1.0 if abs(v) < 1.0 else 0.0
-    return inside * (1.0 - (r - ridge) / n), -inside * v / (r * n), -inside * ridge * ridge / (r * r * r * n)
+    return 1.0 - (r - ridge) / n, -v / (r * n), -ridge * ridge / (r * r * r * n)
 
 
 @inlined
@@ -360,14 +361,23 @@ def _first_share(view: CameraView, A: Vector, D: Vector, flat: Foot, farthest: f
 
 @compiled
 def on_raised(
-    kind: int, view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int
+    kind: int,
+    view: CameraView,
+    C: Vector,
+    ground: Raised,
+    xy: Array,
+    geometry: Array,
+    b: int,
+    i: int,
+    moved: tuple[float, float],
 ) -> Foot:
     """The closest point on a line or a circle that follows the ground, by Newton's method along it.
 
-    A line is ``A + c U`` with c the share of its length and V = 0; a circle is ``A + c U + s V``.
+    A line is ``A + c U`` with c the share of its length and V = 0; a circle is ``A + c U + s V``. `moved` is by how
+    much it has moved with the size of the field, which C has in it.
     """
     limits, is_line = view.limits, kind == LINES
-    A, (gx, gy) = _point(view, C, geometry, b, i), (geometry[b, i, 0, 0], geometry[b, i, 0, 1])
+    A, (gx, gy) = _point(view, C, geometry, b, i), (geometry[b, i, 0, 0] + moved[0], geometry[b, i, 0, 1] + moved[1])
     ux, uy = geometry[b, i, 1, 0], geometry[b, i, 1, 1]
     U = _direction(view, ux, uy, geometry[b, i, 1, 2])
     dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
@@ -414,13 +424,21 @@ def on_raised(
 
 @inlined
 def at_point(
-    view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]
+    view: CameraView,
+    C: Vector,
+    ground: Raised,
+    xy: Array,
+    geometry: Array,
+    b: int,
+    i: int,
+    moved: tuple[float, float],
+    normal: tuple[float, float],
 ) -> Foot:
     """The residual of a world point along a direction of the image."""
     nx, ny = normal
     x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
     if ground.crown != 0.0 or ground.fall != 0.0:
-        z = z + _lift(ground, view.limits.ridge, x, y, 0.0, 0.0, 0.0, 0.0)[0]
+        z = z + _lift(ground, view.limits.ridge, x + moved[0], y + moved[1], 0.0, 0.0, 0.0, 0.0)[0]
     hx, hy, hz = _direction(view, x - C[0], y - C[1], z - C[2])
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
@@ -430,19 +448,22 @@ def at_point(
 
 
 @inlined
-def foot_of(kind: int, view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int) -> Foot:
+def foot_of(
+    kind: int, view: CameraView, theta: Array, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int
+) -> Foot:
     """The closest point of a residual of a kind."""
+    moved = (theta[4] - C[0], theta[5] - C[1])
     if kind in (LINES, ARCS) and (ground.crown != 0.0 or ground.fall != 0.0):
-        return on_raised(kind, view, C, ground, xy, geometry, b, i)
+        return on_raised(kind, view, C, ground, xy, geometry, b, i, moved)
     if kind == LINES:
         return on_line(view, C, xy, geometry, b, i)
     if kind == ARCS:
         return on_arc(view, C, xy, geometry, b, i)
     if kind == ALONG_X:
-        return at_point(view, C, ground, xy, geometry, b, i, (1.0, 0.0))
+        return at_point(view, C, ground, xy, geometry, b, i, moved, (1.0, 0.0))
     if kind == ALONG_Y:
-        return at_point(view, C, ground, xy, geometry, b, i, (0.0, 1.0))
-    return at_point(view, C, ground, xy, geometry, b, i, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
+        return at_point(view, C, ground, xy, geometry, b, i, moved, (0.0, 1.0))
+    return at_point(view, C, ground, xy, geometry, b, i, moved, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
 
 
 @inlined
@@ -511,6 +532,11 @@ class Frames(NamedTuple):
     """Size (S,) of the field for which they are packed; (0,) where the size is not estimated."""
     ground: Array
     """`Raised` of each frame, (B, 4)."""
+    size: int
+    """Index among the parameters of the length of the field, which the width follows; -1 where they are no parameters.
+    """
+    crown: int
+    """Index of the crown of the field; -1 where it is not estimated."""
     rho: float
     limits: Limits
 
@@ -556,26 +582,74 @@ class Criteria(NamedTuple):
 
 
 @inlined
-def ground_of(frames: Frames, b: int) -> Raised:
-    """The ground of a frame."""
-    return Raised(frames.ground[b, 0], frames.ground[b, 1], frames.ground[b, 2], frames.ground[b, 3])
+def ground_of(frames: Frames, b: int, theta: Array) -> Raised:
+    """The ground of a frame at its parameters."""
+    crown, fall, per_length, per_width = (
+        frames.ground[b, 0],
+        frames.ground[b, 1],
+        frames.ground[b, 2],
+        frames.ground[b, 3],
+    )
+    if frames.size >= 0:
+        per_length, per_width = 2.0 / theta[frames.size], 2.0 / theta[frames.size + 1]
+    if frames.crown >= 0:
+        crown = theta[frames.crown]
+    return Raised(crown, fall, per_length, per_width)
+
+
+@inlined
+def set_derivatives_by_field(
+    frames: Frames,
+    view: CameraView,
+    foot: Foot,
+    ground: Raised,
+    motion: Array,
+    b: int,
+    i: int,
+    theta: Array,
+    row: Array,
+) -> None:
+    """Write derivatives by length and width of the field, where these are estimated, and by its crown.
+
+    Moving a segment is equivalent to moving the camera the other way, see `Evaluation.motion_of_points`.
+    """
+    hx = hy = x = y = share = 0.0
+    if frames.crown >= 0 or ground.crown != 0.0 or ground.fall != 0.0:
+        depth, (right, down, ahead) = 1.0 / foot.inverse_depth, view.R
+        xc, yc = foot.sx / view.f * depth, foot.sy / view.f * depth
+        x = theta[4] + right[0] * xc + down[0] * yc + ahead[0] * depth
+        y = theta[5] + right[1] * xc + down[1] * yc + ahead[1] * depth
+        _, slope, _ = _profile(ground.per_length * x, view.limits.ridge)
+        hx = ground.fall * ground.per_length * slope
+        share, slope, _ = _profile(ground.per_width * y, view.limits.ridge)
+        hy = ground.crown * ground.per_width * slope
+    for s in range(len(frames.given)):
+        mx, my, mz = motion[b, i, 0, s], motion[b, i, 1, s], motion[b, i, 2, s]
+        rises = hx * mx + hy * my
+        if s == 0 and hx != 0.0:
+            rises -= 0.5 * ground.per_length * hx * x
+        if s == 1 and hy != 0.0:
+            rises -= 0.5 * ground.per_width * hy * y
+        row[frames.size + s] = -(row[4] * mx + row[5] * my + row[6] * (mz - rises))
+    if frames.crown >= 0:
+        row[frames.crown] = row[6] * share
 
 
 @compiled
 def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
     """Write the closest points of all residuals (B, M), kind after kind, into four arrays; padding is not written."""
-    camera = theta.shape[1] - len(frames.given)
+    camera = theta.shape[1] if frames.size < 0 else frames.size
     for b in range(len(theta)):
         view = view_of(theta[b, :camera], frames.rho, frames.limits)
-        change = theta[b, camera:] - frames.given
-        ground = ground_of(frames, b)
+        change = theta[b, camera : camera + len(frames.given)] - frames.given
+        ground = ground_of(frames, b, theta[b])
         m = 0
         for k in range(len(frames.kinds)):
             kind, label, xy, geometry = frames.kinds[k], frames.label[k], frames.xy[k], frames.geometry[k]
             for i in range(label.shape[1]):
                 if label[b, i] >= 0:
                     C = centre_of(theta[b], frames.motion[k], b, i, change)
-                    foot = foot_of(kind, view, C, ground, xy, geometry, b, i)
+                    foot = foot_of(kind, view, theta[b], C, ground, xy, geometry, b, i)
                     r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
@@ -594,10 +668,10 @@ def normal_equations(
     hessian[:] = 0.0
     if not terms.log_f_range[0] < theta[LOG_F] < terms.log_f_range[1]:
         return np.inf
-    cost, camera = 0.0, len(theta) - len(frames.given)
+    cost, camera = 0.0, len(theta) if frames.size < 0 else frames.size
     view = view_of(theta[:camera], frames.rho, frames.limits)
-    change = theta[camera:] - frames.given
-    ground = ground_of(frames, b)
+    change = theta[camera : camera + len(frames.given)] - frames.given
+    ground = ground_of(frames, b, theta)
     for k in range(len(frames.kinds)):
         kind, weights, xy, geometry = frames.kinds[k], frames.weight[k], frames.xy[k], frames.geometry[k]
         motion = frames.motion[k]
@@ -605,14 +679,13 @@ def normal_equations(
             weight = weights[b, i]
             if weight == 0.0:
                 continue
-            foot = foot_of(kind, view, centre_of(theta, motion, b, i, change), ground, xy, geometry, b, i)
+            C = centre_of(theta, motion, b, i, change)
+            foot = foot_of(kind, view, theta, C, ground, xy, geometry, b, i)
             rho, slope = rho_of(terms.loss, foot.r * foot.r)
             cost += 0.5 * weight * rho
             set_derivatives(view, foot, row[:camera])
-            for s in range(len(change)):
-                row[camera + s] = -(
-                    row[4] * motion[b, i, 0, s] + row[5] * motion[b, i, 1, s] + row[6] * motion[b, i, 2, s]
-                )
+            if frames.size >= 0:
+                set_derivatives_by_field(frames, view, foot, ground, motion, b, i, theta, row)
             irls_weight = weight * slope
             for j in range(P):
                 row[j] = row[free[j]]  # the free ones are ascending

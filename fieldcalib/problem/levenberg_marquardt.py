@@ -270,15 +270,12 @@ class _Batch:
 def _compiled_solution(
     start: Evaluation, max_iterations: int, tolerance: float, initial_damping: float
 ) -> Solution | None:
-    """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise, or to find a crown."""
+    """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise."""
     problem, layout = start.problem, start.problem.layout
-    if np.any(layout.free & layout.is_crown):
-        return None
-    terrain = problem.terrain(start.theta)
-    module = kernels(layout, problem.observations, terrain)
+    module = kernels(layout, problem.observations)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
-    theta, bounds = unknowns(layout, start.theta), layout.bounds(problem.scale)
+    theta, bounds, terrain = unknowns(layout, start.theta), layout.bounds(problem.scale), problem.terrain(start.theta)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     module.levenberg_marquardt(
         *compiled_cost(module, problem, theta, terrain),

@@ -156,19 +156,25 @@ def test_levenberg_marquardt(loss, prior, lens, by_numpy):
     np.testing.assert_allclose(compiled.theta / SPREAD[: layout.size], numpy.theta / SPREAD[: layout.size], atol=1e-6)
 
 
-@pytest.mark.parametrize("told", [(True, True), (False, True)])
-def test_levenberg_marquardt_with_the_size_of_the_field(told, by_numpy):
+@pytest.mark.parametrize("crown", [None, 0.0, 0.3])
+@pytest.mark.parametrize("told", [(True, True), (False, True), (False, False)])
+def test_levenberg_marquardt_with_size_and_crown_of_the_field(told, crown, by_numpy):
+    """Of level fields, of those whose crown is estimated, from level ground and from a crown, and of their sizes."""
     frames, true = random_frames(3, seed=3, noise=1.0, stands=("main center",))
-    limits = np.array([[90.0, 45.0], [120.0, 90.0]])
-    layout = Layout.of(SIZE, field_size=SizeBlock(np.array([105.0, 68.0]), np.ones(2), limits)).fixed("aspect")
+    limits, traits = np.array([[90.0, 45.0], [120.0, 90.0]]), None if crown is None else FIELD.crown
+    layout = Layout.of(SIZE, field_size=SizeBlock(np.array([105.0, 68.0]), np.ones(2), limits, crown=traits)).fixed(
+        "aspect"
+    )
     known = np.zeros(layout.size, dtype=bool)
     known[layout.field_size_block] = ~np.array(told)
     layout = layout.with_roles_of(known, Role.CONSIDERED)
-    spread = np.append(SPREAD, [2.0, 2.0])
+    if crown is not None:
+        layout = layout.with_roles(Role.FRAME, "crown")
+    spread = np.concatenate([SPREAD, [2.0, 2.0], [] if crown is None else [0.1]])
     mean = np.array([layout.theta(camera) for camera in true])
     mean[:, layout.field_size_block] = 105.0, 68.0
     theta = mean + spread * np.random.default_rng(0).normal(size=mean.shape)
-    theta[:, known] = mean[:, known]
+    theta[:, known], theta[:, layout.is_crown] = mean[:, known], crown
     theta[:, 11] = np.abs(theta[:, 11])
     problem = Problem(
         pack(FIELD, frames, SIZE, motion=FIELD.motion),
@@ -189,7 +195,8 @@ def test_levenberg_marquardt_with_the_size_of_the_field(told, by_numpy):
     np.testing.assert_array_equal(compiled.converged, numpy.converged)
     np.testing.assert_allclose(compiled.cost, numpy.cost, rtol=1e-9)
     np.testing.assert_allclose(compiled.theta / spread, numpy.theta / spread, atol=1e-5)
-    assert np.all(np.ptp(compiled.theta[:, layout.field_size_block], axis=0)[np.array(told)] > 0.0)
+    of_field = layout.free & (np.arange(layout.size) >= layout.field_size_block.start)
+    assert np.all(np.ptp(compiled.theta[:, of_field], axis=0) > 0.0)
     assert np.all(compiled.theta[:, known] == mean[:, known])
 
 
