@@ -79,11 +79,12 @@ def _places(field: Field) -> _Places:
         share = parts.share[:, None, None]
         moved = (1.0 - share) * motion[0, :2] + share * motion[1, :2]
         along = parts.along[:, :2]
-        X.append(field.terrain.raised(parts.X))
+        X.append(parts.X)
         across = np.eye(2) - along[:, :, None] * along[:, None, :]  # for a post both directions
         normal.append(parts.length / len(moved) * across)
         moving.append(normal[-1] @ moved)
-    return _Places(np.concatenate(X), *(np.concatenate(one).reshape(-1, 4) for one in (normal, moving)))
+    on_ground = field.terrain.raised(np.concatenate(X))
+    return _Places(on_ground, *(np.concatenate(one).reshape(-1, 4) for one in (normal, moving)))
 
 
 def motion_in_view(projection: Projection, field: Field) -> Array:

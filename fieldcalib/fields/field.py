@@ -441,11 +441,10 @@ class Field(Mapping[str, Segment]):
         if not self.segments:
             return MappingProxyType({})
         names, kinds = list(self.segments), [type(segment).__name__ for segment in self.segments.values()]
-        samples = [segment.sample(spacing=0.05) for segment in self.segments.values()]
         number = np.unique(kinds, return_inverse=True)[1].ravel()  # as one more coordinate: kinds are far apart
+        ends = np.array(boxes(self.segments, spacing=0.05))
         here, there = (
-            np.array([[*X.min(axis=0), *X.max(axis=0), kind] for X, kind in zip(some, number, strict=True)])
-            for some in (samples, [np.array(turn) * X + move for X in samples])
+            np.column_stack([*np.sort(some, axis=0), number]) for some in (ends, np.array(turn) * ends + move)
         )
         # the field's own label, if the same segment was added under another one
         places, first = np.unique(np.round(here, ROUNDED), axis=0, return_index=True)

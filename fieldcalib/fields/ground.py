@@ -83,8 +83,9 @@ class Terrain(NamedTuple):
 
     def height(self, X: Array) -> Array:
         """Height (...,) of the ground above the corners at points (..., 2 or 3), metres; at infinity it is 0."""
-        crown, fall = self.shares(X[..., 0], X[..., 1])
-        return np.asarray(self.crown * crown + self.fall * fall)
+        heights = (self.crown, self.width, X[..., 1]), (self.fall, self.length, X[..., 0])
+        parts = (one * Profile.at(2.0 * p / side).share for one, side, p in heights if np.any(one))
+        return np.asarray(sum(parts, start=np.zeros(X.shape[:-1])))
 
     def raised(self, X: Array) -> Array:
         """Points (..., 3) of the level field, moved up with the ground.
@@ -105,8 +106,7 @@ class Terrain(NamedTuple):
 
     def slopes(self, x: Any, y: Any) -> tuple[Array, Array]:
         """Derivatives of the height by x and by y."""
-        along, across = Profile.at(2.0 * x / self.length), Profile.at(2.0 * y / self.width)
-        return np.asarray(2.0 * self.fall / self.length * along.d), np.asarray(2.0 * self.crown / self.width * across.d)
+        return _slope(self.fall, self.length, x), _slope(self.crown, self.width, y)
 
     def by_size(self, x: Any, y: Any) -> tuple[Array, Array]:
         """Derivatives of the height by the length and by the width of the field, at a place that stays."""
@@ -118,6 +118,8 @@ class Terrain(NamedTuple):
         z, dz, ddz = (np.asarray(0.0) for _ in range(3))
         sections = (self.fall, 2.0 / self.length), (self.crown, 2.0 / self.width)
         for (height, scale), p, dp, ddp in zip(sections, X, dX, ddX, strict=True):
+            if not np.any(height):
+                continue
             profile = Profile.at(scale * p)
             z = z - height * profile.share
             dz = dz - height * profile.d * scale * dp
@@ -150,6 +152,13 @@ class Terrain(NamedTuple):
                     break
             meets = (scale > 0.0) & (falls > 0.0) & (np.abs(step * falls) <= LEAST_MET)
             return np.asarray(C + np.where(meets, scale, np.nan)[..., None] * direction)
+
+
+def _slope(height: Any, side: Any, p: Any) -> Array:
+    """Derivative of a section of some height by its place p along a side of the field."""
+    if not np.any(height):
+        return np.zeros(np.shape(p))
+    return np.asarray(2.0 * height / side * Profile.at(2.0 * p / side).d)
 
 
 @dataclass(frozen=True)

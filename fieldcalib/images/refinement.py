@@ -27,7 +27,7 @@ from fieldcalib.images.paint.detected_lines import (
     with_replaced,
     with_traced,
 )
-from fieldcalib.images.paint.line_profiles import Markings, Strips, pixels_of_lines, profiles_along
+from fieldcalib.images.paint.line_profiles import Markings, Profiles, Strips, pixels_of_lines, profiles_along
 from fieldcalib.images.paint.paint_evidence import (
     PaintEvidence,
     Ridges,
@@ -245,7 +245,7 @@ def _moved_to_paint(
     """Fit cameras to the paint beside their markings and refine them again; keep those with more markings on paint."""
     cameras = [one.calibration.required_camera for one in refined]
     lines = [
-        with_replaced(detected_lines(image.image, camera, markings)[0], one.paint.beside)
+        with_replaced(detected_lines(image.image, profiles_along(camera, markings), markings), one.paint.beside)
         for one, image, camera in zip(refined, given, cameras, strict=True)
         if one.paint is not None
     ]
@@ -283,6 +283,7 @@ def _in_passes(
         t: Refined(one, _support(strips[t], _lines(strips[t], markings, labelled[t])) if t in strips else np.nan)
         for t, one in found.items()
     }
+    profiles = {t: one.profiles for t, one in strips.items()}  # of the cameras in `best`
     for search_range in search_ranges:
         in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
@@ -307,16 +308,17 @@ def _in_passes(
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             evidence = evidence_of(Ridges.across(one), markings)
             best[t] = Refined(found[t], support, with_lines(evidence, markings, narrow, offset, labelled[t]))
-    return [_looked_at(one, images[t], markings) for t, one in best.items()]
+            profiles[t] = one.profiles
+    return [_looked_at(one, images[t], profiles.get(t), markings) for t, one in best.items()]
 
 
-def _looked_at(refined: Refined, image: Image, markings: Markings) -> Refined:
+def _looked_at(refined: Refined, image: Image, profiles: Profiles | None, markings: Markings) -> Refined:
     """Add the paint of the markings, if it was not looked for yet, its width, and whether a net is missing."""
     camera, paint = refined.calibration.camera, refined.paint
-    if camera is None:
+    if camera is None or profiles is None:
         return refined
-    paint = paint_evidence(image, camera, markings) if paint is None else paint
-    seen = with_widths(paint.markings, widths_by_marking(image, camera, markings))
+    paint = paint_evidence(image, profiles, markings) if paint is None else paint
+    seen = with_widths(paint.markings, widths_by_marking(image, profiles, markings))
     missing = missing_net(image, camera, markings, seen) if markings.net else []
     return replace(refined, paint=replace(paint, markings=(*seen, *missing)))
 

@@ -35,7 +35,7 @@ from fieldcalib.assess.findings import CAUSE_REMEDIES, OF_LABELS, REMEDIES, Advi
 from fieldcalib.assess.result import doubted, in_picture
 from fieldcalib.fields import Field, Ground, badminton, tennis
 from fieldcalib.geometry.homography import homography_from_points
-from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.paint.paint_evidence import paint_evidence
 from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.localize import SegmentationNetwork
@@ -332,7 +332,8 @@ def test_markings_by_hand_where_a_field_has_one_size():
 
     def with_paint(frame):
         found = calibrate_from_segments(court, frame, SIZE)
-        return found.seen_in_image(paint_evidence(image, found.camera, Markings.of(court)).markings)
+        markings = Markings.of(court)
+        return found.seen_in_image(paint_evidence(image, profiles_along(found.camera, markings), markings).markings)
 
     few = {label: labels[label] for label in list(labels)[:6]}
     few["Base line right"] = labels["Base line right"] + (0.0, 9.0)

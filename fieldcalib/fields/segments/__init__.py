@@ -53,9 +53,9 @@ def outwards(segment: Segment, X: Array, along: Array) -> Array:
     return np.asarray(np.where(inside, -across, across) + 0.0)
 
 
-def boxes(segments: Mapping[str, Segment]) -> tuple[Array, Array]:
-    """Least and largest coordinates (L, 3) of each segment, metres."""
-    samples = [segment.sample() for segment in segments.values()]
+def boxes(segments: Mapping[str, Segment], spacing: float = 1.0) -> tuple[Array, Array]:
+    """Least and largest coordinates (L, 3) of each segment, metres; of arcs, of points `spacing` apart."""
+    samples = [one.anchors if one.is_straight else one.sample(spacing) for one in segments.values()]
     return np.array([X.min(axis=0) for X in samples]), np.array([X.max(axis=0) for X in samples])
 
 

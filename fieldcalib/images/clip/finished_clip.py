@@ -24,7 +24,7 @@ from fieldcalib.images.clip.clip_shape import OFF_MIDDLE, better_of_enlarged, ma
 from fieldcalib.images.clip.solved_shots import SolvedTripods, Tripod
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
-from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image_files import Image
 from fieldcalib.problem.labelled_pixels import PixelTable
@@ -108,10 +108,9 @@ def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _Fram
     """The lines from which a single frame was calibrated; None if it has no camera."""
     if calibration.camera is None or calibration.solved is None:
         return None
-    ridges = Ridges.of(image, calibration.camera, markings)
-    return _FrameLines(
-        calibration.solved.pixels, ridges, widths_by_marking(image, calibration.camera, markings), (1, 1)
-    )
+    profiles = profiles_along(calibration.camera, markings)
+    widths = widths_by_marking(image, profiles, markings)
+    return _FrameLines(calibration.solved.pixels, Ridges.of(image, profiles), widths, (1, 1))
 
 
 def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
@@ -119,13 +118,14 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     camera = calibration.camera
     if camera is None:
         return None
-    labels, profiles = detected_lines(image, camera, markings, picture_sigma(calibration))
-    counts = len(labels.frame), profiles
+    profiles = profiles_along(camera, markings)
+    labels = detected_lines(image, profiles, markings, picture_sigma(calibration))
+    counts = len(labels.frame), len(profiles)
     if not with_ridges:
         return _FrameLines(labels, None, {}, counts)
-    ridges = Ridges.of(image, camera, markings)
+    ridges = Ridges.of(image, profiles)
     labels = with_replaced(labels, evidence_of(ridges, markings).beside)
-    return _FrameLines(labels, ridges, widths_by_marking(image, camera, markings), counts)
+    return _FrameLines(labels, ridges, widths_by_marking(image, profiles, markings), counts)
 
 
 def picture_sigma(calibration: Calibration) -> float:

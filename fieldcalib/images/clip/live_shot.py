@@ -32,7 +32,7 @@ from fieldcalib.images.clip.finished_clip import LEAST_LINES, picture_motion, po
 from fieldcalib.images.clip.keyframes import are_consistent, labels_of
 from fieldcalib.images.from_images import How
 from fieldcalib.images.paint.detected_lines import detected_lines, with_replaced
-from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.paint.paint_evidence import BAND, Ridges, evidence_of, widths_by_marking, with_widths
 from fieldcalib.io.image_files import Image
 from fieldcalib.problem.compilation import compiled_module
@@ -372,7 +372,8 @@ class LiveShot:
         shot = self
         is_due = len(self.widths) < FIRST_WIDTHS or index - self.widths[-1][0] >= WIDTHS_EVERY
         if self.solved is not None and is_due:
-            measured = index, widths_by_marking(image, camera, self.solved.markings)
+            profiles = profiles_along(camera, self.solved.markings)
+            measured = index, widths_by_marking(image, profiles, self.solved.markings)
             shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
         markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))
         shot = replace(shot, paint=(index, markings), is_new=False)
@@ -440,7 +441,7 @@ def _on_paint(shot: LiveShot, solved: SolvedShot, index: int, image: Image, foun
     assert found.theta is not None
     theta = found.theta[None]
     shared, markings, camera = solved.shared, solved.markings, solved.layout.camera(found.theta)
-    ridges, motion = Ridges.of(image, camera, markings), np.zeros(2)
+    ridges, motion = Ridges.of(image, profiles_along(camera, markings)), np.zeros(2)
     if shot.last:
         before, other = shot.last[-1]
         motion = picture_motion(camera, solved.layout.camera(other.theta)) / max(index - before, 1)
@@ -494,7 +495,9 @@ def _tied(
         theta, reached = with_tied(shared.options, local, theta, is_known, here, layout)
         if not reached[-1]:
             return None
-    lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    lines, markings = NO_PIXELS, solved.markings
+    if image is not None:
+        lines = detected_lines(image, profiles_along(layout.camera(theta[-1]), markings), markings)
     of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
     followed = shared.solved(theta[-1:], lines, towards, shared.prior(theta[-1:]))
@@ -523,8 +526,9 @@ def _without_camera(message: str) -> FollowedFrame:
 
 def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
     """Whether enough of the markings in view have a line in the image."""
-    lines, profiles = detected_lines(image, camera, markings, np.inf)
-    return len(lines.frame) >= LEAST_LINES * max(profiles, 1)
+    profiles = profiles_along(camera, markings)
+    lines = detected_lines(image, profiles, markings, np.inf)
+    return len(lines.frame) >= LEAST_LINES * max(len(profiles), 1)
 
 
 def _extrapolated(last: Sequence[tuple[int, FrameCamera]], index: int, free: BoolArray) -> FrameCamera | None:

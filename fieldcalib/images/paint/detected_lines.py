@@ -19,8 +19,8 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.line_profiles import Markings, Strips, find_lines, pixels_of_lines, profiles_along
-from fieldcalib.io.image_files import Image
+from fieldcalib.images.paint.line_profiles import Markings, Profiles, Strips, find_lines, pixels_of_lines
+from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.batch import calibrate_pixels
@@ -54,21 +54,21 @@ def line_loss(image_size: tuple[int, int], scale: float = LOSS_SCALE) -> RobustL
     return RobustLoss("cauchy", scale * pixel_unit(image_size))
 
 
-def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[PixelTable, int]:
-    """Detect lines near the markings that a camera projects; also return the number of profiles searched.
+def detected_lines(image: Image, profiles: Profiles, markings: Markings, sigma: float = 0.0) -> PixelTable:
+    """Detect lines near the markings that a camera projects.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         Blue, green, red.
-    camera : Camera
+    profiles : Profiles
+        Those of the camera (`profiles_along`).
     markings : Markings
     sigma : float
         Standard deviation of the projected markings, pixels: the less certain the camera, the wider the search.
     """
-    search_range = np.clip(SIGMAS * sigma / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
-    profiles = profiles_along(camera, markings)
-    return pixels_of_lines(markings, profiles, find_lines(image, profiles, float(search_range))), len(profiles)
+    search_range = np.clip(SIGMAS * sigma / pixel_unit(size_of(image)), SEARCH_RANGES[1], SEARCH_RANGES[0])
+    return pixels_of_lines(markings, profiles, find_lines(image, profiles, float(search_range)))
 
 
 def with_replaced(labels: PixelTable, others: PixelTable) -> PixelTable:

@@ -98,9 +98,9 @@ class Ridges:
     """Pixels of the image per pixel of a 960 x 540 image."""
 
     @classmethod
-    def of(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
-        """Look for ridges up to 30 px (in an image of 960 x 540) beside the projected markings."""
-        return cls.across(wide_strips(image, profiles_along(camera, markings)))
+    def of(cls, image: Image, profiles: Profiles) -> Ridges:
+        """Look for ridges up to 30 px (in an image of 960 x 540) beside the markings that a camera projects."""
+        return cls.across(wide_strips(image, profiles))
 
     @classmethod
     def across(cls, wide: Strips) -> Ridges:
@@ -137,14 +137,15 @@ def wide_strips(image: Image, profiles: Profiles) -> Strips:
     return Strips.of(image, profiles, BAND, past_others=True)
 
 
-def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvidence:
+def paint_evidence(image: Image, profiles: Profiles, markings: Markings) -> PaintEvidence:
     """Look for the paint of every marking in view, up to 30 px (in an image of 960 x 540) beside its projection.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         Blue, green, red.
-    camera : Camera
+    profiles : Profiles
+        Those of the camera (`profiles_along`).
     markings : Markings
         Lighter or darker than the ground, as the field's `LineLook` says.
 
@@ -154,11 +155,12 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
     >>> from fieldcalib.draw.scene import render_field
     >>> truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
     >>> wider = Markings.of(soccer(105.0, 72.0))  # the camera is right, the size of the pitch is not
-    >>> found = {one.label: one for one in paint_evidence(render_field(truth, soccer()), truth, wider).markings}
+    >>> seen = paint_evidence(render_field(truth, soccer()), profiles_along(truth, wider), wider)
+    >>> found = {one.label: one for one in seen.markings}
     >>> found["Big rect. right main"].share, round(found["Side line top"].offset)
     (1.0, 4)
     """
-    return evidence_of(Ridges.of(image, camera, markings), markings)
+    return evidence_of(Ridges.of(image, profiles), markings)
 
 
 def evidence_of(ridges: Ridges, markings: Markings, motion: ArrayLike = (0.0, 0.0)) -> PaintEvidence:
@@ -346,8 +348,10 @@ def with_widths(seen: Sequence[MarkingInView], widths: Mapping[str, Array]) -> t
     )
 
 
-def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[str, Array]:
+def widths_by_marking(image: Image, profiles: Profiles, markings: Markings) -> dict[str, Array]:
     """Measure the paint of each marking that is wide enough in the image: widths (n,) in units of the projected width.
+
+    They are measured along the profiles of a camera (`profiles_along`).
 
     Fields whose lines may be borders of differently painted areas get none.
 
@@ -356,13 +360,13 @@ def widths_by_marking(image: Image, camera: Camera, markings: Markings) -> dict[
     >>> from fieldcalib import soccer
     >>> from fieldcalib.draw.scene import render_field
     >>> camera = Camera.from_angles(0.3, 1.36, 0.0, 3200.0, (0.0, 66.0, -16.0), (1920, 1080))
-    >>> found = widths_by_marking(render_field(camera, soccer()), camera, Markings.of(soccer()))
+    >>> markings = Markings.of(soccer())
+    >>> found = widths_by_marking(render_field(camera, soccer()), profiles_along(camera, markings), markings)
     >>> {label: round(float(np.median(width)), 1) for label, width in found.items()}
     {'Middle line': 1.0, 'Circle right': 1.0, 'Circle central': 1.0}
     """
     if not np.isfinite(markings.look.ground_difference):
         return {}
-    profiles = profiles_along(camera, markings)
     solid = markings.painted[profiles.member] >= LEAST_PAINTED
     profiles = profiles.take(np.flatnonzero(profiles.on_ground & solid & (profiles.width >= NARROWEST)))
     width = paint_widths(image, profiles)

@@ -43,7 +43,7 @@ from fieldcalib.fields.field import OPPOSITE, Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.camera_side import twin_of
 from fieldcalib.images.paint.detected_lines import calibrate_on_lines, detected_lines
-from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.refinement import Refined, ToRefine, on_field_as_seen, refine_all
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, stands
 from fieldcalib.images.search.court_ranking import (
@@ -172,7 +172,7 @@ def with_errors(task: Task, field: Field, image: Image, refined: Sequence[Refine
     left = [k for k, one in enumerate(found) if one.calibration.solved is None and one.calibration.camera is not None]
     if left:
         cameras = [found[k].calibration.required_camera for k in left]
-        lines = [detected_lines(image, camera, markings)[0] for camera in cameras]
+        lines = [detected_lines(image, profiles_along(camera, markings), markings) for camera in cameras]
         fitted = calibrate_on_lines(task, lines, size_of(image), cameras)
         for k, calibration in zip(left, fitted, strict=True):
             if calibration.accepted:

@@ -70,7 +70,7 @@ def test_no_line_is_traced_on_bare_ground():
 
 def test_a_traced_line_is_paint_of_its_marking(image):
     wide = wide_strips(image, profiles_along(TRUTH, MARKINGS))
-    before = paint_evidence(image, TRUTH, MARKINGS)
+    before = paint_evidence(image, profiles_along(TRUTH, MARKINGS), MARKINGS)
     lines = with_traced(wide, wide.lines(4.0), MARKINGS, {LABEL: ends(LABEL)})
     after = with_lines(before, MARKINGS, wide, lines, {LABEL})
     for old, new in zip(before.markings, after.markings, strict=True):

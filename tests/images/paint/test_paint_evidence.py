@@ -24,7 +24,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.paint.line_profiles import Markings
+from fieldcalib.images.paint.line_profiles import Markings, profiles_along
 from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, missing_net, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
@@ -38,6 +38,10 @@ PENALTY_AREA = camera(24, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
 
 
 PICTURE = picture(PENALTY_AREA)
+
+
+def evidence(image, camera, markings):
+    return paint_evidence(image, profiles_along(camera, markings), markings)
 
 
 def turned(truth, pan=0.0, tilt=0.0):
@@ -58,7 +62,7 @@ def turned(truth, pan=0.0, tilt=0.0):
     ids=["penalty area", "midfield", "tennis", "ice hockey"],
 )
 def test_true_camera_lies_on_its_paint(field, truth):
-    found = paint_evidence(picture(truth, field), truth, Markings.of(field))
+    found = evidence(picture(truth, field), truth, Markings.of(field))
     assert len(found.markings) > 4
     assert not len(found.beside.xy)
     assert paint_findings(found.markings) == ()
@@ -68,7 +72,7 @@ def test_true_camera_lies_on_its_paint(field, truth):
 @given(numbers(6.0, 12.0))
 def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
     """The lines of a pitch that is not flat: most of one lies on its marking, and its end beside that."""
-    ridges = Ridges.of(PICTURE, PENALTY_AREA, MARKINGS)
+    ridges = Ridges.of(PICTURE, profiles_along(PENALTY_AREA, MARKINGS))
     at = np.flatnonzero(ridges.profiles.member == MARKINGS.labels.index("Big rect. right main"))
     t = np.linspace(-1.0, 1.0, len(at))
     bend = end * np.square((t - 0.3) / 1.3)  # 0.3 of it at the other end
@@ -85,7 +89,7 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
 
 def test_a_line_that_the_motion_of_the_camera_may_have_skewed_is_not_beside_its_paint():
     """Rows are exposed one after another: across the motion lines are skewed, along it they are not."""
-    ridges = Ridges.of(PICTURE, PENALTY_AREA, MARKINGS)
+    ridges = Ridges.of(PICTURE, profiles_along(PENALTY_AREA, MARKINGS))
     at = np.flatnonzero(ridges.profiles.member == MARKINGS.labels.index("Big rect. right main"))
     xy = ridges.xy.copy()
     xy[at] += (3.9 * ridges.profiles.normal[at])[:, None].astype(np.float32)
@@ -105,7 +109,7 @@ def test_what_is_found_beside_markings_is_paint(pan, tilt):
 
     But for two pixels: the wrong camera's profiles cross the end of an arc, and where markings meet, at a slant.
     """
-    found = paint_evidence(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
+    found = evidence(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
     paint = PENALTY_AREA.project(np.concatenate([s.sample(0.1) for s in FIELD.markings.values()]))
     paint = paint[np.isfinite(paint).all(axis=1)]
     for label, xy in found.beside.by_label(0).items():
@@ -117,9 +121,9 @@ def test_what_is_found_beside_markings_is_paint(pan, tilt):
 @examples(10)
 @given(pan=numbers(-9.0, 9.0), tilt=numbers(-9.0, 9.0))
 def test_ridges_are_judged_by_another_camera_without_the_image(pan, tilt):
-    ridges = Ridges.of(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
+    ridges = Ridges.of(PICTURE, profiles_along(turned(PENALTY_AREA, pan, tilt), MARKINGS))
     again = {one.label: one for one in evidence_of(ridges.seen_by(PENALTY_AREA, MARKINGS), MARKINGS).markings}
-    for one in paint_evidence(PICTURE, PENALTY_AREA, MARKINGS).markings:
+    for one in evidence(PICTURE, PENALTY_AREA, MARKINGS).markings:
         if one.places > 10 and one.label in again:
             assert again[one.label].share == pytest.approx(one.share, abs=0.25), one.label
             assert not again[one.label].is_beside, one.label
@@ -129,7 +133,7 @@ def test_ridges_are_judged_by_another_camera_without_the_image(pan, tilt):
 @given(tilt=numbers(5.0, 15.0))
 def test_distance_of_paint_is_that_of_the_projections(tilt):
     wrong, label = turned(PENALTY_AREA, tilt=tilt), "Side line top"  # nothing is painted beyond
-    (found,) = (one for one in paint_evidence(PICTURE, wrong, MARKINGS).markings if one.label == label)
+    (found,) = (one for one in evidence(PICTURE, wrong, MARKINGS).markings if one.label == label)
     X = FIELD[label].sample(0.2)
     at, true = wrong.project(X), PENALTY_AREA.project(X)
     seen = np.all((at > 2.0) & (at < np.subtract(wrong.image_size, 3.0)), axis=1)
@@ -146,16 +150,16 @@ def test_the_tape_of_a_net_is_no_paint_of_the_line_behind_it():
     shown = picture(behind, worn)
     tape = np.rint(behind.project(court["Net top"].sample(0.5))).astype(np.int32)
     cv2.polylines(shown, [tape], isClosed=False, color=(235, 240, 235), thickness=2)
-    assert not any(one.is_beside for one in paint_evidence(shown, behind, Markings.of(court)).markings)
+    assert not any(one.is_beside for one in evidence(shown, behind, Markings.of(court)).markings)
     without_net = replace(court, segments={label: one for label, one in court.items() if not label.startswith("Net")})
-    beside = [one.label for one in paint_evidence(shown, behind, Markings.of(without_net)).markings if one.is_beside]
+    beside = [one.label for one in evidence(shown, behind, Markings.of(without_net)).markings if one.is_beside]
     assert beside == ["Service line right"]
 
 
 @examples(10)
 @given(side=st.sampled_from((-1.0, 1.0)), pixels=numbers(8.0, 22.0))
 def test_camera_that_looks_aside_paint_contradicts(side, pixels):
-    found = paint_evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)
+    found = evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)
     assert paint_contradicts(found.markings)
 
 
@@ -166,7 +170,7 @@ def test_refinement_uses_paint_beyond_its_search_range():
     rng = np.random.default_rng(4)
     near = {label: pixels[label] + rng.normal(0.0, 2.5, pixels[label].shape) for label in labels}
     start = calibrate_from_segments(FIELD, near, PENALTY_AREA.image_size)
-    before = paint_evidence(PICTURE, start.camera, MARKINGS)
+    before = evidence(PICTURE, start.camera, MARKINGS)
     assert len(before.beside.xy), "the case has no marking beside its paint"
     given_ = ToRefine(PICTURE, replace(start, status=Status.ACCEPTED))
     (refined,) = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, [given_])
@@ -210,7 +214,7 @@ def test_camera_with_most_of_its_paint_elsewhere_is_rejected():
 
 
 def test_markings_are_written_and_read():
-    found = accepted().seen_in_image(paint_evidence(PICTURE, accepted().camera, MARKINGS).markings)
+    found = accepted().seen_in_image(evidence(PICTURE, accepted().camera, MARKINGS).markings)
     again = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
     assert again.markings == found.markings
     assert len(again.markings) > 4
@@ -246,7 +250,7 @@ def test_lines_as_wide_as_the_band_have_fewer_ridges():
     field = Field(40.0, 20.0, {"border": line}, lines=LineLook(width=3.0))
     near = Camera.from_angles(0.0, 1.2, 0.0, 900.0, (0.0, 9.0, -4.0), (960, 540))
     plain = np.full((540, 960, 3), 90, np.uint8)
-    (found,) = paint_evidence(plain, near, Markings.of(field)).markings
+    (found,) = evidence(plain, near, Markings.of(field)).markings
     assert found.share == 0.0
 
 
@@ -260,7 +264,7 @@ def placed(truth, by):
 
 def missing_of(seen_by):
     image, markings = picture(COURT, tennis()), Markings.of(tennis())
-    return missing_net(image, seen_by, markings, paint_evidence(image, seen_by, markings).markings)
+    return missing_net(image, seen_by, markings, evidence(image, seen_by, markings).markings)
 
 
 @given(height=numbers(-0.3, 0.3), pan=numbers(-4, 4))
@@ -287,7 +291,7 @@ def test_paint_is_expected_if_one_other_line_shows_as_narrow_paint():
     few = ("Side line bottom", "Singles side line top", "Base line right")
     field, court = tennis(), camera(8, 70, 1300, (6, 22, -9))
     shown = Field(field.length, field.width, {label: field[label] for label in few}, lines=field.lines)
-    seen = {one.label: one for one in paint_evidence(picture(court, shown), court, Markings.of(field)).markings}
+    seen = {one.label: one for one in evidence(picture(court, shown), court, Markings.of(field)).markings}
     missing = [one.label for one in seen.values() if one.is_unseen]
     assert "Centre service line" in missing
     assert not set(missing) & set(few)
@@ -297,7 +301,7 @@ def test_lines_of_a_pitch_may_be_covered_although_one_other_shows():
     """A touchline lies under a carpet, and what is far shows little paint."""
     field, above = soccer(), camera(0, 66, 1000, (0, 55, -14))
     shown = Field(field.length, field.width, {"Middle line": field["Middle line"]}, lines=field.lines)
-    seen = paint_evidence(picture(above, shown), above, Markings.of(field)).markings
+    seen = evidence(picture(above, shown), above, Markings.of(field)).markings
     assert {one.label for one in seen if one.is_confirmed} == {"Middle line"}
     assert not any(one.is_unseen for one in seen)
 
@@ -307,6 +311,6 @@ def test_a_net_is_not_looked_for_from_above():
     above, markings = camera(0, 2, 700, (0, 0.5, -25)), Markings.of(tennis())
     ground = Field(tennis().length, tennis().width, {k: s for k, s in tennis().items() if "Net" not in k})
     image = picture(above, ground)
-    assert missing_net(image, above, markings, paint_evidence(image, above, markings).markings) == []
-    beside, low = picture(COURT, ground), paint_evidence(picture(COURT, ground), COURT, markings).markings
+    assert missing_net(image, above, markings, evidence(image, above, markings).markings) == []
+    beside, low = picture(COURT, ground), evidence(picture(COURT, ground), COURT, markings).markings
     assert missing_net(beside, COURT, markings, low)

@@ -31,7 +31,8 @@ def picture(share):
 
 
 def seen(image, camera=CAMERA):
-    return with_widths(paint_evidence(image, camera, MARKINGS).markings, widths_by_marking(image, camera, MARKINGS))
+    profiles = profiles_along(camera, MARKINGS)
+    return with_widths(paint_evidence(image, profiles, MARKINGS).markings, widths_by_marking(image, profiles, MARKINGS))
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.8, 0.6))])
