@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, truth
 from fieldcalib.assess.findings import Finding, Status, What, in_words
-from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, with_findings
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
@@ -218,7 +218,7 @@ def _with_advice(calibration: Calibration) -> Calibration:
         return calibration
     if not calibration.pixel_counts:
         return replace(calibration, message=f"{NO_MARKING}: {SHOW_MORE}")
-    labels, equations, unknowns = next(one for one in calibration.findings if one.what is What.TOO_FEW_LABELS).numbers
+    labels, equations, unknowns = next(one for one in found_of(calibration) if one.what is What.TOO_FEW_LABELS).numbers
     few = f"{labels:.0f} segment{'s' * (labels != 1)}: {equations:.0f} equations for {unknowns:.0f} unknowns"
     return replace(calibration, message=f"{few}; {SHOW_MORE}")
 
