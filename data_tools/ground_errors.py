@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from fieldcalib._types import Array
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
@@ -35,7 +36,6 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 LEAST = 3  # segments that remain for the calibration

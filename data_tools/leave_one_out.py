@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_homography import judged_camera

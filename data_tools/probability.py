@@ -36,6 +36,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from data_tools.crown import on_crown
 from data_tools.measured_cameras import camera_files, read_camera, with_simulated_pixels
 from data_tools.random_frames import RandomFrame, random_frame
@@ -56,7 +57,6 @@ from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.projection import Projection
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import pixel_unit
 

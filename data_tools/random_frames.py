@@ -13,12 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.simulated import SHORTEST_SEGMENT
+from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import SHARED_NOISE
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
+from fieldcalib.fields.traits import CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout, sample_theta
+from fieldcalib.problem.layout import POSE_AND_ZOOM, PRINCIPAL_POINT, ROLL, Layout
 
 FIRST_STAND_SHARE = 0.4  # of the cameras; the others are spread evenly over the other stands
 ROLL_SIGMA = np.radians(1.0)
@@ -52,6 +54,20 @@ class RandomFrame:
     pixels: Pixels
     wrong: Mapping[str, str]
     """Mislabelled segments: label in `pixels` -> correct label."""
+
+
+def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Generator, layout: Layout) -> Array:
+    """Draw `count` parameter vectors (count, n) uniformly from the ranges, with no lens and a centred principal
+    point."""
+    d = distribution
+    ranges = np.array([d.pan, d.tilt, d.roll, d.fov, d.x, d.y, d.z])
+    values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, len(ranges)))
+    theta = np.zeros((count, layout.size))
+    values[:, :4] = np.radians(values[:, :4])
+    values[:, 3] = np.log(focal_length_from_fov(values[:, 3], layout.image_size[0]))
+    theta[:, POSE_AND_ZOOM] = values
+    theta[:, PRINCIPAL_POINT] = np.asarray(layout.image_size) / 2.0
+    return theta
 
 
 def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:

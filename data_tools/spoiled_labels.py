@@ -24,6 +24,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from data_tools.verdicts import under_labels_of_other_side
 from fieldcalib._progress import say
 from fieldcalib._types import Array
@@ -34,7 +35,6 @@ from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.solver_options import DEFAULT_FLAGS

@@ -33,6 +33,7 @@ from typing import Any
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from data_tools.probability import largest_true_error
 from data_tools.random_frames import NOISE_SPREAD, noisy_pixels
 from fieldcalib.assess.findings import Verdict, What
@@ -47,7 +48,6 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image_files import Image, parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch, compute_errors
 from fieldcalib.solve.likelier_shape import with_likely_aspect
 

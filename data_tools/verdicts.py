@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from data_tools.probability import largest_true_error
 from data_tools.random_frames import noisy_pixels
 from fieldcalib._types import Array
@@ -28,7 +29,6 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 WRONG = 1.0  # m

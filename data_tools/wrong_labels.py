@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.annotated_frames import read_frames
 from data_tools.random_frames import mislabelled
 from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
@@ -28,7 +29,6 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.run_folder.labelled_frames import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.solver_options import pixel_unit
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
+from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS, sample_theta
 from fieldcalib._types import Array
 from fieldcalib.fields.field import OPPOSITE, Field, is_behind_end, looks_the_same_turned, side_of, turned_camera
 from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, soccer
@@ -26,7 +26,7 @@ from fieldcalib.fields.traits import (
     CameraDistribution,
 )
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout, sample_theta
+from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
 
 # Broadcasts, the paper's stands, and wide ranges around these. Opposite stands and those behind the right goal are left
 # out: turned by 180 degrees, they are among these.

@@ -82,6 +82,9 @@ class Raised(NamedTuple):
     per_length: float
     """``2 / L``."""
     per_width: float
+    x: float
+    y: float
+    """By how much a segment has moved with the size of the field, metres."""
 
 
 class Foot(NamedTuple):
@@ -337,8 +340,8 @@ def _profile(v: float, ridge: float) -> Vector:
 @inlined
 def _lift(ground: Raised, ridge: float, x: float, y: float, dx: float, dy: float, ddx: float, ddy: float) -> Vector:
     """The lift of a curve by the ground, with its first and second derivative, see `Terrain.lift`."""
-    u, du, ddu = ground.per_length * x, ground.per_length * dx, ground.per_length * ddx
-    v, dv, ddv = ground.per_width * y, ground.per_width * dy, ground.per_width * ddy
+    u, du, ddu = ground.per_length * (x + ground.x), ground.per_length * dx, ground.per_length * ddx
+    v, dv, ddv = ground.per_width * (y + ground.y), ground.per_width * dy, ground.per_width * ddy
     along, d_along, dd_along = _profile(u, ridge)
     across, d_across, dd_across = _profile(v, ridge)
     return (
@@ -361,23 +364,14 @@ def _first_share(view: CameraView, A: Vector, D: Vector, flat: Foot, farthest: f
 
 @compiled
 def on_raised(
-    kind: int,
-    view: CameraView,
-    C: Vector,
-    ground: Raised,
-    xy: Array,
-    geometry: Array,
-    b: int,
-    i: int,
-    moved: tuple[float, float],
+    kind: int, view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int
 ) -> Foot:
     """The closest point on a line or a circle that follows the ground, by Newton's method along it.
 
-    A line is ``A + c U`` with c the share of its length and V = 0; a circle is ``A + c U + s V``. `moved` is by how
-    much it has moved with the size of the field, which C has in it.
+    A line is ``A + c U`` with c the share of its length and V = 0; a circle is ``A + c U + s V``.
     """
     limits, is_line = view.limits, kind == LINES
-    A, (gx, gy) = _point(view, C, geometry, b, i), (geometry[b, i, 0, 0] + moved[0], geometry[b, i, 0, 1] + moved[1])
+    A, (gx, gy) = _point(view, C, geometry, b, i), (geometry[b, i, 0, 0], geometry[b, i, 0, 1])
     ux, uy = geometry[b, i, 1, 0], geometry[b, i, 1, 1]
     U = _direction(view, ux, uy, geometry[b, i, 1, 2])
     dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
@@ -424,21 +418,13 @@ def on_raised(
 
 @inlined
 def at_point(
-    view: CameraView,
-    C: Vector,
-    ground: Raised,
-    xy: Array,
-    geometry: Array,
-    b: int,
-    i: int,
-    moved: tuple[float, float],
-    normal: tuple[float, float],
+    view: CameraView, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int, normal: tuple[float, float]
 ) -> Foot:
     """The residual of a world point along a direction of the image."""
     nx, ny = normal
     x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
     if ground.crown != 0.0 or ground.fall != 0.0:
-        z = z + _lift(ground, view.limits.ridge, x + moved[0], y + moved[1], 0.0, 0.0, 0.0, 0.0)[0]
+        z = z + _lift(ground, view.limits.ridge, x, y, 0.0, 0.0, 0.0, 0.0)[0]
     hx, hy, hz = _direction(view, x - C[0], y - C[1], z - C[2])
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
@@ -451,19 +437,19 @@ def at_point(
 def foot_of(
     kind: int, view: CameraView, theta: Array, C: Vector, ground: Raised, xy: Array, geometry: Array, b: int, i: int
 ) -> Foot:
-    """The closest point of a residual of a kind."""
-    moved = (theta[4] - C[0], theta[5] - C[1])
+    """The closest point of a residual of a kind, for a centre C that has moved against its segment."""
+    ground = Raised(*ground[:4], theta[4] - C[0], theta[5] - C[1])
     if kind in (LINES, ARCS) and (ground.crown != 0.0 or ground.fall != 0.0):
-        return on_raised(kind, view, C, ground, xy, geometry, b, i, moved)
+        return on_raised(kind, view, C, ground, xy, geometry, b, i)
     if kind == LINES:
         return on_line(view, C, xy, geometry, b, i)
     if kind == ARCS:
         return on_arc(view, C, xy, geometry, b, i)
     if kind == ALONG_X:
-        return at_point(view, C, ground, xy, geometry, b, i, moved, (1.0, 0.0))
+        return at_point(view, C, ground, xy, geometry, b, i, (1.0, 0.0))
     if kind == ALONG_Y:
-        return at_point(view, C, ground, xy, geometry, b, i, moved, (0.0, 1.0))
-    return at_point(view, C, ground, xy, geometry, b, i, moved, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
+        return at_point(view, C, ground, xy, geometry, b, i, (0.0, 1.0))
+    return at_point(view, C, ground, xy, geometry, b, i, (geometry[b, i, 1, 0], geometry[b, i, 1, 1]))
 
 
 @inlined
@@ -533,10 +519,9 @@ class Frames(NamedTuple):
     ground: Array
     """`Raised` of each frame, (B, 4)."""
     size: int
-    """Index among the parameters of the length of the field, which the width follows; -1 where they are no parameters.
-    """
+    """Index of the length of the field, which the width follows, among the parameters; -1 without them."""
     crown: int
-    """Index of the crown of the field; -1 where it is not estimated."""
+    """Index of the crown; -1 where it is not estimated."""
     rho: float
     limits: Limits
 
@@ -584,53 +569,38 @@ class Criteria(NamedTuple):
 @inlined
 def ground_of(frames: Frames, b: int, theta: Array) -> Raised:
     """The ground of a frame at its parameters."""
-    crown, fall, per_length, per_width = (
-        frames.ground[b, 0],
-        frames.ground[b, 1],
-        frames.ground[b, 2],
-        frames.ground[b, 3],
-    )
+    given = frames.ground[b]
+    crown, per_length, per_width = given[0], given[2], given[3]
     if frames.size >= 0:
         per_length, per_width = 2.0 / theta[frames.size], 2.0 / theta[frames.size + 1]
     if frames.crown >= 0:
         crown = theta[frames.crown]
-    return Raised(crown, fall, per_length, per_width)
+    return Raised(crown, given[1], per_length, per_width, 0.0, 0.0)
 
 
 @inlined
 def set_derivatives_by_field(
-    frames: Frames,
-    view: CameraView,
-    foot: Foot,
-    ground: Raised,
-    motion: Array,
-    b: int,
-    i: int,
-    theta: Array,
-    row: Array,
+    frames: Frames, view: CameraView, foot: Foot, ground: Raised, motion: Array, theta: Array, row: Array
 ) -> None:
-    """Write derivatives by length and width of the field, where these are estimated, and by its crown.
+    """Write derivatives by length, width and crown of the field, as far as they are estimated, to `row` (n,).
 
-    Moving a segment is equivalent to moving the camera the other way, see `Evaluation.motion_of_points`.
+    Moving a segment, by `motion` (3, S), is equivalent to moving the camera the other way, see
+    `Evaluation.motion_of_points`.
     """
-    hx = hy = x = y = share = 0.0
+    hx = hy = by_length = by_width = share = 0.0  # slopes, and derivatives of the height
     if frames.crown >= 0 or ground.crown != 0.0 or ground.fall != 0.0:
         depth, (right, down, ahead) = 1.0 / foot.inverse_depth, view.R
         xc, yc = foot.sx / view.f * depth, foot.sy / view.f * depth
-        x = theta[4] + right[0] * xc + down[0] * yc + ahead[0] * depth
-        y = theta[5] + right[1] * xc + down[1] * yc + ahead[1] * depth
-        _, slope, _ = _profile(ground.per_length * x, view.limits.ridge)
-        hx = ground.fall * ground.per_length * slope
-        share, slope, _ = _profile(ground.per_width * y, view.limits.ridge)
-        hy = ground.crown * ground.per_width * slope
+        u = ground.per_length * (theta[4] + right[0] * xc + down[0] * yc + ahead[0] * depth)
+        v = ground.per_width * (theta[5] + right[1] * xc + down[1] * yc + ahead[1] * depth)
+        _, along, _ = _profile(u, view.limits.ridge)
+        share, across, _ = _profile(v, view.limits.ridge)
+        hx, hy = ground.fall * ground.per_length * along, ground.crown * ground.per_width * across
+        by_length = -0.5 * hx * u if abs(u) < 1.0 else 0.0
+        by_width = -0.5 * hy * v if abs(v) < 1.0 else 0.0
     for s in range(len(frames.given)):
-        mx, my, mz = motion[b, i, 0, s], motion[b, i, 1, s], motion[b, i, 2, s]
-        rises = hx * mx + hy * my
-        if s == 0 and hx != 0.0:
-            rises -= 0.5 * ground.per_length * hx * x
-        if s == 1 and hy != 0.0:
-            rises -= 0.5 * ground.per_width * hy * y
-        row[frames.size + s] = -(row[4] * mx + row[5] * my + row[6] * (mz - rises))
+        rises = hx * motion[0, s] + hy * motion[1, s] + (by_length if s == 0 else by_width)
+        row[frames.size + s] = -(row[4] * motion[0, s] + row[5] * motion[1, s] + row[6] * (motion[2, s] - rises))
     if frames.crown >= 0:
         row[frames.crown] = row[6] * share
 
@@ -685,7 +655,7 @@ def normal_equations(
             cost += 0.5 * weight * rho
             set_derivatives(view, foot, row[:camera])
             if frames.size >= 0:
-                set_derivatives_by_field(frames, view, foot, ground, motion, b, i, theta, row)
+                set_derivatives_by_field(frames, view, foot, ground, motion[b, i], theta, row)
             irls_weight = weight * slope
             for j in range(P):
                 row[j] = row[free[j]]  # the free ones are ascending

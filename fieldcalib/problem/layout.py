@@ -515,17 +515,3 @@ def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout)
     """The priors of K camera distributions, (K, n)."""
     priors = [gaussian_prior(distribution, layout) for distribution in distributions]
     return GaussianPrior(np.stack([prior.mean for prior in priors]), np.stack([prior.sigma for prior in priors]))
-
-
-def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Generator, layout: Layout) -> Array:
-    """Draw `count` parameter vectors (count, n) uniformly from the ranges, with no lens and a centred principal
-    point."""
-    d = distribution
-    ranges = np.array([d.pan, d.tilt, d.roll, d.fov, d.x, d.y, d.z])
-    values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, len(ranges)))
-    theta = np.zeros((count, layout.size))
-    values[:, :4] = np.radians(values[:, :4])
-    values[:, 3] = np.log(focal_length_from_fov(values[:, 3], layout.image_size[0]))
-    theta[:, POSE_AND_ZOOM] = values
-    theta[:, PRINCIPAL_POINT] = np.asarray(layout.image_size) / 2.0
-    return theta

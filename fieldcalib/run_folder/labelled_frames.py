@@ -89,17 +89,6 @@ class AnnotationReader:
         return thinned(check_segments(self.field, found.pixels, found.image_size)), found.image_size
 
 
-def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> dict[str, Pixels]:
-    """Find, read and check annotations, by frame id; broken files are named on stderr."""
-    reader = AnnotationReader(field, image_size)
-    files = reader.find(inputs)
-    frames, broken = read_each(files, reader.read)
-    for file in files:
-        if file.id in broken:
-            say(f"{file.path}: {broken[file.id]}")
-    return {id: pixels for id, (pixels, _) in frames.items()}
-
-
 def check_labels(labels: Labels, field: Field) -> None:
     """Raise a ValueError if labels are mapped to labels that the field does not have."""
     wrong = [ours for ours in labels.values() if ours is not None and ours not in {*field, *UNKNOWN_LABELS}]

@@ -181,7 +181,9 @@ def with_other_names(
     courts = {t: names for t, labels in accepted.items() if (names := other_court(of, labels))}
     others = solve(list(courts), list(courts.values())) if courts else []
     for (t, names), other in zip(courts.items(), others, strict=True):
-        named[t] = _with_other_court(named[t], other, options, names)
+        if other.accepted and log_cost(other, options) < log_cost(named[t], options) + CERTAIN:
+            sides = ([of[label].sample()[0, 1] for label in some] for some in (names, names.values()))
+            named[t] = with_findings(named[t], _two_widths(named[t], other, [float(np.ptp(one)) for one in sides]))
     return named
 
 
@@ -239,18 +241,6 @@ def other_court(field: Field, labels: Iterable[str]) -> Mapping[str, str]:
     doubles = {other: line for line, other in singles.items()}
     sides = set(labels) - set(ENDS)
     return next((names for names in (singles, doubles) if names and set(names) == sides), {})
-
-
-def _with_other_court(
-    found: Calibration, other: Calibration, options: Options, names: Mapping[str, str]
-) -> Calibration:
-    """The calibration, with the finding that its labels, under other names, fit a court of another width as well."""
-    if not other.accepted or log_cost(other, options) >= log_cost(found, options) + CERTAIN:
-        return found
-    given, instead = (
-        float(np.ptp([options.object_segments[one].sample()[0, 1] for one in some])) for some in (names, names.values())
-    )
-    return with_findings(found, _two_widths(found, other, (given, instead)))
 
 
 def unchecked(

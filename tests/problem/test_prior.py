@@ -8,6 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import generators
 
+from data_tools.random_frames import sample_theta
 from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole
@@ -18,7 +19,6 @@ from fieldcalib.problem.layout import (
     Layout,
     SizeBlock,
     gaussian_prior,
-    sample_theta,
 )
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
