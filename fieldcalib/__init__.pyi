@@ -18,6 +18,7 @@ from .assess.findings import Verdict as Verdict
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
+from .assess.space_points import triangulate as triangulate
 from .assess.video import VideoCalibration as VideoCalibration
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field
@@ -35,6 +36,7 @@ from .io.samples import sample as sample
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .results.collection import Results as Results
 from .results.entry import calibrate as calibrate
+from .results.entry import calibrate_rig as calibrate_rig
 from .results.entry import read as read
 from .solve.batch import calibrate_batch as calibrate_batch
 from .solve.from_homography import calibrate_from_homography as calibrate_from_homography

@@ -23,7 +23,7 @@ from fieldcalib.assess.video import Shape, Shot, VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.sheet import contact_sheet, worst_frames
-from fieldcalib.editor.fitting import FARTHER, network_marks
+from fieldcalib.editor.fitting import FARTHER, network_marks, pixels_in_picture
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -41,7 +41,6 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import PixelTable
-from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.run_folder.clip_results import SHEET_FRAMES, caption
 from fieldcalib.run_folder.frame_source import FrameSource
 from fieldcalib.run_folder.results import MOTION, OVERLAY, WORST
@@ -234,7 +233,7 @@ def _held(by_hand: Calibration, in_clip: Calibration) -> Calibration:
     """
     if by_hand.camera is None or in_clip.camera is None or in_clip.field is None:
         return by_hand
-    pixels = _pixels_in_picture(by_hand)
+    pixels = pixels_in_picture(by_hand)
     if pixels is None:
         return by_hand
     before, after = (
@@ -290,18 +289,9 @@ def _in_frame(images: Iterable[Image], shape: Shape | None) -> Iterable[Image]:
     return images if shape is None else map(shape.placement.image_in_frame, images)
 
 
-def _pixels_in_picture(calibration: Calibration) -> PixelTable | None:
-    """Labelled pixels from which a frame was calibrated by itself, in its picture; None if it was not."""
-    if calibration.solved is None or calibration.camera is None:
-        return None
-    pixels = calibration.solved.pixels
-    placement = Placement.of_cameras(calibration.camera, calibration.solved.camera)
-    return replace(pixels, xy=placement.to_picture(pixels.xy))
-
-
 def _pixels_in_frame(calibration: Calibration, shape: Shape | None) -> PixelTable | None:
     """Labelled pixels from which an anchor was calibrated, in pixels of the clip's frame; None if it was not."""
-    pixels = _pixels_in_picture(calibration)
+    pixels = pixels_in_picture(calibration)
     if pixels is None or shape is None:
         return pixels
     return replace(pixels, xy=shape.placement.to_frame(pixels.xy))

@@ -87,11 +87,19 @@ def network_marks(field: Field, image: Image, network: Network) -> Marks:
 
 def marks_of(calibration: Calibration | None) -> Marks:
     """Marks at a few of the pixels that a camera was fitted to, such as those of a court that was searched for."""
-    if not calibration or calibration.solved is None or calibration.field is None:
+    pixels = pixels_in_picture(calibration) if calibration else None
+    if calibration is None or calibration.field is None or pixels is None:
         return Marks()
-    placement = Placement.of_cameras(calibration.required_camera, calibration.solved.camera)
-    pixels = calibration.solved.pixels.by_label(0)
-    return _few(calibration.field, {label: placement.to_picture(xy) for label, xy in pixels.items()})
+    return _few(calibration.field, pixels.by_label(0))
+
+
+def pixels_in_picture(calibration: Calibration) -> PixelTable | None:
+    """Labelled pixels from which a frame was calibrated by itself, in its picture; None if it was not."""
+    if calibration.solved is None or calibration.camera is None:
+        return None
+    pixels = calibration.solved.pixels
+    placement = Placement.of_cameras(calibration.camera, calibration.solved.camera)
+    return replace(pixels, xy=placement.to_picture(pixels.xy))
 
 
 def _few(field: Field, pixels: Pixels) -> Marks:

@@ -59,6 +59,7 @@ from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
 from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.field_size import shared_size
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
@@ -175,6 +176,45 @@ def calibrate(
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
     return replace(taken.calibrate(how, progress, executor), options=options)
+
+
+def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", **options: Any) -> dict[str, Results]:
+    """Calibrate several cameras of one field, which share its size and its ground.
+
+    Each is calibrated by itself, then the size and the ground are estimated from all of them together, and each is
+    calibrated once more on that field. `triangulate` gives points in space from them.
+
+    Parameters
+    ----------
+    sources : mapping of str to a source of `calibrate`
+        Pictures, clips or labelled pixels of each camera, by its name.
+    field : str or Field
+        As in `calibrate`. The size of a field that is known stays.
+    options
+        Further arguments of `calibrate`, for all cameras.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError, ValueError
+        As `calibrate`.
+
+    Examples
+    --------
+    >>> import fieldcalib
+    >>> field = fieldcalib.soccer()
+    >>> def labelled(pan, x):
+    ...     camera = fieldcalib.Camera.from_angles(pan, 1.35, 0.0, 700.0, (x, 62.0, -15.0), (960, 540))
+    ...     return {label: camera.project(one.sample(4.0)) for label, one in field.items() if "rect" in label}
+    >>> pixels = {"left": labelled(-0.4, -15.0), "right": labelled(0.4, 15.0)}
+    >>> rig = calibrate_rig(pixels, image_size=(960, 540), progress=False)
+    >>> list(rig), rig["left"][0].field == rig["right"][0].field
+    (['left', 'right'], True)
+    """
+    given = _field(field)
+    alone = [calibrate(one, replace(given, size_known=True), **options) for one in sources.values()]
+    found = shared_size(given, [one for results in alone for one in results.values()])
+    shown = given if given.size_known else replace(found.field, size_known=found.is_told)
+    return {name: calibrate(one, shown, **options) for name, one in sources.items()}
 
 
 def _field(field: object) -> Field:

@@ -524,6 +524,7 @@ class ClipInput:
         self.ids: Sequence[str] = []
         """Ids of all frames, in order; known after the first pass."""
         self._passes = iter(PASSES)
+        self._first: Placement | None = None
         self._most_held, self._announced = HELD_BYTES, 0
         self._held: dict[int, Frame] = {}
         self._newest, self._bytes = -1, 0  # number of the last frame that was held, and size of all that are
@@ -570,13 +571,10 @@ class ClipInput:
 
     def placement(self) -> Placement | None:
         """Placement of the images in their frames, from the first one that can be read; None if there is none."""
+        if self._first is None:
+            first = next((frame.image for frame in self._read() if frame.image is not None), None)
+            self._first = None if first is None else self._placement(first)
         return self._first
-
-    @cached_property
-    def _first(self) -> Placement | None:
-        """Placement of the first image that can be read."""
-        first = next((frame.image for frame in self._read() if frame.image is not None), None)
-        return None if first is None else self._placement(first)
 
     def _read(self) -> Iterator[Frame]:
         """Yield the images as they are, those in memory without reading them again."""

@@ -46,15 +46,6 @@ class _Status:
     proposal: Proposal | None = None
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Work that waits to be done."""
-
-    status: _Status
-    work: Callable[[Progress], Proposal | None]
-    name: str
-
-
 class ClipJob:
     """Solves or draws the clip of an editor in a thread, one job at a time."""
 
@@ -62,7 +53,7 @@ class ClipJob:
         self._editor = editor
         self._status = _Status()
         self._lock = Lock()
-        self._next: _Task | None = None
+        self._next: tuple[_Status, Callable[[Progress], Proposal | None], str] | None = None  # work, and its name
         self._thread: Thread | None = None  # while there is something to do
 
     def start(self) -> None:
@@ -85,22 +76,20 @@ class ClipJob:
             if self._status.state == "ready" and work == self._drawn:
                 raise ValueError("keep or discard the solution of the clip first")
             self._status = _Status("running")
-            self._next = _Task(self._status, work, what)  # what was cancelled may take a while to end
+            self._next = self._status, work, what  # what was cancelled may take a while to end
             if self._thread is None:
                 self._thread = Thread(target=self._run, name="clip", daemon=True)
                 self._thread.start()
 
     def _run(self) -> None:
-        while (task := self._taken()) is not None:
-            self._do(task.status, task.work, task.name)
-
-    def _taken(self) -> _Task | None:
-        """Take the next work; without any the thread ends."""
-        with self._lock:
-            task, self._next = self._next, None
-            if task is None:
-                self._thread = None
-            return task
+        """Do one work after the other; without any the thread ends."""
+        while True:
+            with self._lock:
+                task, self._next = self._next, None
+                if task is None:
+                    self._thread = None
+                    return
+            self._do(*task)
 
     def _do(self, status: _Status, work: Callable[[Progress], Proposal | None], what: str) -> None:
         def progress(done: int, total: int, stage: str) -> None:
@@ -158,11 +147,7 @@ class ClipJob:
                 "verdict": [str(one.verdict) for one in status.proposal.calibrations.values()],
             }
         return {
-            "state": status.state,
-            "done": status.done,
-            "total": status.total,
-            "stage": status.stage,
-            "error": status.error,
+            **{name: getattr(status, name) for name in ("state", "done", "total", "stage", "error")},
             "changes": changes,
             "can_undo_keep": self._editor.can_undo_keep,
             "to_draw": [] if status.state == "running" else self._editor.to_draw,

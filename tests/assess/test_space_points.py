@@ -1,0 +1,95 @@
+"""Points in space from several cameras: their errors are as large as they say; what cannot be located is refused."""
+
+import numpy as np
+import pytest
+
+from data_tools.simulated import observe
+from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer, triangulate
+from fieldcalib.assess.findings import NoCameraError
+
+FIELD, SIZE = soccer(), (960, 540)
+INSIDE = 7.815  # 95 % of the squared distances of three coordinates, in standard deviations
+
+
+def camera_at(C, X, focal_length):
+    """A camera that looks at a point."""
+    x, y, z = np.subtract(X, C)
+    pan, tilt = np.arctan2(x, -y), np.pi / 2.0 - np.arctan2(z, np.hypot(x, y))
+    return Camera.from_angles(pan, tilt, 0.0, focal_length, C, SIZE)
+
+
+def rig(rng, X):
+    """Two to six cameras on both sides of the field, near whose optical axes a point lies."""
+    cameras = []
+    for _ in range(rng.integers(2, 7)):
+        C = np.array([rng.uniform(-40, 40), rng.uniform(50, 80) * rng.choice([1, -1]), -rng.uniform(8, 25)])
+        cameras.append(camera_at(C, X + rng.normal(0.0, 5.0, 3) * (1.0, 1.0, 0.0), rng.uniform(700.0, 1500.0)))
+    return cameras
+
+
+@pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.slow)])
+def test_points_lie_in_their_regions(count):
+    rng, inside, points = np.random.default_rng(2), 0, 0
+    for _ in range(count):
+        X = np.array([rng.uniform(-45, 45), rng.uniform(-28, 28), -rng.uniform(0, 5)])
+        cameras = rig(rng, X)
+        found = calibrate_batch(FIELD, [observe(camera, FIELD, rng, 1.0) for camera in cameras], SIZE)
+        good = [(one, camera) for one, camera in zip(found, cameras, strict=True) if one.verdict == "good"]
+        if len(good) > 1:
+            xy = [camera.project(X) + rng.normal(0.0, 2.0, 2) for _, camera in good]
+            point = triangulate([one for one, _ in good], xy)
+            off = point.X - X
+            inside += off @ np.linalg.solve(point.covariance, off) < INSIDE
+            points += 1
+    assert points > 0.8 * count
+    assert 0.9 * points <= inside
+    assert np.linalg.norm(point.errors) < 20.0
+
+
+def exact(*places):
+    """Calibrations without errors of cameras at some places that look at the centre mark."""
+    cameras = [camera_at(np.array(C), np.zeros(3), 1200.0) for C in places]
+    return [calibrate_from_homography(camera.homography, SIZE) for camera in cameras], cameras
+
+
+def test_exact_cameras_give_the_exact_point():
+    found, cameras = exact((-30.0, 60.0, -15.0), (30.0, 60.0, -15.0), (0.0, -70.0, -12.0))
+    X = np.array([3.0, -4.0, -2.0])
+    xy = [camera.project(X) for camera in cameras]
+    point, wider = triangulate(found, xy, pixel_sd=1.0), triangulate(found, xy, pixel_sd=3.0)
+    np.testing.assert_allclose(point.X, X, atol=1e-3)
+    np.testing.assert_allclose(wider.covariance, 9.0 * point.covariance, rtol=1e-3)  # the cameras have no errors
+
+
+def test_what_cannot_be_located_is_refused():
+    found, cameras = exact((-30.0, 60.0, -15.0), (30.0, 60.0, -15.0))
+    beside, _ = exact((-30.0, 60.0, -15.0), (-30.2, 60.0, -15.0))
+    xy = [camera.project((3.0, -4.0, -2.0)) for camera in cameras]
+    with pytest.raises(ValueError, match=r"the rays are nearly parallel \(0\.\d+ degrees\)"):
+        triangulate(beside, [(480.0, 270.0)] * 2)
+    with pytest.raises(ValueError, match="two calibrations or more"):
+        triangulate(found[:1], xy[:1])
+    with pytest.raises(ValueError, match="a pixel"):
+        triangulate(found, xy[:1])
+    with pytest.raises(ValueError, match="do not meet in front"):
+        triangulate(found, [(-5000.0, 270.0), (9000.0, 270.0)])
+    with pytest.raises(NoCameraError):
+        triangulate([found[0], calibrate({}, image_size=SIZE, progress=False)[0]], xy)
+
+
+def test_a_rig_shares_the_size_of_its_field():
+    rng, pitch = np.random.default_rng(0), soccer(100.0, 64.0)
+    cameras = {
+        "left": camera_at(np.array([-15.0, 62.0, -15.0]), (-25.0, 0.0, 0.0), 500.0),
+        "right": camera_at(np.array([15.0, 62.0, -15.0]), (25.0, 0.0, 0.0), 500.0),
+        "far": camera_at(np.array([0.0, -60.0, -14.0]), (0.0, 0.0, 0.0), 500.0),
+    }
+    pixels = {name: observe(camera, pitch, rng, 0.5) for name, camera in cameras.items()}
+    found = calibrate_rig(pixels, image_size=SIZE, progress=False)
+    fields = [results[0].field for results in found.values()]
+    assert fields[0] == fields[1] == fields[2]
+    assert (fields[0].length, fields[0].width) == pytest.approx((100.0, 64.0), abs=1.0)
+    for name, camera in cameras.items():
+        assert np.linalg.norm(found[name][0].camera.C - camera.C) < 1.5
+    fixed = calibrate_rig(pixels, soccer(100.0, 64.0, size_known=True), image_size=SIZE, progress=False)
+    assert (fixed["far"][0].field.length, fixed["far"][0].field.width) == (100.0, 64.0)
