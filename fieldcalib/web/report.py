@@ -53,25 +53,7 @@ EXPORT = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const|let) +(\w
 PICTURE = re.compile(r'url\("([\w-]+\.svg)"\)')
 OTHER = re.compile(r"^(?:import|export)\b.*|\bimport\(.*", re.MULTILINE)
 
-PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="referrer" content="no-referrer">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<title>{title}</title>
-<link rel="icon" href="{icon}">
-<style>
-{style}
-</style>
-</head>
-<body>
-{data}
-<script>{script}</script>
-</body>
-</html>
-"""
+PAGE = (STATIC / "report.html").read_text(encoding="utf-8")
 LOOK_AND_LABEL = Remedy(
     "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
 )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,65 +25,7 @@ from fieldcalib.io.exports.frames import FrameCameras, camera_to_world, with_cam
 SAME_ASPECT = 1e-9  # relative
 FIRST_FRAME = 1  # Blender's number of a film's first frame
 
-SCRIPT = '''\
-"""An animated camera, calibrated by fieldcalib: run it in Blender, or `blender --python camera.py`.
-
-World: metres, origin at the centre of the field, x right, y away from the main camera, z up. Frames without a key had
-no camera: Blender interpolates there, linearly. The lens distortion (k1, k2, p1, p2, k3, ... of OpenCV) is in CAMERAS
-only.
-"""
-
-import json
-
-import bpy
-
-SETTINGS = json.loads("""%(settings)s""")
-CAMERAS = json.loads("""
-%(cameras)s
-""")
-
-
-def curves(action):
-    if not hasattr(action, "layers"):  # before Blender 4.4
-        return action.fcurves
-    bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
-    return [curve for bag in bags for curve in bag.fcurves]
-
-
-def main():
-    scene = bpy.context.scene
-    render = scene.render
-    render.resolution_x, render.resolution_y = SETTINGS["image_size"]
-    render.resolution_percentage = 100
-    render.pixel_aspect_x, render.pixel_aspect_y = SETTINGS["pixel_aspect"]
-    render.fps, render.fps_base = SETTINGS["fps"], SETTINGS["fps_base"]
-    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
-    scene.frame_start, scene.frame_end = CAMERAS[0]["frame"], CAMERAS[-1]["frame"]
-
-    lens = bpy.data.cameras.new("fieldcalib")
-    lens.sensor_fit, lens.sensor_width = "HORIZONTAL", SETTINGS["sensor_width"]
-    lens.clip_start, lens.clip_end = 0.1, 1000.0
-    camera = bpy.data.objects.new("fieldcalib", lens)
-    camera.rotation_mode = "QUATERNION"
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-
-    for one in CAMERAS:
-        camera.location, camera.rotation_quaternion = one["location"], one["quaternion"]
-        lens.lens, (lens.shift_x, lens.shift_y) = one["lens"], one["shift"]
-        for path in ("location", "rotation_quaternion"):
-            camera.keyframe_insert(path, frame=one["frame"])
-        for path in ("lens", "shift_x", "shift_y"):
-            lens.keyframe_insert(path, frame=one["frame"])
-    for owner in (camera, lens):
-        for curve in curves(owner.animation_data.action):
-            for point in curve.keyframe_points:
-                point.interpolation = "LINEAR"
-    scene.frame_set(scene.frame_start)
-
-
-main()
-'''
+SCRIPT = Path(__file__).with_name("blender_script.txt").read_text(encoding="utf-8")
 
 
 def blender_files(frames: FrameCameras, fps: float = 25.0, sensor_width: float = 36.0) -> dict[str, bytes]:
