@@ -18,7 +18,6 @@ from .assess.findings import Verdict as Verdict
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
-from .assess.space_points import triangulate as triangulate
 from .assess.video import VideoCalibration as VideoCalibration
 from .editor.editor import Editor as Editor
 from .fields.catalogue import field as field

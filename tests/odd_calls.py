@@ -56,6 +56,7 @@ HAS_PITCHES = importlib.util.find_spec("mplsoccer") is not None
 
 SIZE = (480, 270)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 800.0, (0.0, 68.0, -17.0), SIZE)
+TURNED = Camera.from_angles(np.pi - 0.5, 1.35, 0.0, 500.0, (-30.0, -66.0, -16.0), SIZE)
 FIELD = soccer()
 LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
 PIXELS = {label: CAMERA.project(FIELD[label].sample(7.0)) for label in LABELS}
@@ -70,6 +71,13 @@ LIMIT = 60.0  # seconds of a call: most take milliseconds
 @cache
 def calibration():
     return calibrate_from_segments(FIELD, PIXELS, SIZE)
+
+
+@cache
+def turned():
+    """A camera on the other side of the field."""
+    pixels = {label: TURNED.project(FIELD[label].sample(7.0)) for label in LABELS}
+    return calibrate_from_segments(FIELD, pixels, SIZE)
 
 
 @cache
@@ -173,6 +181,9 @@ def right_arguments():
         "id": "000000",
         "folder": "none",
         "Results.save folder": "saved",
+        "calibrate_rig sources": {"left": scene()},
+        "assess.triangulate calibrations": [calibration(), turned()],
+        "assess.triangulate pixels": [CAMERA.project((-40.0, 0.0, -2.0)), TURNED.project((-40.0, 0.0, -2.0))],
         "Camera.save path": "saved.json",
         "path": "none.json",
         "name": "soccer",
@@ -217,6 +228,7 @@ def right_arguments():
         "ax": pitch().draw()[1] if HAS_PITCHES else None,
         "trails": [X[:, :2]],
         "covariance": np.broadcast_to(np.eye(2), (len(X), 2, 2)),
+        "assess.SpacePoint errors": np.ones(2),
     }
 
 

@@ -182,7 +182,7 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     """Calibrate several cameras of one field, which share its size and its ground.
 
     Each is calibrated by itself, then the size and the ground are estimated from all of them together, and each is
-    calibrated once more on that field. `triangulate` gives points in space from them.
+    calibrated once more on that field. `fieldcalib.assess.triangulate` gives points in space from them.
 
     Parameters
     ----------

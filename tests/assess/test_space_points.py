@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from data_tools.simulated import observe
-from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer, triangulate
+from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer
+from fieldcalib.assess import triangulate
 from fieldcalib.assess.findings import NoCameraError
 
 FIELD, SIZE = soccer(), (960, 540)

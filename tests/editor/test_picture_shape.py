@@ -9,9 +9,8 @@ import pytest
 from fieldcalib import Camera, soccer
 from fieldcalib.assess.findings import SHAPE, Verdict
 from fieldcalib.draw.scene import render_field
-from fieldcalib.editor.clip import _pixels_in_picture
 from fieldcalib.editor.edit import Edit, Known
-from fieldcalib.editor.fitting import mark_errors
+from fieldcalib.editor.fitting import mark_errors, pixels_in_picture
 from fieldcalib.editor.frame import FrameEditor
 from fieldcalib.editor.journal import edit_from_record, edit_to_record
 from fieldcalib.problem.picture_shape import Crop, Placement
@@ -110,7 +109,7 @@ def test_the_next_mark_lies_on_its_marking_in_the_picture(image):
 def test_labels_of_a_squashed_frame_join_its_clip_in_its_pixels(image):
     picture, pixels = squashed(image, SIZES[0])
     found = FrameEditor.of(np.full_like(picture, 90), FIELD, pixels, Known(aspect=16 / 9)).calibration
-    by_label = _pixels_in_picture(found).by_label(0)
+    by_label = pixels_in_picture(found).by_label(0)
     assert {label: xy.round(6).tolist() for label, xy in by_label.items()} == {
         label: xy.round(6).tolist() for label, xy in pixels.items()
     }
