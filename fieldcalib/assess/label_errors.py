@@ -115,7 +115,7 @@ def misfit(evaluation: Evaluation) -> Misfit:
     roles[POSE_AND_ZOOM] = np.where(layout.roles[POSE_AND_ZOOM] != Role.FIXED, Role.FRAME, Role.FIXED)
     own = replace(layout, roles=roles)
     observations = evaluation.problem.observations.without_ends
-    if layout.field_size is not None and np.any(layout.free[layout.field_size_block]):
+    if layout.field_size is not None and layout.has_free_size:
         size = evaluation.theta[:, layout.field_size_block]
         observations = observations.moved(size - layout.field_size.given)
     nothing: dict[str, Any] = dict.fromkeys(("prior", "group", "considered", "background", "path"))

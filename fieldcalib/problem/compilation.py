@@ -64,18 +64,10 @@ def compiled_closest_points(
     return found
 
 
-def _is_sized(layout: Layout) -> bool:
-    return bool(np.any(layout.free[layout.field_size_block]))
-
-
-def _is_crowned(layout: Layout) -> bool:
-    return bool(np.any(layout.free & layout.is_crown))
-
-
 def unknowns(layout: Layout, theta: Array) -> Array:
     """The parameters (B, n) of the cameras and, where they are estimated, of the field, as a new array."""
-    of_field = layout.field_size_block if _is_sized(layout) else layout.lens_block
-    return theta[:, : (layout.crown_block if _is_crowned(layout) else of_field).stop].copy()
+    of_field = layout.field_size_block if layout.has_free_size else layout.lens_block
+    return theta[:, : (layout.crown_block if layout.has_free_crown else of_field).stop].copy()
 
 
 def packed_frames(
@@ -85,11 +77,10 @@ def packed_frames(
     kinds = [(getattr(module, name), k) for k, rows in enumerate(observations.rows) for name in rows.compiled]
     rows = [observations.rows[k] for _, k in kinds]
     motion, given = len(kinds) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
-    if _is_sized(layout):
+    if layout.has_free_size:
         assert layout.field_size is not None
         motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for _, k in kinds)
         given = np.array(layout.field_size.given, dtype=float)
-    is_crowned = _is_crowned(layout)
     return module.Frames(
         tuple(kind for kind, _ in kinds),
         tuple(np.ascontiguousarray(one.xy) for one in rows),
@@ -99,8 +90,8 @@ def packed_frames(
         motion,
         given,
         _raised(terrain, len(observations)),
-        layout.field_size_block.start if is_crowned or _is_sized(layout) else -1,
-        layout.crown_block.start if is_crowned else -1,
+        layout.field_size_block.start if layout.has_free_crown or layout.has_free_size else -1,
+        layout.crown_block.start if layout.has_free_crown else -1,
         layout.lens.rho,
         module.Limits(),
     )

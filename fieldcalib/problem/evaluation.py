@@ -363,7 +363,7 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
         return Evaluation(problem, theta, points)
     projection = Projection(theta, problem.layout, terrain)
     observations, size = problem.observations, problem.layout.field_size
-    if size is not None and np.any(problem.free[problem.layout.field_size_block]):
+    if size is not None and problem.layout.has_free_size:
         observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
     return Evaluation(problem, theta, observations.closest_points(projection), projection)
 

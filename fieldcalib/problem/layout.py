@@ -239,6 +239,16 @@ class Layout:
         return np.asarray((self.roles == Role.FRAME) | (self.roles == Role.SHARED))
 
     @cached_property
+    def has_free_size(self) -> bool:
+        """Whether length or width of the field is estimated."""
+        return bool(np.any(self.free[self.field_size_block]))
+
+    @cached_property
+    def has_free_crown(self) -> bool:
+        """Whether the crown of the field is estimated."""
+        return bool(np.any(self.free[self.crown_block]))
+
+    @cached_property
     def shared(self) -> BoolArray:
         """Mask of the shared ones among the estimated parameters, (P,)."""
         return np.asarray(self.roles[self.free] == Role.SHARED)
@@ -386,7 +396,8 @@ class Layout:
 
         `given` is that of the field for which observations are packed; None for level ground.
         """
-        crown = theta[:, self.crown_block] if np.any(self.is_crown) else 0.0 if given is None else given.crown
+        has_crown = self.crown_block.start < self.size
+        crown = theta[:, self.crown_block] if has_crown else 0.0 if given is None else given.crown
         fall = 0.0 if given is None else given.fall
         if not (np.any(crown) or fall):
             return None

@@ -392,7 +392,7 @@ def _estimated_field(calibration: Calibration) -> dict[str, Any]:
     if field is None or calibration.solved is None:
         return line
     layout, deviations = calibration.uncertainty.layout, np.sqrt(np.diagonal(calibration.covariance))
-    if np.any(layout.free[layout.field_size_block]):
+    if layout.has_free_size:
         size = field.length, field.width, deviations[layout.field_size_block].tolist()
         line |= dict(zip(SIZE_KEYS, size, strict=True))
     if np.any(layout.free[layout.crown_block]):
