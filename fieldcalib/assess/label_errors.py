@@ -11,7 +11,7 @@ The noise has a size, relative to the weights of the pixels, and a share that is
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -188,8 +188,7 @@ def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]
     The expectations E are over normal noise, not over the residuals of a frame: the residuals of few labels are
     smaller than their noise, since the camera is fitted to them.
     """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    weights = weights / np.sum(weights)
+    nodes, weights = _normal_nodes()
     sigma = np.sqrt(variance)
     largest = np.maximum(sigma, loss.scale)  # residuals in the flat part of the loss give no information
     for _ in range(NOISE_STEPS):
@@ -200,6 +199,13 @@ def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]
     _, slope = loss.evaluate(np.square(sigma[:, None] * nodes))
     # by parts: E psi'(r) = E r psi(r) / sigma^2 for normal r
     return sigma, ((np.square(nodes) * slope) @ weights) / (slope @ weights)
+
+
+@cache
+def _normal_nodes() -> tuple[Array, Array]:
+    """Nodes and weights (`NODES`,) of Gauss's quadrature for means over the standard normal distribution."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    return nodes, weights / np.sum(weights)
 
 
 def gram(JT: Array, weight: Array) -> Array:
