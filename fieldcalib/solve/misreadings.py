@@ -174,7 +174,7 @@ def with_other_names(
         Calibrations of some of the frames under other names of their labels, which are given for each frame.
     """
     of = options.field
-    if of is None:
+    if of is None or not found:
         return dict(found)
     named = _with_exchanged_sides(found, of, options, solve)
     accepted = {t: one.per_segment_errors for t, one in named.items() if one.accepted}
