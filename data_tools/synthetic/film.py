@@ -104,12 +104,15 @@ class Scene:
         return image.astype(np.float32)
 
     def boxes(self, frame: int, camera: Camera) -> dict[int, Array]:
-        """Boxes (left, top, right, bottom) of the players whose feet are in the picture, by their numbers."""
+        """Boxes (left, top, right, bottom) of the players whose feet are in the picture, by their numbers.
+
+        As a detector's, they count from the corner of the first pixel (`fieldcalib.io.boxes`).
+        """
         X = np.pad(self.positions[frame], ((0, 0), (0, 1)))
         tall = np.array([person.tall for person, _, _ in self.people])
         feet, heads = camera.project(X), camera.project(X - tall[:, None] * (0.0, 0.0, 1.0))
         half = BOX * (feet[:, 1] - heads[:, 1]) / 2.0
-        boxes = np.column_stack([feet[:, 0] - half, heads[:, 1], feet[:, 0] + half, feet[:, 1]])
+        boxes = np.column_stack([feet[:, 0] - half, heads[:, 1], feet[:, 0] + half, feet[:, 1]]) + 0.5
         inside = np.all((feet >= 0.0) & (feet < camera.image_size), axis=1) & (camera.depth(X) > NEAREST)
         return {int(who): boxes[who] for who in np.flatnonzero(inside)}
 

@@ -25,6 +25,8 @@ from fieldcalib.io.videos import VideoWriter
 SEED = 26
 STRETCHES = ((0, 30), (60, 90))  # of the frames of the camera's path, that the clip has before and after its cut
 PICTURE = 10  # the frame of the path that the picture is
+# Shirts in the scene of this seed: teams that are called as a colour have it on maps (`fieldcalib.cli.players`).
+SHIRTS = {"home": "blue", "away": "pink", "home keeper": "white", "away keeper": "white", "referee": "black"}
 
 
 def sample_scene() -> tuple[Scene, list[TrueFrame]]:
@@ -58,5 +60,6 @@ def _boxes_as_text(scene: Scene, frames: Sequence[TrueFrame], shown: Sequence[in
     for number, index in enumerate(shown):
         for who, box in scene.boxes(index, frames[index].camera).items():
             X = scene.positions[index, who]
-            table.writerow((number, who, scene.teams[who], *np.round(box, 2).tolist(), *np.round(X, 3).tolist()))
+            shirt = SHIRTS[scene.teams[who]]
+            table.writerow((number, who, shirt, *np.round(box, 2).tolist(), *np.round(X, 3).tolist()))
     return text.getvalue()
