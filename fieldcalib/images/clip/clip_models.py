@@ -135,8 +135,8 @@ MOVING = CameraModel(
     "moving",
     not_shared="centre",
     tried="if a tripod is wrong",
-    note="{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
-    '({gain}); say so from the beginning (camera="moving", --camera moving)',
+    note="{where}: the camera moves: without a tripod, lines and matches that were kept out of the fit are predicted "
+    'better ({gain}); next time give --camera moving (camera="moving")',
 )
 """Frames share lens and size of the field; their centres lie on a smooth path."""
 ALONE = CameraModel(
