@@ -145,7 +145,9 @@ def _on_pitch(projection: Projection, calibration: Calibration | None, box: Box 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
-        "Boxes of players, or pixels of feet and balls, to points on the field with their standard deviations: a table."
+        "Boxes of players, or pixels of feet and balls, to points on the field with their standard deviations: a table "
+        "(CSV). Columns of a table of boxes are frame, and x, y, width, height or x1, y1, x2, y2; of points frame, x "
+        f"and y. They come back with {', '.join(COLUMNS)}."
     )
     parser.add_argument("boxes", type=Path, metavar="BOXES", help=KINDS)
     parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of calibrate or run")
