@@ -156,14 +156,14 @@ def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array
     return own, z, inverse @ (less * z), inverse @ (A @ determined @ A - np.diag(less)) @ inverse.T
 
 
-def scores_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, probability: float) -> bool:
-    """Whether the score of a picture with the shape of a frame (`score_of_part`) is above a value.
+def score_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, probability: float) -> float:
+    """Score of a picture with the shape of a frame (`score_of_part`), whose camera is right with a probability.
 
-    Its camera is right with a probability. Errors of a part take long: they are computed only where they decide.
+    It is -inf where no errors of a part could raise it above `least`: they take long to compute.
     """
     roll = float(uncertainty.theta[ROLL]), float(uncertainty.covariance[ROLL, ROLL])
     score = partial(score_of_part, probability, found.log_ratio_of_part, roll)
-    return score(np.inf) > least and score(_error_of_part(uncertainty)) > least
+    return score(_error_of_part(uncertainty)) if score(np.inf) > least else -np.inf
 
 
 def _error_of_part(uncertainty: Uncertainty) -> float:
@@ -198,7 +198,8 @@ def seems_part(
         return ()
     size = uncertainty.layout.image_size
     if is_whole_shape(size):
-        return (CUT,) if scores_above(-log_ratio_of_part, uncertainty, found, probability) else ()
+        score = score_above(-log_ratio_of_part, uncertainty, found, probability)
+        return (CUT,) if score + log_ratio_of_part > 0.0 else ()
     is_known = declared != Declared.NOTHING or "log aspect" not in uncertainty.offsets
     is_square = is_known or has_square_pixels(size, uncertainty.offsets["log aspect"])
     if is_square and probability >= sure:

@@ -16,7 +16,7 @@ from data_tools.simulated import observe as demo_labels
 from data_tools.simulated import pan_over_field
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, scores_above, seems_part
+from fieldcalib.assess.camera_errors import _freed, largest_error_of_part, principal_point_of, score_above, seems_part
 from fieldcalib.assess.findings import CUT, SHAPE, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.fields.catalogue import field_named
@@ -95,8 +95,9 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
     low, high = (score_of_part(probability, point.log_ratio_of_part, roll, error) for probability in (0.9, 0.5))
     assert low < high
     for probability, value in ((0.9, low), (0.5, high)):
-        assert scores_above(value - 1e-6, uncertainty, point, probability)
-        assert not scores_above(value + 1e-6, uncertainty, point, probability)
+        assert score_above(value - 1e-6, uncertainty, point, probability) == pytest.approx(value)
+        largest = score_of_part(probability, point.log_ratio_of_part, roll, 9.0)
+        assert score_above(largest, uncertainty, point, probability) == -np.inf
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():

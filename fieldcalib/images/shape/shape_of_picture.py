@@ -23,7 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib.assess.camera_errors import principal_point_of, scores_above
+from fieldcalib.assess.camera_errors import principal_point_of, score_above
 from fieldcalib.assess.findings import ENLARGED, IN_WINDOW, NOT_SOCCER, SEVERAL_VIEWS, Finding, Status, Verdict, What
 from fieldcalib.assess.result import Calibration, in_picture, with_findings
 from fieldcalib.assess.verdict import STEEPLY
@@ -169,12 +169,9 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
     found = principal_point_of(uncertainty)
     if found is None or uncertainty.layout.image_size != camera.image_size:
         return False
-    known = calibration.probability(size_known=True)
-
-    def may_be(softness: float) -> bool:
-        return scores_above(LEAST_SCORE - SCORE_OF_SOFTNESS * softness, uncertainty, found, known)
-
-    return may_be(LARGEST_SOFTNESS) and may_be(softness(image))
+    least = LEAST_SCORE - SCORE_OF_SOFTNESS * LARGEST_SOFTNESS
+    score = score_above(least, uncertainty, found, calibration.probability(size_known=True))
+    return score > least and score + SCORE_OF_SOFTNESS * softness(image) > LEAST_SCORE
 
 
 def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration:
