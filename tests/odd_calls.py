@@ -229,6 +229,8 @@ def right_arguments():
         "trails": [X[:, :2]],
         "covariance": np.broadcast_to(np.eye(2), (len(X), 2, 2)),
         "assess.SpacePoint errors": np.ones(2),
+        "assess.height_above_ground foot": CAMERA.project((-40.0, 0.0, 0.0)),
+        "assess.height_above_ground top": CAMERA.project((-40.0, 0.0, -2.0)),
     }
 
 

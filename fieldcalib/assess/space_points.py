@@ -10,7 +10,10 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, expect, is_number, listed, real_array
 from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.field import terrain_of
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import homogenize
+from fieldcalib.problem.picture_shape import Placement
 
 LEAST_ANGLE = 1.0  # degrees between two rays: below it their crossing is open along them
 STEP = 1e-4  # metres, of central differences
@@ -78,14 +81,17 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
         raise ValueError(f"the rays are nearly parallel ({angle:.2f} degrees): where they meet is open along them")
     across = np.eye(3) - rays[:, :, None] * rays[:, None]
     X = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, C))
-    steps = STEP * np.eye(3)
+    steps, moved = STEP * np.eye(3), [(one.required_camera, _moved(one)) for one in seen]
     for _ in range(MOST_STEPS):
-        moved = [camera.project(X + steps) - camera.project(X - steps) for camera in cameras]
-        J = np.swapaxes(moved, 1, 2) / (2.0 * STEP)
+        ahead = [camera.project(X + steps) - camera.project(X - steps) for camera in cameras]
+        J = np.swapaxes(ahead, 1, 2) / (2.0 * STEP)
         r = xy - [camera.project(X) for camera in cameras]
         if not (np.all(np.isfinite(J)) and np.all(np.isfinite(r))):
             raise ValueError("the rays do not meet in front of all cameras: are the pixels of one point?")
-        weights = np.linalg.inv(pixel_sd**2 * np.eye(2) + np.stack([_of_camera(one, X) for one in seen]))
+        by_camera = [
+            np.array([one.project(X) - camera.project(X) for one in some]).reshape(-1, 2) for camera, some in moved
+        ]
+        weights = np.linalg.inv([pixel_sd**2 * np.eye(2) + one.T @ one for one in by_camera])
         JTW = np.swapaxes(J, 1, 2) @ weights
         covariance = np.linalg.inv((JTW @ J).sum(axis=0))
         step = covariance @ np.einsum("nij,nj->i", JTW, r)
@@ -95,16 +101,58 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
     return SpacePoint(X, covariance, np.linalg.norm(r, axis=1))
 
 
-def _of_camera(calibration: Calibration, X: Array) -> Array:
-    """Covariance (2, 2) of the pixel of a point by the errors of its camera; 0 if they are not known."""
+def height_above_ground(
+    calibration: Calibration, foot: ArrayLike, top: ArrayLike, *, pixel_sd: float = 2.0
+) -> tuple[float, float]:
+    """The height of the top of what stands on the ground, from one camera, with its standard deviation, in metres.
+
+    The top is taken to be straight above the foot: the point of that vertical that is nearest to the ray of its pixel.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    foot, top : (2,) array_like
+        Pixels where it stands and where it ends.
+    pixel_sd : float
+        Standard deviation of each coordinate of both pixels.
+
+    Raises
+    ------
+    ValueError
+        If there is no camera (`NoCameraError`), or no ground is seen at the foot.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, calibrate_from_homography
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> found = calibrate_from_homography(truth.homography, (960, 540))
+    >>> height, sd = height_above_ground(found, truth.project((9.0, 0.0, 0.0)), truth.project((9.0, 0.0, -1.9)))
+    >>> round(height, 2), round(sd, 2)
+    (1.9, 0.13)
+    """
+    camera, terrain, xy = calibration.required_camera, terrain_of(calibration.field), real_array([foot, top])
+
+    def height(camera: Camera, xy: Array) -> float:
+        X, ray = camera.image_to_field(xy[0], terrain=terrain), homogenize(camera.normalized(xy[1])) @ camera.R
+        across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+        return float(across[2] @ (X - camera.C) / across[2, 2])
+
+    found, moves = height(camera, xy), pixel_sd * np.eye(4).reshape(4, 2, 2)
+    if not np.isfinite(found):
+        raise ValueError("no ground is seen at the foot, or no ray meets the top")
+    steps = [height(camera, xy + one) - found for one in moves]
+    steps += [height(one, xy) - found for one in _moved(calibration)]
+    return found, float(np.linalg.norm(steps))
+
+
+def _moved(calibration: Calibration) -> list[Camera]:
+    """The camera moved by a standard deviation along each principal axis of its errors; none if they are not known."""
     if not calibration.knows_errors:
-        return np.zeros((2, 2))
+        return []
     estimate = calibration.uncertainty
     if not np.all(np.isfinite(estimate.covariance)):
         raise ValueError("the labels leave a camera open: its errors have no bound")
     values, vectors = np.linalg.eigh(estimate.covariance)
-    steps = vectors.T[values > 0.0] * np.sqrt(values[values > 0.0])[:, None]  # V is the sum of their squares
-    scale = np.divide(*(np.diagonal(one.K)[:2] for one in (calibration.required_camera, estimate.camera)))
-    moved = [estimate.layout.camera(estimate.theta + one).project(X) for one in steps]
-    J = scale * (np.array(moved).reshape(-1, 2) - estimate.camera.project(X))
-    return np.asarray(J.T @ J)
+    placement = Placement.of_cameras(calibration.required_camera, estimate.camera)
+    steps = vectors.T[values > 0.0] * np.sqrt(values[values > 0.0])[:, None]  # the covariance is their outer products
+    return [placement.camera_in_picture(estimate.layout.camera(estimate.theta + one)) for one in steps]

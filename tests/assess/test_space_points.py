@@ -5,7 +5,7 @@ import pytest
 
 from data_tools.simulated import observe
 from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer
-from fieldcalib.assess import triangulate
+from fieldcalib.assess import height_above_ground, triangulate
 from fieldcalib.assess.findings import NoCameraError
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -76,6 +76,26 @@ def test_what_cannot_be_located_is_refused():
         triangulate(found, [(-5000.0, 270.0), (9000.0, 270.0)])
     with pytest.raises(NoCameraError):
         triangulate([found[0], calibrate({}, image_size=SIZE, progress=False)[0]], xy)
+
+
+def test_heights_from_one_camera_are_as_sure_as_they_say():
+    rng, inside, count = np.random.default_rng(5), 0, 0
+    places = [np.array([rng.uniform(-45, 45), rng.uniform(-28, 28), 0.0]) for _ in range(40)]
+    cameras = [rig(rng, X)[0] for X in places]
+    found = calibrate_batch(FIELD, [observe(camera, FIELD, rng, 1.0) for camera in cameras], SIZE)
+    for one, camera, X in zip(found, cameras, places, strict=True):
+        if one.verdict == "good":
+            height = rng.uniform(0.5, 3.0)
+            foot, top = (camera.project(X - (0.0, 0.0, z)) + rng.normal(0.0, 2.0, 2) for z in (0.0, height))
+            told, deviation = height_above_ground(one, foot, top)
+            inside, count = inside + (abs(told - height) < 1.96 * deviation), count + 1
+    assert count > 30
+    assert 0.85 * count <= inside
+    (exact_one, _), (camera, _) = exact((-30.0, 60.0, -15.0), (30.0, 60.0, -15.0))
+    feet = [camera.project((3.0, -4.0, z)) for z in (0.0, -1.8)]
+    assert height_above_ground(exact_one, *feet, pixel_sd=1.0)[0] == pytest.approx(1.8, abs=1e-3)
+    with pytest.raises(ValueError, match="no ground is seen at the foot"):
+        height_above_ground(exact_one, (480.0, -4000.0), (480.0, -4100.0))
 
 
 def test_a_rig_shares_the_size_of_its_field():
