@@ -39,7 +39,13 @@ from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.paths import with_displaced_lines
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.paint_in_view import paint_share
-from fieldcalib.assess.probability import log_odds_of_paint, odds_terms, probability_given_paint, probability_right
+from fieldcalib.assess.probability import (
+    OddsTerms,
+    log_odds_of_paint,
+    odds_terms,
+    probability_given_paint,
+    probability_right,
+)
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.console.program import run_command
@@ -130,9 +136,9 @@ def record_of(found: Calibration, shown: Photograph) -> dict[str, Any]:
     record["metres"] = true_error(found, shown.camera, shown.field)
     if not found.accepted or found.solved is None or found.field is None:
         return record
-    rows, weights = odds_terms([found.solved.uncertainty], found.field)[0][1]
+    (terms,) = odds_terms([found.solved.uncertainty], found.field)
     share = paint_share(found.markings)
-    return {**record, "paint": share, "terms": rows.tolist(), "weights": weights.tolist()}
+    return {**record, "paint": share, "terms": terms.rows.tolist(), "weights": terms.weights.tolist()}
 
 
 def take(options: argparse.Namespace) -> int:
@@ -182,10 +188,8 @@ def _print_judgement(records: Sequence[Mapping[str, Any]]) -> None:
 def probability_of(record: Mapping[str, Any], field: Field) -> float:
     """Probability that the camera of a record is right, by the model of its field."""
     assert field.probability is not None
-    terms, weights = np.array(record["terms"]), np.array(record["weights"])
-    return probability_given_paint(
-        probability_right(field.probability, terms, weights, field.tolerance), record["paint"]
-    )
+    terms = OddsTerms(np.array(record["terms"]), np.array(record["weights"]))
+    return probability_given_paint(probability_right(field.probability, terms, field.tolerance), record["paint"])
 
 
 def fit(options: argparse.Namespace) -> int:

@@ -192,7 +192,7 @@ def judged_frames(field: Field, count: int, rng: np.random.Generator) -> tuple[l
 def features_of(found: Sequence[Calibration], field: Field) -> Array:
     """Terms (n, 5) of the log odds of calibrations on a field of known size, for 1 m."""
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    return np.array([rows[0] for (rows, _), _ in odds_terms(uncertainties, field)])
+    return np.array([terms.rows[0] for terms in odds_terms(uncertainties, field)])
 
 
 def verdicts(options: argparse.Namespace) -> int:

@@ -20,7 +20,6 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.findings import CUT, SHAPE, Finding, What
-from fieldcalib.assess.ground import if_level
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import (
     ErrorsInView,
@@ -226,7 +225,7 @@ class CameraErrors(Protocol):
     def on(self, field: Field | None) -> Estimate:
         """The estimate with this field in view."""
 
-    def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
+    def probability(self, field: Field, metres: float, *, size_known: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`; NaN if it is unknown."""
 
     def largest_error(self, field: Field) -> float:
@@ -249,7 +248,7 @@ class NoErrors:
         """Raise a ValueError: there is no estimate."""
         raise ValueError("expected a calibration from labelled pixels: the errors of a homography are not known")
 
-    def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
+    def probability(self, field: Field, metres: float, *, size_known: bool) -> float:
         """NaN: the probability is unknown."""
         return float("nan")
 
@@ -305,12 +304,8 @@ class KnownErrors(Estimate):
         """Compute and cache the errors in view of frames of one layout, which see one field, all at once."""
         layout, field = several[0].layout, several[0].field
         assert field is not None
-        theta, whole, level = (
-            np.array([one.theta for one in several]),
-            np.array([one._covariance for one in several]),
-            np.array([one.if_level._covariance for one in several]),
-        )
-        for one, in_view in zip(several, ErrorsInView.of(theta, whole, level, layout, field), strict=True):
+        theta, covariance = (np.array([getattr(one, name) for one in several]) for name in ("_theta", "_covariance"))
+        for one, in_view in zip(several, ErrorsInView.of(theta, covariance, layout, field), strict=True):
             one._in_view = in_view
 
     @property
@@ -345,19 +340,13 @@ class KnownErrors(Estimate):
         """The estimate with another field in view: errors are then relative to its markings."""
         return self if field is self.field else KnownErrors(self.layout, self.theta, self._covariance, self.dof, field)
 
-    @property
-    def if_level(self) -> KnownErrors:
-        """The errors if the field were known to be level."""
-        covariance = if_level(self._covariance, self.layout.is_crown)
-        return KnownErrors(self.layout, self.theta, covariance, self.dof, self.field)
-
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
         return np.asarray(J @ self._covariance @ np.swapaxes(J, -2, -1))
 
-    def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
+    def probability(self, field: Field, metres: float, *, size_known: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`, from the covariance."""
-        return self.on(field).in_view.probability(metres, level=level)
+        return self.on(field).in_view.probability(metres)
 
     def largest_error(self, field: Field) -> float:
         """Largest root mean square error of the points of the field in view, metres."""
@@ -424,7 +413,7 @@ class Solved:
         # is unusual, and what the labels said of a part when they were last asked
         self._uncertainty: Uncertainty | None = None
         self._on: Uncertainty | None = None
-        self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
+        self._terms: tuple[Field, OddsTerms] | None = None
         self._unusual: tuple[Finding, ...] | None = None
         self._part: tuple[Uncertainty, tuple[float, float, Declared, float], tuple[Finding, ...]] | None = None
 
@@ -477,15 +466,14 @@ class Solved:
             self._on = self.uncertainty.on(field)
         return self._on
 
-    def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
+    def probability(self, field: Field, metres: float, *, size_known: bool) -> float:
         """Probability that no point of the field in view is off by more than `metres`, by the labels."""
         assert field.probability is not None
         if self._terms is None or self._terms[0] is not field:
             self._terms = field, odds_terms([self.uncertainty], field)[0]
-        rows, weights = self._terms[1][bool(level or size_known)]
-        if size_known:
-            rows, weights = rows[:1], np.ones(1)
-        return probability_right(field.probability, rows, weights, metres)
+        terms = self._terms[1]
+        as_given = OddsTerms(terms.rows[:1], np.ones(1))
+        return probability_right(field.probability, as_given if size_known else terms, metres)
 
     def largest_error(self, field: Field) -> float:
         """Largest root mean square error of the points of the field in view, metres."""

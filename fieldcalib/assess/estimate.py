@@ -215,11 +215,6 @@ class Estimate(ABC):
 
     @property
     @abstractmethod
-    def if_level(self) -> Self:
-        """The errors if the field were known to be level (`fieldcalib.fields.traits`)."""
-
-    @property
-    @abstractmethod
     def layout(self) -> Layout:
         """Names and order of the parameters."""
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,9 +74,14 @@ MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
 EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
 LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
 
-OddsTerms: TypeAlias = tuple[Array, Array]
-"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, one row for each possible
-size of the field, and the probabilities (K,) of these."""
+
+class OddsTerms(NamedTuple):
+    """Terms of the log odds for d = 1 m under each of the K possible sizes and crowns of the field, as given first."""
+
+    rows: Array
+    """``1, log m, log sigma, log nu, log(1 + z . z)``, (K, 5)."""
+    weights: Array
+    """Probabilities of the possibilities, (K,)."""
 
 
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
@@ -114,7 +119,7 @@ def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
         found[Finding(What.CONTRADICTED, contradicted, (uncertainty.off_given[contradicted][0],))] = None
     given = problem.layout.field_size
     if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
-        length, width = np.clip(given.given + uncertainty.size.mean, *given.limits)
+        length, width = np.clip(given.given + uncertainty.size.mean[:2], *given.limits)
         found[Finding(What.OTHER_SIZE, numbers=(float(length), float(width)))] = None
     return tuple(found)
 
@@ -225,8 +230,8 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     return np.concatenate([on_grid, on_border], axis=1), seen
 
 
-def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[OddsTerms, OddsTerms]]:
-    """Terms of the log odds for each of several estimates of one layout, on any ground and on level ground."""
+def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsTerms]:
+    """Terms of the log odds for each of several estimates of one layout."""
     if not uncertainties:
         return []
     found = []
@@ -234,7 +239,7 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple
         problem = one.problem
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
         common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
-        found.append((_terms(one, *in_view, common), _terms(one.if_level, *in_view, common)))
+        found.append(_terms(one, *in_view, common))
     return found
 
 
@@ -245,7 +250,7 @@ def _terms(one: Uncertainty, determined: Array, by_considered: Array, common: Ar
     squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
     largest = np.sqrt(np.max(squares, axis=1)) if len(determined) else np.nan
     rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
-    return rows, weights
+    return OddsTerms(rows, weights)
 
 
 def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
@@ -283,40 +288,30 @@ class ErrorsInView:
 
     squares: Array
     """Mean squares (N,) of the errors, square metres."""
-    if_level: Array
-    """The same if the field were known to be level, (N,)."""
     motion: Array
     """Motion of the markings in view by the parameters, (2, n) (`by_parameters`)."""
 
     @classmethod
-    def of(cls, theta: Array, whole: Array, level: Array, layout: Layout, field: Field) -> list[ErrorsInView]:
-        """Compute those of B cameras (B, n), from the covariances (B, n, n) on any and on level ground."""
+    def of(cls, theta: Array, covariance: Array, layout: Layout, field: Field) -> list[ErrorsInView]:
+        """Compute those of B cameras (B, n), from their covariances (B, n, n)."""
         J, seen, motion = _derivatives_in_view(theta, layout, field)
         rows = J.reshape(len(J), -1, layout.size)
-        squares, if_level = (np.sum(((rows @ V) * rows).reshape(J.shape), axis=(-2, -1)) for V in (whole, level))
-        each = zip(squares, if_level, seen, motion, strict=True)
-        return [cls(np.maximum(one[k], 0.0), np.maximum(flat[k], 0.0), moved) for one, flat, k, moved in each]
+        squares = np.maximum(np.sum(((rows @ covariance) * rows).reshape(J.shape), axis=(-2, -1)), 0.0)
+        return [cls(one[k], moved) for one, k, moved in zip(squares, seen, motion, strict=True)]
 
     @property
     def largest(self) -> float:
         """Largest root mean square error, metres; NaN where no part of the field is in view."""
         return float(np.sqrt(np.max(self.squares))) if len(self.squares) else float("nan")
 
-    def probability(self, metres: float, *, level: bool) -> float:
+    def probability(self, metres: float) -> float:
         """Smallest probability, over the ground points in view, that a point is off by at most `metres`.
 
-        On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The error due to the crown of the
-        field is the same in all frames, an offset with which the distribution is Rice's. NaN where no part of the field
-        is in view.
+        It is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. NaN where no part of the field is in view.
         """
-        from scipy.special import chndtr  # a slow import
-
         if not len(self.squares):
             return float("nan")
-        whole = self.if_level if level else self.squares
-        by_crown = np.where(np.isfinite(self.if_level), np.maximum(whole - self.if_level, 0.0), 0.0)
-        on_level = np.maximum(self.if_level, LEAST_NOISE * np.maximum(metres**2, by_crown))
-        return float(np.min(chndtr(2.0 * metres**2 / on_level, 2.0, 2.0 * by_crown / on_level)))
+        return float(-np.expm1(-(metres**2) / max(float(np.max(self.squares)), LEAST_NOISE * metres**2)))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:
@@ -330,23 +325,24 @@ def degrees_of_freedom(uncertainty: Uncertainty) -> float:
     return OTHER_FRAMES + max(float(counted) - unknowns, 0.0)
 
 
-def probability_right(model: ProbabilityModel, terms: Array, weights: Array, metres: float) -> float:
+def probability_right(model: ProbabilityModel, terms: OddsTerms, metres: float) -> float:
     """Probability that no ground point in view is off by more than `metres`, from `odds_terms`.
 
     Examples
     --------
     >>> from fieldcalib.fields.sports.soccer import PROBABILITY
-    >>> few_centimetres = np.array([[1.0, np.log(0.05), 0.0, np.log(20.0), 0.0]]), np.ones(1)
-    >>> probability_right(PROBABILITY, *few_centimetres, 0.5) > 0.99
+    >>> few_centimetres = [[1.0, np.log(0.05), 0.0, np.log(20.0), 0.0]]
+    >>> terms = OddsTerms(np.array(few_centimetres), np.ones(1))
+    >>> probability_right(PROBABILITY, terms, 0.5) > 0.99
     True
-    >>> probability_right(PROBABILITY, *few_centimetres, 0.01) < 0.1
+    >>> probability_right(PROBABILITY, terms, 0.01) < 0.1
     True
     """
-    if np.isnan(terms[..., 1]).any():
+    if np.isnan(terms.rows[:, 1]).any():
         return float("nan")
     with np.errstate(over="ignore"):
-        log_odds = (terms - [0.0, np.log(metres), 0.0, 0.0, 0.0]) @ np.array(model.coefficients)
-        return float(np.sum(weights / (1.0 + np.exp(-log_odds))))
+        log_odds = (terms.rows - [0.0, np.log(metres), 0.0, 0.0, 0.0]) @ np.array(model.coefficients)
+        return float(np.sum(terms.weights / (1.0 + np.exp(-log_odds))))
 
 
 def log_odds_of_paint(share: float) -> float:

@@ -253,7 +253,7 @@ class Calibration:
         improbable, picture = list[Finding](), None
         if self.field is not None and self.has_probability:
             tolerance = self.field.tolerance
-            probability = self.probability(level=True)  # a camera that fits the paint is right, whatever the crown
+            probability = self.probability()
             least = self._least_in_picture
             if not probability >= (LEAST_PROBABILITY if least is None else least):
                 improbable.append(Finding(What.IMPROBABLE, numbers=(tolerance, probability)))
@@ -378,7 +378,7 @@ class Calibration:
         """
         return self.uncertainty.at_image(xy, relative_to=relative_to)
 
-    def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
+    def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
         Positions are relative to the markings in view, see `field_uncertainty`, and up to the side of the field where
@@ -396,9 +396,6 @@ class Calibration:
         size_known : bool
             Whether to assume that the field has the given size. If it has another one, a camera may fit its image well
             and be wrong in metres.
-        level : bool
-            Whether to assume that the ground is level, unless the labels exclude it. It may be higher in the middle
-            than at the touchlines (`fieldcalib.fields.traits`), and cameras of level ground fit such images too.
 
         Raises
         ------
@@ -418,7 +415,7 @@ class Calibration:
         if metres is not None and not (is_number(metres) and metres > 0.0):
             raise ValueError(f"metres must be a positive number, got {metres!r}")
         metres = None if metres is None else float(metres)
-        size_known, level = truth(size_known, "size_known"), truth(level, "level")
+        size_known = truth(size_known, "size_known")
         if self.camera is None or not self.knows_errors:
             return 0.0 if self.camera is None else float("nan")
         if self.field is None:
@@ -429,18 +426,16 @@ class Calibration:
                 "but its expected errors are in `uncertainty`"
             )
         metres = self.field.tolerance if metres is None else metres
-        by_labels = self._probability_by_labels(self.field, metres, size_known=size_known, level=level)
+        by_labels = self._probability_by_labels(self.field, metres, size_known=size_known)
         if self.solved is None or not self.markings:
             return by_labels
         return probability_given_paint(by_labels, paint_share(self.markings))
 
-    def _probability_by_labels(
-        self, field: Field, metres: float, *, size_known: bool = False, level: bool = False
-    ) -> float:
+    def _probability_by_labels(self, field: Field, metres: float, *, size_known: bool = False) -> float:
         """`probability` without the evidence of the image."""
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        probability = self.errors.probability(field, metres, size_known=size_known, level=level)
+        probability = self.errors.probability(field, metres, size_known=size_known)
         is_open = any(one.what is What.OTHER_SIDE for one in self._found)
         return probability / (1 + is_open)  # the turned camera fits as well
 

@@ -316,15 +316,6 @@ class SequenceCalibration(FrameSequence):
         return float(np.hypot(height, np.sqrt(self.considered[-1, -1])))  # it is the last parameter
 
     @property
-    def covariance_if_level(self) -> Array:
-        """`covariance` if the field were known to be level (`fieldcalib.fields.traits`), (S, S)."""
-        if self.layout is None or not np.any(self.layout.is_crown):
-            return self.covariance
-        names = np.array(self.layout.names)[self.layout.considered].tolist()
-        index = [names.index(name) for name in self.names]
-        return Considered(self.layout, self.considered).if_level[np.ix_(index, index)]
-
-    @property
     def accepted(self) -> BoolArray:
         """Mask (T,) of the frames with an accepted camera."""
         return np.asarray(self.frames.status == ACCEPTED)

@@ -235,7 +235,7 @@ def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field
     """Root mean square error (B,), metres, of the field points that each camera sees, relative to the markings in view.
 
     It is the median over the pixels of a grid that show the field, or the ground if no field is given, and NaN if none
-    does. A crown that is not estimated is taken to be none.
+    does.
     """
     layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
@@ -249,7 +249,7 @@ def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field
     moved = relative_to_markings(ground_derivatives(projection, X, seen, some), projection, field, some)
     own = moved[..., layout.free[some]]
     shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]
-    V = considered.if_level
+    V = considered.covariance
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
     ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)

@@ -56,9 +56,9 @@ class SizeEvidence:
 
     @property
     def mean(self) -> Array:
-        """Expected quantities minus the given ones, (c,), if some are other ones and no label is wrong."""
-        some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
-        return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
+        """Each expected quantity minus the given one, (c,), if it is another one and no label is wrong."""
+        some = (self.means != 0.0) * self.weights[:, None]
+        return np.asarray(np.sum(some * self.means, axis=0) / np.maximum(np.sum(some, axis=0), FAINT))
 
     @classmethod
     def of(

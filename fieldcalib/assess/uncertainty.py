@@ -31,7 +31,6 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import Estimate
-from fieldcalib.assess.ground import if_level
 from fieldcalib.assess.label_errors import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
@@ -90,11 +89,8 @@ class Uncertainty(Estimate):
     """Derivatives (n, c) of the error of the estimate by the errors of the considered parameters: length, width and
     crown of the field, or parameters shared by many frames."""
     size: SizeEvidence | None
-    """The size of the field as estimated from this frame on level ground; None if the size is exact, or known with a
-    covariance."""
-    with_crown: SizeEvidence | None
-    """Size and crown of the field as estimated from this frame, its crown alone if the size is exact; None if all such
-    fields are level, or the ground is known, with a covariance or exactly."""
+    """Those of size and crown of the field that are not exact, as estimated from this frame; None if all are, or are
+    known with a covariance."""
     offsets: Mapping[str, tuple[float, float]]
     """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
     standard deviation."""
@@ -111,28 +107,16 @@ class Uncertainty(Estimate):
     @property
     def told_crown(self) -> float:
         """Expected height of the middle of the field, metres, if the labels exclude level ground; else 0."""
-        found = self.with_crown
+        found = self.size
         return float(found.mean[-1]) if found is not None and found.level < LEAST_LEVEL else 0.0
-
-    @property
-    def if_level(self) -> Uncertainty:
-        """The estimate with its errors if the field were known to be level; unchanged if the labels exclude that."""
-        if self.with_crown is not None:
-            return self if self.told_crown else replace(self, with_crown=None)
-        problem = self.problem
-        if problem.considered is None or not np.any(problem.layout.is_crown):
-            return self
-        considered = if_level(problem.considered, problem.layout.is_crown[problem.layout.considered])
-        return replace(self, evaluation=self.evaluation.of(replace(problem, considered=considered)))
 
     @cached_property
     def possibilities(self) -> tuple[Array, Array]:
         """Probabilities (K,) of the possible fields, and second moments of the considered parameters, (K, c, c)."""
-        c, found = self.by_considered.shape[1], self.with_crown or self.size
-        if found is None:
-            return np.ones(1), np.zeros((1, c, c)) if self.problem.considered is None else self.problem.considered[None]
-        level = c - found.moments.shape[1]  # number of quantities that are 0
-        return found.weights, np.pad(found.moments, ((0, 0), (0, level), (0, level)))
+        if self.size is not None:
+            return self.size.weights, self.size.moments
+        c, known = self.by_considered.shape[1], self.problem.considered
+        return np.ones(1), (np.zeros((c, c)) if known is None else known)[None]
 
     @cached_property
     def _covariance_by_considered(self) -> Array:
@@ -242,7 +226,6 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     by_true_value[:, layout.considered] = -np.eye(sizes)
     units, along = np.zeros_like(evaluation.theta), np.zeros((len(problem), layout.size, P))
     units[:, free], along[:, free] = scale, directions.theta
-    level, crowned = _size_evidence(problem, kept)
     usual = [(i, name) for i, name in enumerate(tested, sizes) if name in TESTED]
     columns: dict[str, Any] = {
         "sigma": sigma.tolist(),
@@ -253,8 +236,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
         "determined": _whole(directions.theta * gain[:, None], noisy[:, :P, :P], free),
         "open": [one[:, is_open & (not has_prior)] for one, is_open in zip(along, directions.is_open, strict=True)],
         "by_considered": by_true_value,
-        "size": level,
-        "with_crown": crowned,
+        "size": _size_evidence(problem, kept),
         "offsets": [{name: kept.offset(t, i) for i, name in usual} for t in range(len(problem))],
         "off_given": _off_given(evaluation, kept, is_given, tested, sizes),
     }
@@ -392,22 +374,17 @@ def _prior_moment(problem: Problem) -> Array:
     return problem.layout.prior_moment if problem.considered is None else problem.considered
 
 
-def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
-    """Size of the field estimated from each frame, on level ground and together with the crown."""
-    layout, size, B = problem.layout, problem.layout.field_size, len(problem)
-    nothing: list[SizeEvidence | None] = [None] * B
-    if size is None or problem.considered is not None or np.any(layout.free[layout.field_size_block.start :]):
-        return nothing, nothing  # size and crown are exact, known with a covariance, or estimated
-
-    def about(c: int, prior: tuple[Array, Array], room: Array | None) -> list[SizeEvidence | None]:
-        some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
-        return [SizeEvidence.of(*one, prior, room) for one in some]
-
+def _size_evidence(problem: Problem, kept: _Kept) -> Sequence[SizeEvidence | None]:
+    """Size and crown of the field estimated from each frame."""
+    layout, size = problem.layout, problem.layout.field_size
+    block = layout.field_size_block.start
+    index = np.flatnonzero(layout.considered) - block
+    if size is None or problem.considered is not None or not len(index) or np.any(layout.free[block:]):
+        return [None] * len(problem)  # size and crown are exact, known with a covariance, or estimated
     probability, sigma = size.possibilities_with_crown
-    if size.is_known:
-        return nothing, about(1, (probability, sigma[:, 2:]), None)
-    room = size.limits - size.given
-    return about(2, size.possibilities, room), about(3, (probability, sigma), room) if size.crown else nothing
+    c, room = len(index), None if size.is_known else size.limits - size.given
+    some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
+    return [SizeEvidence.of(*one, (probability, sigma[:, index]), room) for one in some]
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

@@ -130,7 +130,7 @@ class _FieldFromLabels:
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
-        problem, evidence = solved.evaluation.problem, solved.uncertainty.with_crown or solved.uncertainty.size
+        problem, evidence = solved.evaluation.problem, solved.uncertainty.size
         size = problem.layout.field_size
         if evidence is None or size is None or problem.prior is None:
             return None
@@ -419,13 +419,13 @@ def _of_size(calibration: Calibration, covariance: Array) -> Calibration:
     if solved is None:
         return calibration
     alone = solved.alone
-    problem, crown = alone.evaluation.problem, alone.uncertainty.with_crown
+    problem, evidence = alone.evaluation.problem, alone.uncertainty.size
     if not np.any(problem.layout.considered):
         return calibration
     considered = np.zeros(2 * (np.count_nonzero(problem.layout.considered),))
     considered[:2, :2] = covariance
-    if crown is not None:
-        considered[2, 2] = crown.moment[2, 2]
+    if evidence is not None and len(considered) > 2:
+        considered[2, 2] = evidence.moment[2, 2]
     known = replace(problem, considered=considered)
     return replace(calibration, errors=Solved(alone.evaluation.of(known), alone.unit))
 

@@ -111,7 +111,7 @@ def test_ground_errors_follow_the_zoom_law(share, data, layout):
 
 @given(st.lists(shares, min_size=2, max_size=3), st.data(), st.sampled_from([LAYOUT, CROWNED]))
 def test_errors_in_view_are_those_of_each_point_alone(each, data, layout):
-    """Computed for all frames at once; on level ground the probability follows from the largest one."""
+    """Computed for all frames at once; the probability follows from the largest one."""
     covariance = covariance_of(data.draw(moved(np.eye(layout.size), 1.0)), layout)
     frames = [KnownErrors(layout, theta_at(share, layout), covariance, field=FIELD) for share in each]
     KnownErrors.compute(frames)
@@ -121,12 +121,12 @@ def test_errors_in_view_are_those_of_each_point_alone(each, data, layout):
         alone = KnownErrors(layout, one.theta, covariance, field=FIELD)
         np.testing.assert_allclose(one.motion_of_markings, alone.motion_of_markings, atol=1e-9)
         if not len(X):
-            assert np.isnan([one.largest_error(FIELD), one.probability(FIELD, 1.0, size_known=False, level=True)]).all()
+            assert np.isnan([one.largest_error(FIELD), one.probability(FIELD, 1.0, size_known=False)]).all()
             continue
-        largest, on_level = (np.max(errors.at_field(X).rms) for errors in (alone, alone.if_level))
+        largest = np.max(alone.at_field(X).rms)
         np.testing.assert_allclose(one.largest_error(FIELD), largest, rtol=1e-6)
-        probability = one.probability(FIELD, largest, size_known=False, level=True)
-        np.testing.assert_allclose(probability, 1.0 - np.exp(-np.square(largest / on_level)), rtol=1e-6)
+        probability = one.probability(FIELD, largest, size_known=False)
+        np.testing.assert_allclose(probability, 1.0 - np.exp(-1.0), rtol=1e-6)
         assert not alone.are_computed
 
 

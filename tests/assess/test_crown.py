@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
-from strategies import cameras, numbers
+from strategies import cameras
 
 from data_tools.crown import crowned
 from data_tools.probability import largest_true_error
@@ -16,7 +16,7 @@ from data_tools.synthetic.clips import labelled
 from data_tools.synthetic.paths import camera_path
 from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
 from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, if_level
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.size_evidence import SizeEvidence
@@ -104,19 +104,6 @@ def test_layouts_and_fields_keep_their_crown_in_records():
             field_from_record({**whole, "size_model": {**whole["size_model"], "crown": wrong}})
 
 
-@given(st.integers(1, 4), st.data())
-def test_what_is_known_of_a_level_field_is_the_conditional_covariance(count, data):
-    root = np.array(data.draw(st.lists(numbers(-2.0, 2.0), min_size=(count + 1) ** 2, max_size=(count + 1) ** 2)))
-    root = root.reshape(count + 1, count + 1) + 3.0 * np.eye(count + 1)
-    covariance = root @ root.T + 1e-3 * np.eye(count + 1)
-    is_crown = np.arange(count + 1) == data.draw(st.integers(0, count))
-    level = if_level(covariance, is_crown)
-    np.testing.assert_allclose(level[is_crown], 0.0, atol=1e-9)
-    inverse = np.linalg.inv(covariance)[np.ix_(~is_crown, ~is_crown)]
-    np.testing.assert_allclose(level[np.ix_(~is_crown, ~is_crown)] @ inverse, np.eye(count), atol=1e-8)
-    np.testing.assert_array_equal(if_level(covariance, np.zeros(count + 1, dtype=bool)), covariance)
-
-
 def labelled_path(crown, every=25, seed=3, roof=False, field=FIELD):
     """Labels of frames of a panning camera over a pitch that is crowned, and the cameras."""
     rng = np.random.default_rng(seed)
@@ -202,8 +189,6 @@ def test_a_clip_of_a_level_pitch_comes_back_level():
     assert found.field.ground is None
     assert "crown" not in found.shared
     assert found.crown < 0.04
-    one = found[0]
-    assert one.probability(0.5) > one.probability(0.5, level=True) - 0.01
 
 
 def test_the_crown_of_a_pitch_of_known_size_is_estimated():
@@ -275,8 +260,6 @@ def test_a_picture_of_a_crowned_pitch_is_less_probably_right_in_metres():
         for pitch in (FIELD, crowned(FIELD, 0.1), crowned(FIELD, 0.35))
     )
     assert raised.probability() < low.probability() < level.probability()
-    assert low.probability() < low.probability(level=True)
-    assert raised.probability() == raised.probability(level=True)  # its labels exclude level ground
+    assert low.probability() < low.probability(size_known=True)  # on the field as given, which is level
     back = Calibration.from_dict(json.loads(json.dumps(raised.to_dict())))
     assert back.probability() == pytest.approx(raised.probability(), abs=1e-6)
-    assert back.probability(level=True) == pytest.approx(raised.probability(level=True), abs=1e-6)

@@ -12,7 +12,7 @@ from data_tools.probability import fitted_coefficients, largest_true_error, reli
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
-from fieldcalib.assess.probability import largest_error, probability_right
+from fieldcalib.assess.probability import OddsTerms, largest_error, probability_right
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.geometry.camera import Camera
@@ -35,21 +35,22 @@ def random_calibrations(count):
     return found, np.array(errors)
 
 
+def certain(row):
+    """Terms of one possibility."""
+    return OddsTerms(np.array([row]), np.ones(1))
+
+
 @given(st.floats(-5.0, 5.0), st.floats(-2.0, 2.0), st.floats(0.5, 4.0), st.floats(0.0, 4.0), st.floats(0.1, 10.0))
 def test_more_error_is_less_probable_and_more_tolerance_more(log_m, log_sigma, log_nu, log_z, metres):
-    one, certain = np.array([[1.0, log_m, log_sigma, log_nu, log_z]]), np.ones(1)
-    p = probability_right(PROBABILITY, one, certain, metres)
+    one, worse = (certain([1.0, log_m + more, log_sigma, log_nu, log_z]) for more in (0.0, 1.0))
+    p = probability_right(PROBABILITY, one, metres)
     assert 0.0 <= p <= 1.0
-    assert (
-        probability_right(PROBABILITY, one + [0.0, 1.0, 0.0, 0.0, 0.0], certain, metres)
-        <= p
-        <= probability_right(PROBABILITY, one, certain, 2.0 * metres)
-    )
+    assert probability_right(PROBABILITY, worse, metres) <= p <= probability_right(PROBABILITY, one, 2.0 * metres)
 
 
 def test_what_is_open_is_certainly_wrong_and_nothing_in_view_has_no_probability():
-    assert probability_right(PROBABILITY, np.array([[1.0, np.inf, 0.0, 3.0, 0.0]]), np.ones(1), 1.0) == 0.0
-    assert np.isnan(probability_right(PROBABILITY, np.array([[1.0, np.nan, 0.0, 3.0, 0.0]]), np.ones(1), 1.0))
+    assert probability_right(PROBABILITY, certain([1.0, np.inf, 0.0, 3.0, 0.0]), 1.0) == 0.0
+    assert np.isnan(probability_right(PROBABILITY, certain([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
 
 
 @pytest.mark.slow
@@ -171,7 +172,7 @@ def test_a_field_asks_for_more_of_a_camera_that_was_found_in_a_picture():
     """Labels by a person, and pictures of other fields, are good from one half on."""
     found = calibrate_from_segments(FIELD, observe(MARKINGS, CAMERA, np.random.default_rng(0), noise=2.0), SIZE)
     on_paint = tuple(MarkingInView(label, 400.0, 30, share=1.0, offset=0.0) for label in found.pixel_counts)
-    known = found.probability(level=True)
+    known = found.probability()
     assert 0.5 < known < 0.999
 
     def verdict(least, **how):
@@ -193,9 +194,9 @@ def test_an_order_by_risk_has_the_smallest_area():
 
 def test_possibilities_for_the_size_weigh_as_they_are_probable():
     """Of two rows of evidence, one per possibility, the probability is their mean."""
-    sharp, blurred = (np.array([[1.0, np.log(m), 0.0, 3.0, 0.0]]) for m in (0.05, 5.0))
-    p, q = (probability_right(PROBABILITY, one, np.ones(1), 1.0) for one in (sharp, blurred))
-    both = probability_right(PROBABILITY, np.concatenate([sharp, blurred]), np.array([0.7, 0.3]), 1.0)
+    sharp, blurred = ([1.0, np.log(m), 0.0, 3.0, 0.0] for m in (0.05, 5.0))
+    p, q = (probability_right(PROBABILITY, certain(one), 1.0) for one in (sharp, blurred))
+    both = probability_right(PROBABILITY, OddsTerms(np.array([sharp, blurred]), np.array([0.7, 0.3])), 1.0)
     assert q < 0.3 < 0.7 < p
     assert both == pytest.approx(0.7 * p + 0.3 * q)
 

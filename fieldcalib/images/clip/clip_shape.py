@@ -353,7 +353,7 @@ def better_of_enlarged(
     `frames`, their numbers in the video.
     """
     shared = SharedPrincipalPoint.of(freed, how, is_free=True)
-    is_sure = np.array([one.accepted and one.probability(level=True) >= SURE for one in freed])
+    is_sure = np.array([one.accepted and one.probability() >= SURE for one in freed])
     if shared is None or not (shared.log_ratio_of_part > 0.0 or np.mean(is_sure[whole.accepted]) > 0.5):
         return with_doubts(whole, np.flatnonzero(whole.accepted).tolist(), ENLARGED), []
     x, y = (freed.values[freed.names.index(name)] for name in ("cx", "cy"))

@@ -150,7 +150,7 @@ def _sigma(calibration: Calibration) -> float:
     X = camera.image_to_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     with np.errstate(invalid="ignore"):
         inside = np.isfinite(X).all(axis=1) if field is None else np.all(np.abs(X[:, :2]) < field.half_extent, axis=1)
-    X, errors = X[inside], calibration.uncertainty.if_level
+    X, errors = X[inside], calibration.uncertainty
     if not len(X):
         return picture_sigma(calibration)
     derivative, _ = errors.ground_jacobian(X)

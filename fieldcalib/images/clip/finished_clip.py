@@ -134,7 +134,7 @@ def picture_sigma(calibration: Calibration) -> float:
     It is f times that of the camera's rotation. If frames have a principal point of their own, rotation and principal
     point are each much less certain than their joint effect, so the middle of the picture is propagated instead.
     """
-    errors, f = calibration.uncertainty.if_level, calibration.required_camera.focal_length
+    errors, f = calibration.uncertainty, calibration.required_camera.focal_length
     layout = errors.layout
     if not np.any(layout.free[PRINCIPAL_POINT]):
         return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))

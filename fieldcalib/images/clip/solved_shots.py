@@ -339,7 +339,7 @@ def grouped_by_tripod(shots: Mapping[int, SequenceCalibration]) -> list[list[int
     """
     found = {number: shot for number, shot in shots.items() if shot.names}
     groups: list[list[int]] = []
-    for number in sorted(found, key=lambda number: float(np.trace(found[number].covariance_if_level[:3, :3]))):
+    for number in sorted(found, key=lambda number: float(np.trace(found[number].covariance[:3, :3]))):
         ratios = [_log_ratio(found[group[0]], found[number]) for group in groups]
         if ratios and max(ratios) >= LEAST_LOG_RATIO:
             groups[int(np.argmax(ratios))].append(number)
@@ -351,5 +351,5 @@ def grouped_by_tripod(shots: Mapping[int, SequenceCalibration]) -> list[list[int
 def _log_ratio(one: SequenceCalibration, two: SequenceCalibration) -> float:
     names = [name for name in (*PLACE, *SIZE) if name in one.names and name in two.names]
     i, j = ([shot.names.index(name) for name in names] for shot in (one, two))
-    V, W = one.covariance_if_level[np.ix_(i, i)], two.covariance_if_level[np.ix_(j, j)]
+    V, W = one.covariance[np.ix_(i, i)], two.covariance[np.ix_(j, j)]
     return same_tripod_log_ratio(one.values[i] - two.values[j], V + W)

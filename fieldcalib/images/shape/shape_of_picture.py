@@ -177,7 +177,7 @@ def may_be_enlarged(image: Image, calibration: Calibration) -> bool:
 def _as_enlarged(task: Task, markings: Markings, image: Image, calibration: Calibration) -> Calibration:
     """Take the camera with a free principal point if it is sure, else add a doubt to the calibration."""
     freed = _freed(task, markings, image, calibration)
-    if freed is not None and freed.verdict is Verdict.GOOD and freed.probability(level=True) >= SURE_ANYWHERE:
+    if freed is not None and freed.verdict is Verdict.GOOD and freed.probability() >= SURE_ANYWHERE:
         x, y = freed.required_camera.principal_point
         found = f"the picture may be a part of a frame: its principal point was found at ({x:.0f}, {y:.0f})"
         return replace(freed, message=f"{found}; {freed.message}")

@@ -315,11 +315,6 @@ class JointSolution:
         return self.considered.covariance[self._shared]
 
     @property
-    def covariance_if_level(self) -> Array:
-        """Covariance of the shared parameters if the field were known to be level, (S, S)."""
-        return self.considered.if_level[self._shared]
-
-    @property
     def _shared(self) -> tuple[IntArray, ...]:
         is_shared = self.layout.roles[self.considered.layout.considered] == Role.SHARED
         return np.ix_(is_shared, is_shared)
@@ -461,9 +456,10 @@ def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     if layout.field_size is None:
         return {}
     sigma = np.full(layout.size, np.inf)
-    is_raised = np.any(layout.is_crown & (layout.roles == Role.SHARED))
-    covariance = joint.covariance if is_raised else joint.covariance_if_level
-    sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance))
+    variance, (*by_crown, of_crown) = np.diagonal(joint.covariance), joint.considered.covariance[-1]
+    if np.any(layout.is_crown & layout.considered):  # a crown that no frame tells says nothing against a size
+        variance = variance - np.square(by_crown[: len(variance)]) / of_crown
+    sigma[layout.roles == Role.SHARED] = np.sqrt(variance)
     block = range(layout.size)[layout.field_size_block]
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)

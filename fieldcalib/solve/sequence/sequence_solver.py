@@ -213,7 +213,7 @@ def best_of_other_starts(
         for one in apart[1:]
     ]
     same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
-    alternatives = _other_centres(same, solved.evaluation, solved.covariance_if_level[:3, :3])
+    alternatives = _other_centres(same, solved.evaluation, solved.covariance[:3, :3])
     return replace(solved, left_out=left_out, alternatives=np.reshape(alternatives, (-1, 3)))
 
 

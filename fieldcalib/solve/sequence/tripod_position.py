@@ -53,8 +53,8 @@ class KnownCentres(NamedTuple):
 
     @classmethod
     def of(cls, frames: FrameTable, some: BoolArray, considered: Considered) -> KnownCentres:
-        """Take the centres of some frames (T,) of a table, and their errors if the field is level."""
-        layout, V = considered.layout, considered.if_level
+        """Take the centres of some frames (T,) of a table, and their errors."""
+        layout, V = considered.layout, considered.covariance
         centre = layout.is_centre[layout.free]
         E, F = frames.own[some], frames.following[some][:, centre]
         variance = np.diagonal(E, axis1=1, axis2=2)[:, centre] + np.einsum("bij,jk,bik->bi", F, V, F)
@@ -124,9 +124,9 @@ def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int
 
 
 def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
-    """Centres of N frames (N, 3), and their covariances if the field is level (N, 3, 3)."""
+    """Centres of N frames (N, 3), and their covariances (N, 3, 3)."""
     C = [calibration.uncertainty.theta[CENTER] for calibration in calibrations]
-    V = [calibration.uncertainty.if_level.covariance[CENTER, CENTER] for calibration in calibrations]
+    V = [calibration.uncertainty.covariance[CENTER, CENTER] for calibration in calibrations]
     return np.reshape(C, (-1, 3)), np.reshape(V, (-1, 3, 3))
 
 
