@@ -47,7 +47,9 @@ from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.joint_solution import LARGEST_CROWN_SIGMA, CrownEstimate, crown_of, joint_evaluation
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
-LIKELY = 0.5  # probability of the given size from which on it is kept
+# Probability of the given size or ground from which on it is kept, and where a marking lies beside its paint: that is
+# what another field looks like, as long as pixels of this marking were left out as wrong ones.
+LIKELY, LIKELY_BESIDE = 0.5, 0.9
 # m: of a length, a width and a crown that count as determined; less than the prior's standard deviations
 LARGEST_SIGMAS = np.array([2.0, 2.0, LARGEST_CROWN_SIGMA])
 
@@ -136,7 +138,8 @@ class _FieldFromLabels:
             return None
         index = np.flatnonzero(problem.layout.considered) - problem.layout.field_size_block.start
         as_given = np.array([evidence.as_given, evidence.as_given, evidence.level])[index]
-        freed = (as_given <= LIKELY) & (_deviations(evidence, problem.layout.prior_moment) < LARGEST_SIGMAS[index])
+        likely = LIKELY_BESIDE if any(one.is_beside for one in calibration.markings) else LIKELY
+        freed = (as_given <= likely) & (_deviations(evidence, problem.layout.prior_moment) < LARGEST_SIGMAS[index])
         return cls(field, size, evidence, index, freed) if np.any(freed) else None
 
     @property
