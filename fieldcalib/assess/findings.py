@@ -313,6 +313,9 @@ class What(StrEnum):
 
     GROUND_ONLY = "ground only"
     """The ground is known, focal length and place of the camera are not: they are those that its prior prefers."""
+    RAISED = "raised"
+    """The field is higher in the middle than at its touchlines, and the camera is that of this ground: height and
+    standard deviation, metres."""
 
     FRAMES_BESIDE_CLIP = "frames beside the clip"
     """Frames of a clip were mended since it was solved."""
@@ -336,7 +339,7 @@ CAUSES = frozenset([What.LEFT_HANDED, What.OTHER_AXES, What.OTHER_PICTURE, What.
 NOTES = frozenset(
     [
         *(What.SEARCHED, What.TO_SEARCH, What.WAS_SQUASHED, What.FEW_LINES, What.MAY_BE_OTHER_SPORT),
-        *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE, What.GROUND_ONLY),
+        *(What.TOO_FEW_LABELS, What.SEEN_FROM_OPPOSITE, What.GROUND_ONLY, What.RAISED),
         *(What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP, What.MOVED),
     ]
 )
@@ -398,6 +401,8 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.CUTS_BESIDE_CLIP: "the shots of clip.jsonl and tripods.json are not those of the cuts that were set by "
         "hand: solve the clip again",
         What.MOVED: "{about} showed cameras that have changed since: it was moved to history",
+        What.RAISED: "the ground is higher in the middle of the field than at its touchlines, by {0:.2f} m (standard "
+        "deviation {1:.2f} m): markings and places are on that ground",
         What.GROUND_ONLY: "only the ground is known: heights and the camera's place are not",
         What.SEEN_FROM_OPPOSITE: "it is on the opposite side of the field, if the labels name the ends as seen from "
         "the main side; otherwise it is the camera turned by 180 degrees, in alternatives",

@@ -166,7 +166,7 @@ def _run_one_by_one(request: RunRequest) -> int:
         if is_finished(run.out):
             return results.exit_code
         if request.same_field:
-            method = method.on_one_field(source.files)
+            method = method.on_one_field(source.files, results)
         if request.same_camera:
             method = method.on_one_tripod(source.files)
         if source.rate is None:
@@ -225,8 +225,11 @@ class ImageCalibrator:
         seconds = time.perf_counter() - start
         return UnitResult(outcomes_of(frames, calibrations, self._outcome), seconds)
 
-    def on_one_field(self, files: Sequence[FrameFile]) -> ImageCalibrator:
-        """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
+    def on_one_field(self, files: Sequence[FrameFile], results: ResultsWriter) -> ImageCalibrator:
+        """Estimate the size of the field from some images together: evenly spread ones of the most common size.
+
+        It becomes a note of the results.
+        """
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
         images = [image for image in (self.request.read(file).image for file in some) if image is not None]
         alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
@@ -240,7 +243,9 @@ class ImageCalibrator:
         for _ in range(ROUNDS - 1 if alike else 0):
             shown = shared_field(given, calibrate_pictures(on(shown), alike))
         found = shared_size(given, calibrate_pictures(on(shown), alike))
-        say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
+        note = f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})"
+        say(note)
+        results.notes = (*results.notes, note)
         how = on(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, how=replace(how, estimate_size=False))
 

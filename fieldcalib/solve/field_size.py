@@ -31,8 +31,8 @@ import numpy as np
 from fieldcalib._html import table
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.camera_errors import Solved
-from fieldcalib.assess.findings import Status
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.findings import Finding, Status, What
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.fields.field import Field
@@ -43,6 +43,7 @@ from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
 from fieldcalib.problem.layout import CROWN_RANGE, GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.joint_solution import LARGEST_CROWN_SIGMA, CrownEstimate, crown_of, joint_evaluation
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
@@ -80,7 +81,13 @@ def with_field_from_labels(calibration: Calibration, again: Callable[[Field, Cam
         return calibration
     fitted = labels.fitted(found.solved, fitted.field, labels.quantities_of(fitted)[None])
     unit = np.where(fitted.layout.free, fitted.prior_sigma, 0.0)[None]
-    return replace(found, camera=fitted.camera, field=fitted.field, errors=Solved(fitted.evaluation, unit))
+    solved = Solved(fitted.evaluation, unit)
+    found = replace(found, camera=fitted.camera, field=fitted.field, errors=solved)
+    if not np.any(fitted.layout.free[fitted.layout.crown_block]):
+        return found
+    numbers = fitted.field.terrain.crown, float(np.sqrt(solved.uncertainty.covariance[-1, -1]))
+    raised = Finding(What.RAISED, numbers=numbers)
+    return in_picture(found, Placement.whole(fitted.camera.image_size), raised)
 
 
 @dataclass(frozen=True, eq=False)

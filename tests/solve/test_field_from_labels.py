@@ -1,11 +1,12 @@
 """The size and the ground of a field that single frames tell, and what the rules allow."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from commands import lines_of, run
+from commands import lines_of, run, summary_of
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import examples, generators, numbers
@@ -14,6 +15,8 @@ from tripods import SIZE, panned
 
 from data_tools.crown import crowned, on_crown
 from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_images, calibrate_sequence, soccer
+from fieldcalib.assess.findings import What
+from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.draw import render_field
 from fieldcalib.fields import american_football
@@ -30,10 +33,10 @@ POSSIBLE, LIMITS = FIELD.size_model.possibilities, FIELD.size_model.limits
 ROOM = LIMITS - np.array([105.0, 68.0])
 
 
-def with_field(pitch, camera, rng, noise=0.5, field=FIELD):
+def with_field(pitch, camera, rng, noise=0.5, field=FIELD, markings=()):
     """A frame of a pitch, calibrated on a field, and then on a field of the size and ground from its labels."""
     frame = observe(pitch, camera, rng, noise, per_line=9, per_curve=12)
-    (found,) = calibrate_batch(field, [frame], SIZE)
+    found = replace(calibrate_batch(field, [frame], SIZE)[0], markings=markings)
 
     def again(field, start):
         (one,) = calibrate_batch(field, [frame], SIZE, cameras=[start])
@@ -105,6 +108,18 @@ def test_a_frame_tells_size_and_crown_together():
     assert abs(line["field_width"] - 64.0) < 1.0
     assert line["field_crown_m"]["value"] == found.field.ground.crown
     assert 0.0 < line["field_crown_m"]["standard_deviation"] < 0.15
+    assert found.has_finding(What.RAISED)
+    assert f"by {found.field.ground.crown:.2f} m" in found.reason
+
+
+def test_a_marking_beside_its_paint_asks_for_other_ground_sooner():
+    pitch, beside = crowned(FIELD, 0.2), MarkingInView("Side line top", 400.0, 30, share=0.4, offset=9.0)
+    given, found = with_field(pitch, LOW, np.random.default_rng(3), noise=2.0)
+    assert found is given
+    _, asked = with_field(pitch, LOW, np.random.default_rng(3), noise=2.0, markings=(beside,))
+    assert abs(asked.field.ground.crown - 0.2) < 0.1
+    _, level = with_field(FIELD, LOW, np.random.default_rng(3), noise=2.0, markings=(beside,))
+    assert abs(level.field.terrain.crown) < 0.05
 
 
 @pytest.mark.parametrize("known", [soccer(size_known=True), american_football()])
@@ -191,7 +206,8 @@ def test_run_estimates_unless_it_is_told_not_to(tmp_path, pictures, capsys):
     assert widths["nominal"] == 3 * [68.0]
     assert len(set(widths["one"])) == 1
     assert abs(widths["one"][0] - 63.0) < 0.4
-    assert "the images show a field of 105." in capsys.readouterr().err
+    (said,) = (line for line in capsys.readouterr().err.splitlines() if "the images show a field of 105." in line)
+    assert summary_of(tmp_path / "one")["notes"][-1] in said
     assert len(lines_of(tmp_path / "own")[0]["field_standard_deviations"]) == 2
     assert run("run", *inputs, "--out", tmp_path / "no", "--same-field", "--field-size", "known") == 2
 

@@ -22,6 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import ObjectSegments
@@ -390,11 +391,7 @@ def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
     members = list(tripods)
     estimated = [tripod.shared["crown"] for tripod in members if "crown" in tripod.shared]
     if estimated:
-        height, sigma = max(estimated)
-        return [
-            f"the ground is higher in the middle of the field than at its touchlines, by {height:.2f} m "
-            f"(standard deviation {sigma:.2f} m): markings and places are on that ground"
-        ]
+        return [str(Finding(What.RAISED, numbers=max(estimated)))]
     if max((tripod.crown for tripod in members), default=0.0) < NOT_LEVEL:
         return []
     return [
