@@ -21,6 +21,7 @@ from fieldcalib.console.options import did_you_mean, given, option
 from fieldcalib.fields.catalogue import AUTO, FIELDS, field_named, likely_fields
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Ground
+from fieldcalib.fields.sports.soccer import LINE_WIDTH, with_line_width
 from fieldcalib.fields.traits import DISTRIBUTIONS
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError
@@ -317,11 +318,18 @@ def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL, *, auto: 
 
 
 def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:
-    """--field, --field-length, --field-width and --crown."""
+    """--field, --field-length, --field-width, --line-width and --crown."""
     add_named_field(parser, auto=auto)
     sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
     for name, help in sizes.items():
         parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
+    parser.add_argument(
+        "--line-width",
+        type=_height,
+        metavar="M",
+        help="width of a soccer field's lines in metres: their middles are the markings, their outer edges are where "
+        f"the law measures (clips: {LINE_WIDTH}; else 0, as benchmarks take it)",
+    )
     parser.add_argument(
         "--crown",
         type=_height,
@@ -378,6 +386,9 @@ def field_of(options: argparse.Namespace) -> Field:
                 f"and --field-width"
             )
         field = field.resized(field.length if length is None else length, field.width if width is None else width)
+    line_width = getattr(options, "line_width", None)
+    if line_width is not None:
+        field = with_line_width(field, line_width)
     crown = getattr(options, "crown", None)
     if crown is not None:
         field = field.with_ground(Ground(crown))

@@ -15,7 +15,7 @@ from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.parts import mirrored
 from fieldcalib.fields.sports.rugby_union import BuilderWithInGoal
-from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.fields.sports.soccer import SoccerBuilder
 from fieldcalib.fields.traits import (
     CameraDistribution,
     Crown,
@@ -29,7 +29,7 @@ from fieldcalib.fields.traits import (
 
 Build: TypeAlias = Callable[[float, float], Field]
 BUILDERS: Mapping[str, Build] = {  # the attributes of one that is a dataclass are parameters of the field
-    "soccer": soccer,
+    "soccer": SoccerBuilder(),
     "futsal": futsal,
     "ice-hockey-iihf": ice_hockey_iihf,
     "rugby-union": BuilderWithInGoal(),
@@ -45,6 +45,7 @@ def field_to_record(field: Field) -> dict[str, Any]:
 
     Examples
     --------
+    >>> from fieldcalib import soccer
     >>> field_to_record(soccer(100, 64))
     {'builder': 'soccer', 'length': 100.0, 'width': 64.0, 'size_known': False}
     """
@@ -61,6 +62,7 @@ def whole_record(field: Field) -> dict[str, Any]:
 
     Examples
     --------
+    >>> from fieldcalib import soccer
     >>> whole_record(soccer(100, 64))["segments"]["Middle line"]
     {'kind': 'Line', 'start': (0.0, -32.0, 0.0), 'end': (0.0, 32.0, 0.0)}
     """

@@ -23,6 +23,7 @@ from fieldcalib._types import Array, truth
 from fieldcalib.assess.findings import Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
+from fieldcalib.fields.sports.soccer import with_painted_lines
 from fieldcalib.images.background.keyframe_tracking import EVERY
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.images.paint.detected_lines import SEARCH_RANGES
@@ -133,6 +134,16 @@ class How:
         network, segments = SegmentationNetwork.load(), self.task.object_segments
         is_unknown = isinstance(segments, Field) and classes_without_segment(network.classes, segments)
         return self if is_unknown else replace(self, network=network)
+
+    def on_paint(self) -> How:
+        """Take the middles of painted lines for the markings of a soccer field, if its size is estimated.
+
+        As thin lines at the distances of the law they would make it half a percent too large.
+        """
+        field = self.task.field
+        if field is None or not self.estimate_size:
+            return self
+        return replace(self, task=replace(self.task, object_segments=with_painted_lines(field)))
 
     def on_side(self) -> tuple[CameraSide, How]:
         """Find the side of the camera, and restrict the task to it; the network then names the ends as seen from it."""

@@ -228,7 +228,7 @@ class Clip:
         network = how.with_network().network
         network = None if network is None else Padded(network)
         is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
-        on, how = replace(how, network=network, may_be_enlarged=is_free).on_side()
+        on, how = replace(how, network=network, may_be_enlarged=is_free).on_paint().on_side()
         frames = clip_frames(source)
         with frames.opened() as images:
             return cls(frames, how, on, ShapeEstimator(how).shape(images))

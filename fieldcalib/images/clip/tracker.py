@@ -155,7 +155,7 @@ class Tracker:
     def _start(self, how: How, *, wait: bool) -> None:
         """Check the parameters, load the network, and begin."""
         check_of_clip(how.task.chosen_flags)
-        self._side, how = how.on_side()
+        self._side, how = how.on_paint().on_side()
         self._other = None if wait else OtherProcess(NICENESS, PRELOADED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         # one core is left to `update`
