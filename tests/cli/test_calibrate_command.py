@@ -92,6 +92,7 @@ def test_summary(calibrated_folder, annotated_folder):
         "field": "soccer",
         "field_length": None,
         "field_width": None,
+        "line_width": None,
         "crown": None,
         "prior": "all",
         "tau": None,

@@ -207,7 +207,7 @@ def film(picture, tmp_path_factory):
 def test_a_video_on_standard_input(know, film, tmp_path, on_stdin, capfd):
     know([TRUTH] * 6)
     on_stdin(film)
-    assert run("run", "-", "--out", tmp_path) == 0
+    assert run("run", "-", "--out", tmp_path, "--line-width", "0") == 0  # as the film is drawn
     assert "standard input: no more frames after 6" in capfd.readouterr().err
     lines = lines_of(tmp_path)
     assert [line["id"] for line in lines] == [f"{number:06d}" for number in range(6)]

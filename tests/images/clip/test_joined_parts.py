@@ -14,6 +14,7 @@ from data_tools.synthetic.film import Scene, film
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.fields.sports.soccer import LINE_WIDTH
 from fieldcalib.images.clip import from_video
 from fieldcalib.images.clip.joined_parts import joined_parts
 from fieldcalib.images.from_images import How
@@ -26,7 +27,7 @@ PITCH = {"length": 103.0, "width": 66.0}
 SHOT = 9  # frames
 # pan and focal length of the shots of each part: the last one sees the centre circle only, which tells no size
 PARTS = (((-0.46, 480.0), (0.4, 500.0)), ((0.42, 800.0), (0.44, 900.0)), ((-0.02, 700.0), (0.02, 800.0)))
-HOW = How(Task(soccer()))
+HOW = How(Task(soccer(line_width=LINE_WIDTH)))
 
 
 def shot(number, pan, focal_length):
@@ -47,14 +48,14 @@ TRUTHS = [frame.camera for frame in FRAMES]
 
 @pytest.fixture(scope="module")
 def pictures():
-    return list(film(Scene.random(soccer(**PITCH), 5, TRUTHS), FRAMES))
+    return list(film(Scene.random(soccer(**PITCH, line_width=LINE_WIDTH), 5, TRUTHS), FRAMES))
 
 
 @pytest.fixture(scope="module")
 def network(pictures):
     """A network that recognises the pictures of this pitch."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(networks, "FIELD", soccer(**PITCH))
+        patch.setattr(networks, "FIELD", soccer(**PITCH, line_width=LINE_WIDTH))
         yield KnownPictures(pictures, TRUTHS)
 
 

@@ -9,7 +9,7 @@ from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.videos import VideoWriter
 
-FIELD = soccer()
+FIELD = soccer(line_width=0.0)  # as its pictures are drawn
 CENTRE = (1.0, 66.0, -16.0)
 CAMERAS = [
     Camera.from_angles(pan, 1.32, 0.0, 475.0 + 200.0 * abs(pan), CENTRE, (480, 270))
