@@ -83,11 +83,10 @@ def with_field_from_labels(calibration: Calibration, again: Callable[[Field, Cam
     unit = np.where(fitted.layout.free, fitted.prior_sigma, 0.0)[None]
     solved = Solved(fitted.evaluation, unit)
     found = replace(found, camera=fitted.camera, field=fitted.field, errors=solved)
-    if not np.any(fitted.layout.free[fitted.layout.crown_block]):
+    height, sigma = fitted.field.terrain.crown, float(np.sqrt(solved.uncertainty.covariance[-1, -1]))
+    if not (np.any(fitted.layout.free[fitted.layout.crown_block]) and height > sigma):
         return found
-    numbers = fitted.field.terrain.crown, float(np.sqrt(solved.uncertainty.covariance[-1, -1]))
-    raised = Finding(What.RAISED, numbers=numbers)
-    return in_picture(found, Placement.whole(fitted.camera.image_size), raised)
+    return in_picture(found, Placement.whole(fitted.camera.image_size), Finding(What.RAISED, numbers=(height, sigma)))
 
 
 @dataclass(frozen=True, eq=False)
