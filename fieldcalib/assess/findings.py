@@ -214,6 +214,8 @@ class What(StrEnum):
     """A marking lies beside its paint, by some pixels."""
     NO_PAINT = "no paint"
     """The image shows no paint where a marking is projected."""
+    LITTLE_PAINT = "little paint"
+    """The image shows paint on a small share of the markings in view, in percent."""
     WIDE_PAINT = "wide paint"
     """Lines are wider than those of the field, by a factor."""
     IMPROBABLE = "improbable"
@@ -347,6 +349,7 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
     {
         What.OFF_PAINT: "{about!r} lies {0:.0f} px beside its paint",
         What.NO_PAINT: "the image shows no paint at {about!r}",
+        What.LITTLE_PAINT: "only {0:.0f} % of the markings in view show paint",
         What.WIDE_PAINT: "the lines are {0:.1f} times as wide as the field's: it may be a smaller one with the same "
         "markings",
         What.IMPROBABLE: "right to {0:g} m with a probability of {1:.2f}",

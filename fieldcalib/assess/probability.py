@@ -72,7 +72,6 @@ LARGEST_SCORE = 5.0  # larger z-scores count as this
 MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
 # Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
 EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
-LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
 
 
 class OddsTerms(NamedTuple):
@@ -235,22 +234,15 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsT
     if not uncertainties:
         return []
     found = []
-    for one, in_view in zip(uncertainties, _squares_in_view(uncertainties, field), strict=True):
-        problem = one.problem
+    for one, (determined, by_considered) in zip(uncertainties, _squares_in_view(uncertainties, field), strict=True):
+        problem, (weights, moments) = one.problem, one.possibilities
+        squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
-        common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
-        found.append(_terms(one, *in_view, common))
+        rows = np.ones((len(weights), 5))
+        rows[:, 1] = np.log(np.sqrt(np.max(squares, axis=1)) if len(determined) else np.nan)
+        rows[:, 2:] = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
+        found.append(OddsTerms(rows, weights))
     return found
-
-
-def _terms(one: Uncertainty, determined: Array, by_considered: Array, common: Array) -> OddsTerms:
-    """Terms of one estimate, from its `_squares_in_view` and the last three terms, which all possibilities share."""
-    weights, moments = one.possibilities
-    rows = np.empty((len(weights), 5))
-    squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
-    largest = np.sqrt(np.max(squares, axis=1)) if len(determined) else np.nan
-    rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
-    return OddsTerms(rows, weights)
 
 
 def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
@@ -286,8 +278,8 @@ def _derivatives_in_view(theta: Array, layout: Layout, field: Field) -> tuple[Ar
 class ErrorsInView:
     """Errors, from a covariance, of the ground points that a camera sees, relative to the markings in view."""
 
-    squares: Array
-    """Mean squares (N,) of the errors, square metres."""
+    largest: float
+    """Largest root mean square error, metres; NaN where no part of the field is in view."""
     motion: Array
     """Motion of the markings in view by the parameters, (2, n) (`by_parameters`)."""
 
@@ -297,21 +289,16 @@ class ErrorsInView:
         J, seen, motion = _derivatives_in_view(theta, layout, field)
         rows = J.reshape(len(J), -1, layout.size)
         squares = np.maximum(np.sum(((rows @ covariance) * rows).reshape(J.shape), axis=(-2, -1)), 0.0)
-        return [cls(one[k], moved) for one, k, moved in zip(squares, seen, motion, strict=True)]
-
-    @property
-    def largest(self) -> float:
-        """Largest root mean square error, metres; NaN where no part of the field is in view."""
-        return float(np.sqrt(np.max(self.squares))) if len(self.squares) else float("nan")
+        largest = np.sqrt([np.max(one[k]) if np.any(k) else np.nan for one, k in zip(squares, seen, strict=True)])
+        return [cls(*one) for one in zip(largest.tolist(), motion, strict=True)]
 
     def probability(self, metres: float) -> float:
         """Smallest probability, over the ground points in view, that a point is off by at most `metres`.
 
         It is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. NaN where no part of the field is in view.
         """
-        if not len(self.squares):
-            return float("nan")
-        return float(-np.expm1(-(metres**2) / max(float(np.max(self.squares)), LEAST_NOISE * metres**2)))
+        with np.errstate(divide="ignore"):
+            return float(-np.expm1(-np.square(np.divide(metres, self.largest))))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:

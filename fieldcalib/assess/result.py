@@ -303,7 +303,7 @@ class Calibration:
             noted = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
             remedy = REMEDIES[self.status]
             return (OF_LABELS.get(self.status, remedy) if self.are_annotated else remedy).and_also(*noted)
-        if self.has_finding(What.OFF_PAINT, What.NO_PAINT):
+        if self.has_finding(What.OFF_PAINT, What.NO_PAINT, What.LITTLE_PAINT):
             may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
             return OFF_PAINT if may_be_resized else OFF_PAINT_OF_KNOWN_SIZE
         if self.has_finding(What.SEVERAL_VIEWS):

@@ -325,7 +325,7 @@ def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> N
         parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
     parser.add_argument(
         "--line-width",
-        type=_height,
+        type=_line_width,
         metavar="M",
         help="width of a soccer field's lines in metres: their middles are the markings, their outer edges are where "
         f"the law measures (clips: {LINE_WIDTH}; else 0, as benchmarks take it)",
@@ -337,6 +337,11 @@ def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> N
         help="height of the middle of the field above its touchlines in metres, if it is known: 0 for level ground "
         "(by default clips and pictures tell it, where they can)",
     )
+
+
+def _line_width(text: str) -> float:
+    """A width of lines in metres, for argparse."""
+    return number(text, lambda value: 0.0 <= value <= LINE_WIDTH, f"a width in metres from 0 to {LINE_WIDTH}")
 
 
 def _height(text: str) -> float:

@@ -541,6 +541,9 @@ def test_detections_are_places_on_the_ground(some):
         np.testing.assert_allclose(found.X, X, atol=0.5)
         off = np.abs(found.X - X)[:, :2]
         assert np.all(off < 4.0 * found.standard_deviations)
+    for wrong in ([[1.0, 2.0, 3.0]], [[1.0, 2.0, 3.0, 4.0, 0.9, 0.0]], "x", None):
+        with pytest.raises(ValueError, match=r"expected boxes \(N, 4\) or pixels \(N, 2\), got"):
+            some.to_field(wrong, 0)
     exact = some.to_field(feet, 0, pixel_sd=0.0)
     assert np.all(exact.standard_deviations < some.to_field(feet, 0).standard_deviations)
     assert some.to_field([], "x").X.shape == (0, 3)

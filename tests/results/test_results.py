@@ -508,6 +508,7 @@ NUMBERS = {  # of findings that have some
     **dict.fromkeys((What.OTHER_PICTURE, What.EXPLAINED), (960.0, 540.0)),
     What.ONE_OF: (6.0,),
     What.RAISED: (0.46, 0.05),
+    What.LITTLE_PAINT: (44.0,),
     What.TWO_WIDTHS: (8.23, 10.97, 13.7, 10.5),
     **dict.fromkeys((What.BORDER, What.OTHER_PLACE, What.TOO_FEW_LABELS), (1.0, 2.0, 3.0)),
 }

@@ -1,12 +1,16 @@
 """A video of one shot: its frames share a tripod."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from networks import KnownCameras
 
 from fieldcalib import Camera, calibrate_video, soccer
+from fieldcalib.assess.findings import Verdict
 from fieldcalib.draw.scene import render_field
+from fieldcalib.images.clip.finished_clip import _with_little_paint_doubted
 from fieldcalib.io.videos import VideoWriter
 
 FIELD = soccer(line_width=0.0)  # as its pictures are drawn
@@ -79,3 +83,12 @@ def test_frames_of_several_sizes_are_refused(pictures):
     assert len(calibrate_video(FIELD, [], KnownCameras([]))) == 0
     with pytest.raises(FileNotFoundError):
         calibrate_video(FIELD, "no such video.mp4", KnownCameras([]))
+
+
+def test_a_shot_is_doubted_where_few_of_its_markings_show_paint(pictures):
+    (tripod,) = calibrate_video(FIELD, pictures[:4], KnownCameras(CAMERAS[:4])).tripods
+    assert _with_little_paint_doubted(tripod) is tripod
+    faint = {t: tuple(replace(one, share=0.4) for one in seen) for t, seen in tripod.frames.markings.items()}
+    doubted = _with_little_paint_doubted(replace(tripod, frames=replace(tripod.frames, markings=faint)))
+    assert all(one.verdict is Verdict.CHECK for one in doubted)
+    assert "only 40 % of the markings in view show paint" in doubted[0].reason
