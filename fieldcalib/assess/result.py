@@ -253,7 +253,7 @@ class Calibration:
         improbable, picture = list[Finding](), None
         if self.field is not None and self.has_probability:
             tolerance = self.field.tolerance
-            probability = self.probability()
+            probability = float(np.nan_to_num(self.probability()))  # NaN where no part of the field is in view
             least = self._least_in_picture
             if not probability >= (LEAST_PROBABILITY if least is None else least):
                 improbable.append(Finding(What.IMPROBABLE, numbers=(tolerance, probability)))

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._progress import Progress, progress_bar, solving
-from fieldcalib._types import file_path, is_number, number, truth
+from fieldcalib._types import expect, file_path, is_number, number, truth
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.catalogue import AUTO
@@ -210,8 +210,8 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     >>> list(rig), rig["left"][0].field == rig["right"][0].field
     (['left', 'right'], True)
     """
-    given = _field(field)
-    alone = [calibrate(one, replace(given, size_known=True), **options) for one in sources.values()]
+    given, each = _field(field), expect(sources, Mapping, '{"left": "left.mp4", "right": "right.mp4"}')
+    alone = [calibrate(one, replace(given, size_known=True), **options) for one in each.values()]
     found = shared_size(given, [one for results in alone for one in results.values()])
     shown = given if given.size_known else replace(found.field, size_known=found.is_told)
     return {name: calibrate(one, shown, **options) for name, one in sources.items()}

@@ -731,11 +731,12 @@ def test_a_mended_frame_holds_in_its_clip(tmp_path):
     """A pan; the labels of one frame by hand, and the frames around it follow."""
     size, count = (640, 360), 30
     cameras = [Camera.from_angles(-0.3 + 0.003 * k, 1.35, 0.0, 1066.0, (0.0, 68.0, -17.0), size) for k in range(count)]
-    images = [render_field(camera, soccer(), rng=np.random.default_rng(0)) for camera in cameras]
+    pitch = soccer(line_width=0.12)  # as clips take it
+    images = [render_field(camera, pitch, rng=np.random.default_rng(0)) for camera in cameras]
     one = Client(video(tmp_path / "clip.avi", images), tmp_path / "out")
     one.edit("clear", number=14)
     for label in LINES:
-        xy = cameras[14].project(soccer()[label].sample(1.0))
+        xy = cameras[14].project(pitch[label].sample(1.0))
         xy = xy[((xy > 5.0) & (xy < np.subtract(size, 5.0))).all(axis=1)][[0, -1]]
         assert one.edit("mark", number=14, label=label, xy=xy.tolist()).status_code == 200
     solved(one)

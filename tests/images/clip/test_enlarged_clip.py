@@ -16,6 +16,7 @@ from fieldcalib.assess.findings import ENLARGED, WHICH_PART, Verdict
 from fieldcalib.images.shape.enlarged import LARGEST_SOFTNESS, Detail, are_interpolated, softness_of_shot
 
 PART = (720, 405)  # px: three quarters of a frame
+THIN = soccer(line_width=0.0)  # as the pictures are drawn
 RNG = np.random.default_rng(0)
 FRAMES = [
     cv2.GaussianBlur(picture(camera(pan, 78, 1400, (0, 68, -17))), (0, 0), 0.8).astype(np.int16)
@@ -115,6 +116,6 @@ def test_pictures_of_a_digital_zoom_are_not_good_and_a_metre_off(way):
     views = clip_views(1, 30)
     shown = [arranged([view], WAYS[way], np.random.default_rng(0)) for view in views]
     pictures = [one.image for one in shown]
-    assert counts(calibrate_video(soccer(), pictures, may_be_enlarged=False), shown)["good and 1 m off"] == 30
-    found = counts(calibrate_video(soccer(), pictures), shown)
+    assert counts(calibrate_video(THIN, pictures, may_be_enlarged=False), shown)["good and 1 m off"] == 30
+    found = counts(calibrate_video(THIN, pictures), shown)
     assert (found["good and 1 m off"], found["accepted"]) == (0, 30)
