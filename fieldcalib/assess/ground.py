@@ -12,6 +12,21 @@ from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT, Layout
 from fieldcalib.problem.projection import Projection
 
 
+def given_crown(covariance: Array, of_crown: BoolArray) -> Array:
+    """Covariance (n, n) of parameters for whatever crown they share with others; `of_crown` (n,) marks it, if any.
+
+    Places of one camera are compared by it: an error of the crown moves all of them alike.
+
+    Examples
+    --------
+    >>> given_crown(np.array([[2.0, 0.1], [0.1, 0.04]]), np.array([False, True])).round(2)
+    array([[1.75, 0.  ],
+           [0.  , 0.  ]])
+    """
+    by_crown, variance = covariance[:, of_crown], float(np.sum(covariance[of_crown][:, of_crown]))
+    return np.asarray(covariance - by_crown @ by_crown.T / variance) if variance > 0.0 else covariance
+
+
 @dataclass(frozen=True, eq=False)
 class Considered:
     """The parameters that a layout considers, with their joint covariance."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, expect, is_number, listed, real_array
+from fieldcalib._types import Array, expect, is_number, listed, number, real_array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import terrain_of
 from fieldcalib.geometry.camera import Camera
@@ -130,14 +130,15 @@ def height_above_ground(
     >>> round(height, 2), round(sd, 2)
     (1.9, 0.13)
     """
-    camera, terrain, xy = calibration.required_camera, terrain_of(calibration.field), real_array([foot, top])
+    camera = expect(calibration, Calibration, 'fieldcalib.read("results")[0]').required_camera
+    terrain, xy = terrain_of(calibration.field), real_array([foot, top])
 
     def height(camera: Camera, xy: Array) -> float:
         X, ray = camera.image_to_field(xy[0], terrain=terrain), homogenize(camera.normalized(xy[1])) @ camera.R
         across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
         return float(across[2] @ (X - camera.C) / across[2, 2])
 
-    found, moves = height(camera, xy), pixel_sd * np.eye(4).reshape(4, 2, 2)
+    found, moves = height(camera, xy), number(pixel_sd, "pixel_sd") * np.eye(4).reshape(4, 2, 2)
     if not np.isfinite(found):
         raise ValueError("no ground is seen at the foot, or no ray meets the top")
     steps = [height(camera, xy + one) - found for one in moves]

@@ -325,28 +325,23 @@ def add_sized_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> N
         parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
     parser.add_argument(
         "--line-width",
-        type=_line_width,
+        type=_metres,
         metavar="M",
         help="width of a soccer field's lines in metres: their middles are the markings, their outer edges are where "
         f"the law measures (clips: {LINE_WIDTH}; else 0, as benchmarks take it)",
     )
     parser.add_argument(
         "--crown",
-        type=_height,
+        type=_metres,
         metavar="M",
         help="height of the middle of the field above its touchlines in metres, if it is known: 0 for level ground "
         "(by default clips and pictures tell it, where they can)",
     )
 
 
-def _line_width(text: str) -> float:
-    """A width of lines in metres, for argparse."""
-    return number(text, lambda value: 0.0 <= value <= LINE_WIDTH, f"a width in metres from 0 to {LINE_WIDTH}")
-
-
-def _height(text: str) -> float:
-    """A height in metres, for argparse."""
-    return number(text, lambda value: 0.0 <= value < np.inf, "a height in metres, 0 or more")
+def _metres(text: str) -> float:
+    """A length of 0 or more, for argparse."""
+    return number(text, lambda value: 0.0 <= value < np.inf, "metres, 0 or more")
 
 
 def add_named_field(parser: argparse.ArgumentParser, *, auto: bool = False) -> None:

@@ -23,7 +23,6 @@ import numpy as np
 
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
-from fieldcalib._progress import counted
 from fieldcalib._types import file_path, truth
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
 from fieldcalib.assess.ground_points import GroundPoints, locate_on_ground
@@ -152,7 +151,7 @@ class Results(Mapping[str, Calibration]):
 
     def __repr__(self) -> str:
         count = f"{len(self)} calibration{'s' * (len(self) != 1)}"
-        broken = f", {counted(len(self.broken), 'broken file')}" if self.broken else ""
+        broken = f", {len(self.broken)} broken file{'s' * (len(self.broken) != 1)}" if self.broken else ""
         side = ", up to the side" if self.is_side_open else ""
         return f"Results({count}: {self._counts()}{broken}{side})"
 
@@ -280,7 +279,7 @@ class Results(Mapping[str, Calibration]):
         """Find the id of a frame that a user names by id or number."""
         if frame is None and len(self) != 1:
             raise ValueError(f"say which frame: there are {len(self)}, as {', '.join(map(repr, list(self)[:3]))}")
-        return self.frames.ids[self._number(frame or 0)]
+        return self.frames.ids[self._number(0 if frame is None else frame)]
 
     def _field(self, calibration: Calibration) -> Field:
         return calibration.field or soccer()
@@ -356,7 +355,7 @@ class Results(Mapping[str, Calibration]):
                [19.9,  3.7]])
         """
         boxes = np.asarray(getattr(detections, "xyxy", detections))
-        if boxes.dtype.kind not in "fiu" or (boxes.size and boxes.shape[-1] not in (2, 4)):
+        if boxes.dtype.kind not in "fiu" or (boxes.size and boxes.shape[-1:] not in ((2,), (4,))):
             raise ValueError(f"expected boxes (N, 4) or pixels (N, 2), got {boxes.dtype} of shape {boxes.shape}")
         xy = foot_points(boxes) if boxes.shape[-1:] == (4,) else boxes.reshape(-1, 2)
         return locate_on_ground(self[self._id(frame)], xy, pixel_sd=pixel_sd)

@@ -17,8 +17,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeAlias, TypeVar
 
-import numpy as np
-
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.catalogue import AUTO, COMPARED
 from fieldcalib.geometry.camera import Camera
@@ -192,8 +190,8 @@ class NoFrameError(KeyError):
             return f"there is no frame {self._id!r}: no frame has a calibration"
         text = str(self._id)
         likely = [one for one in (f"{text:0>6}", Path(text).stem) if one in self._known]
-        if isinstance(self._id, int | np.integer) and 0 <= self._id < len(self._known):  # its place among them
-            likely = likely or [next(islice(self._known, int(self._id), None))]
+        if isinstance(self._id, int) and 0 <= self._id < len(self._known):  # its place among them
+            likely = likely or [next(islice(self._known, self._id, None))]
         likely = likely or get_close_matches(text, islice(self._known, MOST_COMPARED), n=1, cutoff=0.8)
         some = ", ".join(map(repr, islice(self._known, SHOWN)))
         more = f" and {len(self._known) - SHOWN} more" if len(self._known) > SHOWN else ""
@@ -210,8 +208,8 @@ class ById(dict[str, Value]):
 
 def number_of(numbers: Mapping[str, int], id: object, why: Callable[[str], str] = lambda id: "") -> int:
     """Number of a frame that a user names by its id, or by its place among these; a `NoFrameError` with the reason."""
-    if isinstance(id, int | np.integer) and -len(numbers) <= id < len(numbers):
-        return next(islice(numbers.values(), int(id) % len(numbers), None))
+    if isinstance(id, int) and -len(numbers) <= id < len(numbers):
+        return next(islice(numbers.values(), id % len(numbers), None))
     if not isinstance(id, str) or id not in numbers:
         raise NoFrameError(id, numbers, why(id) if isinstance(id, str) else "")
     return numbers[id]

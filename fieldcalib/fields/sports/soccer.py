@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import is_number, truth
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Point, Segment
 from fieldcalib.fields.sports.parts import CENTRE, across, along, on_ground, upright
 from fieldcalib.fields.traits import (
@@ -202,8 +202,7 @@ def with_line_width(field: Field, line_width: float) -> Field:
     """
     if field.size_model is None or not isinstance(field.size_model.build, SoccerBuilder) or not field.is_built:
         raise ValueError("expected a soccer field: the lines of others have the width that their rules say")
-    as_painted = soccer(field.length, field.width, size_known=field.size_known, line_width=line_width)
-    return as_painted.with_ground(field.ground)
+    return built(SoccerBuilder(line_width), field.length, field.width, field.size_known, field.ground)
 
 
 def soccer_points(points: Mapping[str, Point]) -> Field:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.ground import Considered
+from fieldcalib.assess.ground import Considered, given_crown
 from fieldcalib.assess.label_errors import Misfit, misfit, pooled_noise
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import ReducedSystem
@@ -456,10 +456,9 @@ def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     if layout.field_size is None:
         return {}
     sigma = np.full(layout.size, np.inf)
-    variance, (*by_crown, of_crown) = np.diagonal(joint.covariance), joint.considered.covariance[-1]
-    if np.any(layout.is_crown & layout.considered):  # a crown that no frame tells says nothing against a size
-        variance = variance - np.square(by_crown[: len(variance)]) / of_crown
-    sigma[layout.roles == Role.SHARED] = np.sqrt(variance)
+    of_crown = (layout.is_crown & layout.considered)[joint.considered.layout.considered]
+    covariance = given_crown(joint.considered.covariance, of_crown)  # a crown that no frame tells is none of a size
+    sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance[joint._shared]))
     block = range(layout.size)[layout.field_size_block]
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.frame_table import FrameTable
-from fieldcalib.assess.ground import Considered
+from fieldcalib.assess.ground import Considered, given_crown
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.layout import CENTER, GaussianPrior
 
@@ -125,8 +125,9 @@ def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int
 
 def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
     """Centres of N frames (N, 3), and their covariances (N, 3, 3)."""
-    C = [calibration.uncertainty.theta[CENTER] for calibration in calibrations]
-    V = [calibration.uncertainty.covariance[CENTER, CENTER] for calibration in calibrations]
+    errors = [calibration.uncertainty for calibration in calibrations]
+    C = [one.theta[CENTER] for one in errors]
+    V = [given_crown(one.covariance, one.layout.is_crown)[CENTER, CENTER] for one in errors]
     return np.reshape(C, (-1, 3)), np.reshape(V, (-1, 3, 3))
 
 
