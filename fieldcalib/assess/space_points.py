@@ -138,9 +138,9 @@ def height_above_ground(
         across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
         return float(across[2] @ (X - camera.C) / across[2, 2])
 
-    found, moves = height(camera, xy), number(pixel_sd, "pixel_sd") * np.eye(4).reshape(4, 2, 2)
-    if not np.isfinite(found):
-        raise ValueError("no ground is seen at the foot, or no ray meets the top")
+    found, moves = height(camera, xy), np.where(np.eye(4), number(pixel_sd, "pixel_sd"), 0.0).reshape(4, 2, 2)
+    if not (np.isfinite(found) and np.all(np.isfinite(moves))):
+        raise ValueError("no ground is seen at the foot, no ray meets the top, or pixel_sd is not finite")
     steps = [height(camera, xy + one) - found for one in moves]
     steps += [height(one, xy) - found for one in _moved(calibration)]
     return found, float(np.linalg.norm(steps))

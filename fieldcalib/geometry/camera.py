@@ -487,7 +487,10 @@ class Camera:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the camera to a file of JSON; ``Camera.from_dict(json.loads(...))`` gives it back."""
-        file_path(path, "a file of JSON").write_text(json.dumps(self.to_dict(), indent=1) + "\n")
+        file = file_path(path, "a file of JSON")
+        if file.is_dir():
+            raise IsADirectoryError(f"{file} is a folder: expected the path of a file")
+        file.write_text(json.dumps(self.to_dict(), indent=1) + "\n")
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
         """The camera of the image resized to another size; focal length and principal point scale with it."""
