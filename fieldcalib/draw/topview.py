@@ -60,7 +60,7 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
         metres_per_pixel = float(f"{field.scale / PIXELS_OF_SCALE:.1e}")
     if not (0.0 < metres_per_pixel < np.inf and 0.0 <= margin < np.inf):
         raise ValueError(f"expected positive metres per pixel and a margin, got {metres_per_pixel} and {margin}")
-    lengths = [(side + 2.0 * margin) / metres_per_pixel for side in (field.length, field.width)]
+    lengths = [(side + 2.0 * float(margin)) / float(metres_per_pixel) for side in (field.length, field.width)]
     if max(lengths) > LONGEST_SIDE:
         raise ValueError(
             f"the picture would have {lengths[0]:.0f} x {lengths[1]:.0f} pixels, up to {LONGEST_SIDE} a side are drawn"
