@@ -13,7 +13,7 @@ from fieldcalib.problem.projection import Projection
 
 
 def given_crown(covariance: Array, of_crown: BoolArray) -> Array:
-    """Covariance (n, n) of parameters for whatever crown they share with others; `of_crown` (n,) marks it, if any.
+    """Covariance (n, n) of parameters if the crown of the field were known; `of_crown` (n,) marks it, if any.
 
     Places of one camera are compared by it: an error of the crown moves all of them alike.
 

@@ -457,7 +457,7 @@ def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
         return {}
     sigma = np.full(layout.size, np.inf)
     of_crown = (layout.is_crown & layout.considered)[joint.considered.layout.considered]
-    covariance = given_crown(joint.considered.covariance, of_crown)  # a crown that no frame tells is none of a size
+    covariance = given_crown(joint.considered.covariance, of_crown)  # an unknown crown alone fixes no size
     sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance[joint._shared]))
     block = range(layout.size)[layout.field_size_block]
     return {

@@ -124,7 +124,7 @@ def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int
 
 
 def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
-    """Centres of N frames (N, 3), and their covariances (N, 3, 3)."""
+    """Centres of N frames (N, 3), and their covariances if the crown, which they share, were known (N, 3, 3)."""
     errors = [calibration.uncertainty for calibration in calibrations]
     C = [one.theta[CENTER] for one in errors]
     V = [given_crown(one.covariance, one.layout.is_crown)[CENTER, CENTER] for one in errors]
