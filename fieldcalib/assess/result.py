@@ -394,8 +394,8 @@ class Calibration:
         metres : float, optional
             By default the field's `tolerance`, 1 m on a soccer pitch.
         size_known : bool
-            Whether to assume that the field has the given size, on its given ground. If it has another one, a camera may
-            fit its image well and be wrong in metres.
+            Whether to assume that the field has the given size, on its given ground. If it has another one, a camera
+            may fit its image well and be wrong in metres.
 
         Raises
         ------
