@@ -211,7 +211,8 @@ class Results(Mapping[str, Calibration]):
     @cached_property
     def verdicts(self) -> Mapping[str, Verdict]:
         """The verdict on each frame by id: "good", "check" or "reject"."""
-        return ById({line["id"]: Verdict(line["verdict"]) for line in self.frames.mains() if line["id"] in self})
+        lines = (line for line in self.frames.mains() if line["id"] in self)
+        return ById({line["id"]: Verdict(line.get("verdict") or self[line["id"]].verdict) for line in lines})
 
     @property
     def basis(self) -> Mapping[str, str]:
@@ -556,7 +557,7 @@ class _Whole:
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
         line = self.results.line(id)
         is_labelled = self.results.command == LABELLED
-        keeps = line["status"] not in WITHHELD if is_labelled else line["verdict"] != Verdict.REJECT
+        keeps = line["status"] not in WITHHELD if is_labelled else self.results.verdicts[id] != Verdict.REJECT
         files = dict(more.get("files", {}))
         if keeps and calibration.camera is not None:
             files |= camera_file(id, calibration.camera)
