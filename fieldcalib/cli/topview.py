@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
-from fieldcalib.io.image_files import Image, write_image
+from fieldcalib.io.image_files import Image, spread, write_image
 from fieldcalib.io.output_folder import check_targets
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.frame_source import files_read
@@ -29,8 +28,6 @@ MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
 LINE_COLOUR = (96, 92, 90)  # colour of the markings where nothing is seen
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
-
-Item = TypeVar("Item")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +103,7 @@ class Views:
         files = [file for file in IMAGES.find(self.input) if file.id in accepted]
         if not files:
             raise ValueError(f"no image that is given has an accepted camera in {self.cameras.path}")
-        for file in _spread(files, self.most):
+        for file in (files[k] for k in spread(len(files), self.most)):
             with named_in_errors(file.path):
                 yield IMAGES.read(file.read(self.most_bytes)), self.cameras.camera(file.id)
             self.shown.append(file.id)
@@ -117,7 +114,7 @@ class Views:
         numbers = {int(id): id for id in self.cameras.accepted if id.isdecimal()}
         if not numbers:
             raise ValueError(f"expected numbers as the ids of frames in {self.cameras.path}: are they of this video?")
-        chosen = _spread(sorted(numbers), self.most)
+        chosen = [sorted(numbers)[k] for k in spread(len(numbers), self.most)]
         cut = Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))
         with (
             VideoReader(self.input[0], cut=cut) as reader,
@@ -128,16 +125,3 @@ class Views:
                 if number in chosen:
                     yield image, self.cameras.camera(numbers[number])
                     self.shown.append(numbers[number])
-
-
-def _spread(items: Sequence[Item], most: int) -> list[Item]:
-    """At most `most` of the items, evenly spread.
-
-    Examples
-    --------
-    >>> _spread(range(10), 4)
-    [0, 3, 6, 9]
-    """
-    if len(items) <= most:
-        return list(items)
-    return [items[index] for index in np.rint(np.linspace(0, len(items) - 1, most)).astype(int).tolist()]

@@ -36,7 +36,7 @@ from fieldcalib.images.from_images import How, Mount
 from fieldcalib.io.decoders import DEFAULT_RATE
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import VIDEOS
-from fieldcalib.io.image_files import Image, write_image
+from fieldcalib.io.image_files import Image, spread, write_image
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import Padded
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -313,8 +313,8 @@ def next_frame(frames: FrameSource, rows: Sequence[Row], field: Field, network: 
     middle: int = candidates[len(candidates) // 2]
     if network is None:
         return middle
-    spread = np.linspace(0, len(candidates) - 1, min(len(candidates), LOOKED_AT)).round().astype(int)
-    counts: dict[int, int] = {candidates[k]: _markings(frames, candidates[k], field, network) for k in spread.tolist()}
+    looked_at = [candidates[k] for k in spread(len(candidates), LOOKED_AT)]
+    counts = {n: _markings(frames, n, field, network) for n in looked_at}
     return max(counts, key=lambda n: (counts[n], -abs(n - middle)))
 
 

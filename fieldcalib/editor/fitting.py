@@ -18,7 +18,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import refine_on_image
-from fieldcalib.io.image_files import Image, size_of
+from fieldcalib.io.image_files import Image, size_of, spread
 from fieldcalib.localize import Network, localize
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.evaluation import Problem, evaluate
@@ -106,8 +106,7 @@ def _few(field: Field, pixels: Pixels) -> Marks:
     """A few marks for each segment, in their order along it, of pixels that no person labelled."""
     few = {}
     for label, xy in pixels.items():
-        some = np.linspace(0, len(xy) - 1, min(len(xy), MOST_MARKS)).round().astype(int)
-        few[label] = xy[field[label].order(xy)][some]
+        few[label] = xy[field[label].order(xy)][spread(len(xy), MOST_MARKS)]
     return Marks.of(few, by_hand=False)
 
 

@@ -16,7 +16,6 @@ Marks can be copied from one frame to another of the same camera; they move as t
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -43,7 +42,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import dehomogenize, homogenize
 from fieldcalib.images.background.matches import Matches, match_background, match_far
 from fieldcalib.images.shape.shape_of_picture import log_ratio_of_squash
-from fieldcalib.io.image_files import Image, at_most_wide, checked_image, encode_image, size_of
+from fieldcalib.io.image_files import Image, checked_image, html_picture, size_of
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import PixelTable, nearest_label
 from fieldcalib.problem.losses import RobustLoss
@@ -69,7 +68,6 @@ MARGIN = 4  # px beyond the reach, for `NEAR_MIDDLE` and the neighbours of two d
 LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
 LARGEST_TURN = np.sin(np.radians(25.0))  # sine of the angle between a line and its expected direction
 NEAREST = 12  # matches around a mark that correct the homography, which has no lens
-NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
 NEAR = 30.0  # px of a 960 x 540 image: a projected marking within this is the one clicked on
 
 
@@ -538,9 +536,8 @@ class FrameEditor:
         """Show the picture with its projected markings, verdict and reason in a notebook."""
         calibration = self.calibration
         drawn = draw_calibration(self.image, calibration, calibration.field or self.field)
-        content = encode_image(at_most_wide(drawn, NOTEBOOK_WIDTH), ".jpg")
-        picture = f'<img src="data:image/jpeg;base64,{b64encode(content).decode()}">'
-        return f"<div>{picture}<p>{escape(f'{calibration.verdict}: {calibration.reason}')}</p></div>"
+        said = escape(f"{calibration.verdict}: {calibration.reason}")
+        return f"<div>{html_picture(drawn, 'projected markings')}<p>{said}</p></div>"
 
     def _then(self, **changes: Any) -> FrameEditor:
         edit = replace(self.history.present, automatic=False, **changes)

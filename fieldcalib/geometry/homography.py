@@ -168,7 +168,9 @@ def homography_from_points(x: Array, x_image: Array, weights: Array) -> Array:
     >>> dehomogenize(homogenize(corners) @ H.T).round(6)[1]
     array([700., 110.])
     """
-    return _dlt_of_points(x, x_image, weights)
+    T, T_image = normalizing_transform(x, weights), normalizing_transform(x_image, weights)
+    a, b = homogenize(x) @ np.swapaxes(T, -1, -2), homogenize(x_image) @ np.swapaxes(T_image, -1, -2)
+    return np.asarray(np.linalg.inv(T_image) @ _dlt(a, b, weights) @ T)
 
 
 def projection_from_points(X: Array, x_image: Array, weights: Array) -> Array:
@@ -200,7 +202,7 @@ def projection_from_points(X: Array, x_image: Array, weights: Array) -> Array:
     >>> bool(np.allclose(found / found[2, 3] * 8, P))
     True
     """
-    return _dlt_of_points(X, x_image, weights)
+    return homography_from_points(X, x_image, weights)
 
 
 def homography_from_lines(
@@ -243,13 +245,6 @@ def homography_from_lines(
     line = line / np.linalg.norm(line, axis=-1, keepdims=True)
     image = image / np.linalg.norm(image, axis=-1, keepdims=True)
     return np.asarray(np.linalg.inv(T_image) @ np.swapaxes(_dlt(image, line, weights), -1, -2) @ T)
-
-
-def _dlt_of_points(x: Array, x_image: Array, weights: Array) -> Array:
-    """M (..., 3, D + 1) with ``x_image = M x``, by the normalised DLT; points x have D dimensions."""
-    T, T_image = normalizing_transform(x, weights), normalizing_transform(x_image, weights)
-    a, b = homogenize(x) @ np.swapaxes(T, -1, -2), homogenize(x_image) @ np.swapaxes(T_image, -1, -2)
-    return np.asarray(np.linalg.inv(T_image) @ _dlt(a, b, weights) @ T)
 
 
 def _dlt(a: Array, b: Array, weights: Array) -> Array:

@@ -17,6 +17,7 @@ import os
 import re
 import struct
 import time
+from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -49,6 +50,7 @@ BIG_TIFF_TYPES = {**TIFF_TYPES, 16: "Q"}  # LONG8: of 8 bytes, which lie elsewhe
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory
 PIXELS_AT_ONCE = 66_000_000  # of all images in memory together: eight of 4K
+NOTEBOOK_WIDTH = 960  # px of a picture in a notebook
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
 AHEAD = 6  # images that are read while others are worked on
 MOST_WAITING = 5  # images of a camera that wait, a fifth of a second
@@ -384,6 +386,12 @@ def at_most_wide(image: Image, width: int) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
+def html_picture(image: Image, alt: str) -> str:
+    """An image as an element of HTML, for a notebook."""
+    data = b64encode(encode_image(at_most_wide(image, NOTEBOOK_WIDTH), ".jpg")).decode()
+    return f'<img alt="{alt}" src="data:image/jpeg;base64,{data}">'
+
+
 def write_image(path: Path, image: Image) -> None:
     """Write an image in the format of the path's suffix, whole or not at all."""
     write_bytes(path, encode_image(image, path.suffix))
@@ -459,6 +467,17 @@ class Newest(Generic[Item]):
                     self._waiting.popleft()
                     self.dropped += 1
                 self._changed.notify()
+
+
+def spread(count: int, most: int) -> list[int]:
+    """Up to `most` of the numbers below `count`, evenly spread.
+
+    Examples
+    --------
+    >>> spread(10, 4), spread(2, 4)
+    ([0, 3, 6, 9], [0, 1])
+    """
+    return [round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()]
 
 
 def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:

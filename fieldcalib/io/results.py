@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias, TypeGuard
 
@@ -302,22 +303,13 @@ class ResultFile:
             )
         return line
 
-    def _named(self, number: int) -> _NamedLine:
-        return _NamedLine(self.path, number)
-
-
-class _NamedLine:
-    """Lets errors about a line begin with its file and its number."""
-
-    def __init__(self, path: Path, number: int) -> None:
-        self._path, self._number = path, number
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: object) -> None:
-        if isinstance(error, ValueError):
-            raise BrokenFileError(f"{self._path}, line {self._number + 1}: {error}") from error
+    @contextmanager
+    def _named(self, number: int) -> Iterator[None]:
+        """Let errors about a line begin with its file and its number."""
+        try:
+            yield
+        except ValueError as error:
+            raise BrokenFileError(f"{self.path}, line {number + 1}: {error}") from error
 
 
 class _Lines:

@@ -28,7 +28,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.ground import Terrain
+from fieldcalib.fields.ground import Ground, Terrain
 from fieldcalib.fields.traits import DEVIATIONS, CameraDistribution, Crown, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import FisheyeLens, Lens, RadialLens
@@ -116,6 +116,11 @@ class SizeBlock(NamedTuple):
     def is_known(self) -> bool:
         """Whether length and width are exact, and only the crown is not."""
         return bool(np.all(self.limits == self.given))
+
+    def resize(self, field: Field, length: float, width: float, height: float) -> Field:
+        """A field of another size, unless it is known, with a crown of this height; one of 0 leaves its ground open."""
+        field = field if self.is_known else field.resized(length, width)
+        return field.with_ground(Ground(height)) if height > 0.0 else field
 
     @property
     def possibilities_with_crown(self) -> tuple[Array, Array]:

@@ -36,7 +36,6 @@ from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -209,11 +208,11 @@ def _beside(cameras: Array, layout: Layout, field: Array) -> Array:
 
 
 def _field_of(field: Field, layout: Layout, theta: Array) -> Field:
-    """A field in the size, and on the ground, of a parameter vector; a crown of 0 leaves its ground open."""
-    size, height = layout.field_size, float(np.sum(theta[layout.crown_block]))
-    if size is not None and not size.is_known:
-        field = field.resized(*theta[layout.field_size_block].tolist())
-    return field.with_ground(Ground(height)) if height else field
+    """A field in the size, and on the ground, of a parameter vector."""
+    if layout.field_size is None:
+        return field
+    length, width = theta[layout.field_size_block].tolist()
+    return layout.field_size.resize(field, length, width, float(np.sum(theta[layout.crown_block])))
 
 
 @dataclass(frozen=True, eq=False)

@@ -170,9 +170,12 @@ def _points(value: Any) -> Any:
 
 
 def _numbers(body: Mapping[str, Any]) -> list[int]:
-    value = body.get("numbers")
+    return _whole_numbers(body.get("numbers"), "the numbers of marks, as [0, 3]")
+
+
+def _whole_numbers(value: Any, what: str) -> list[int]:
     if not isinstance(value, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in value):
-        raise ValueError("expected the numbers of marks, as [0, 3]")
+        raise ValueError(f"expected {what}")
     return value
 
 
@@ -433,9 +436,7 @@ class Page:
 
     async def cuts(self, request: Request) -> Response:
         """Set the first frames of the shots."""
-        cuts = (await _body(request)).get("cuts")
-        if not isinstance(cuts, list) or not all(isinstance(one, int) and not isinstance(one, bool) for one in cuts):
-            raise ValueError('expected the numbers of frames, as {"cuts": [0, 120]}')
+        cuts = _whole_numbers((await _body(request)).get("cuts"), 'the numbers of frames, as {"cuts": [0, 120]}')
         await run_in_threadpool(self.editor.set_cuts, cuts)
         return Json({"cuts": self.editor.cuts})
 

@@ -27,7 +27,6 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors
 from fieldcalib.assess.video import NO_TRIPOD, VideoCalibration
 from fieldcalib.fields.field import Field, tolerance_of
-from fieldcalib.fields.ground import Ground
 from fieldcalib.images.clip.solved_shots import PLACE, SIZE, UNMODELLED, grouped_by_tripod
 from fieldcalib.images.from_images import How
 from fieldcalib.problem.layout import CROWN, GaussianPrior, Layout, gaussian_priors
@@ -163,11 +162,8 @@ def _on_pitch(layout: Layout, before: SequenceCalibration, s: Mapping[str, float
         return layout, field
     length, width = (s.get(name, float(given)) for name, given in zip(SIZE, block.given, strict=True))
     height = s.get("crown", block.height)
-    if not block.is_known:
-        field = replace(field.resized(length, width), size_known=field.size_known, ground=field.ground)
-    if height > 0.0:
-        field = field.with_ground(Ground(height))
-    return replace(layout, field_size=block._replace(given=np.array([length, width]), height=height)), field
+    on = block._replace(given=np.array([length, width]), height=height)
+    return replace(layout, field_size=on), block.resize(field, length, width, height)
 
 
 @dataclass(frozen=True, eq=False)

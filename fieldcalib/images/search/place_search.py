@@ -51,7 +51,7 @@ from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size
-from fieldcalib.io.image_files import Image, size_of
+from fieldcalib.io.image_files import Image, size_of, spread
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
@@ -391,7 +391,7 @@ def pooled_place(
     on = CameraSide.of(task, side)
     # the place is found on the main side, as searches find cameras there, and turned at the end if it is opposite
     task = replace(task, side=on.side and MAIN)
-    images = [images[k] for k in _spread(len(listed(images, "pictures")), MOST)]
+    images = [images[k] for k in spread(len(listed(images, "pictures")), MOST)]
     searched = [find_courts(image, field, flags=flags, prior=prior) for image in images]
     found = [one[0].calibration for one in searched if one]
     place = place_of(found, FIRST)
@@ -424,7 +424,7 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
     for index in np.argsort(-np.sum(between < NEAR, axis=1), kind="stable").tolist():
         if not chosen or np.min(between[index, chosen]) > 0.5 * NEAR:
             chosen.append(index)
-    sample = [at_working_size(images[k]) for k in _spread(len(images), SAMPLE)]
+    sample = [at_working_size(images[k]) for k in spread(len(images), SAMPLE)]
     stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]
     places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
     scores = [sum(_best_score(one, field, place) for one in stripes) for place in places]
@@ -433,8 +433,3 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
 
 def _best_score(stripes: PictureStripes, field: Field, place: Place) -> float:
     return float(np.max(rank_from(place, stripes.with_bend(place.bend), field).score, initial=0.0))
-
-
-def _spread(count: int, most: int) -> list[int]:
-    """Up to `most` of the numbers below `count`, evenly spread."""
-    return sorted({round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()})

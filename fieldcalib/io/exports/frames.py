@@ -5,7 +5,9 @@ The camera in the axes of computer graphics: world x right, y away from the main
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -71,6 +73,13 @@ def image_name(pattern: str, id: str) -> str:
     if "<id>" not in pattern:
         raise ValueError(f"expected a name with <id> in it, as images/<id>.png, got {pattern!r}")
     return pattern.replace("<id>", id)
+
+
+def csv_table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    """A table of CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([titles, *rows])
+    return text.getvalue().encode()
 
 
 def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) -> list[float]:

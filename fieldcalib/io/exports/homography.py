@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground_homography import FieldHomography, field_homography
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.io.exports.frames import FrameCameras, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, csv_table, with_cameras
 from fieldcalib.io.files import escaped
 
 MATRICES = ("from_undistorted", "from_raw")
@@ -57,14 +56,10 @@ def homography_files(frames: FrameCameras, fields: Mapping[str, Field | None] | 
 
 
 def _table(ids: list[str], rows: list[FieldHomography | None]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     cells = [f"{name}_{row}{column}" for name in MATRICES for row in (1, 2, 3) for column in (1, 2, 3)]
-    writer.writerow(["id", *cells, *(f"from_raw_{name}" for name in LEFT_BY_LENS)])
-    for id, row in zip(ids, rows, strict=True):
-        values = [""] * (len(cells) + len(LEFT_BY_LENS)) if row is None else _cells(row)
-        writer.writerow([escaped(id), *values])
-    return text.getvalue().encode()
+    titles = ["id", *cells, *(f"from_raw_{name}" for name in LEFT_BY_LENS)]
+    values = ([""] * (len(titles) - 1) if row is None else _cells(row) for row in rows)
+    return csv_table(titles, ([escaped(id), *of_frame] for id, of_frame in zip(ids, values, strict=True)))
 
 
 def _cells(row: FieldHomography) -> list[float | str]:

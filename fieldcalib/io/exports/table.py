@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +9,7 @@ import numpy as np
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.model import COEFFICIENTS
-from fieldcalib.io.exports.frames import FrameCameras, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, csv_table, with_cameras
 from fieldcalib.io.files import escaped
 
 CAMERA_COLUMNS = (
@@ -48,14 +46,11 @@ def table_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | N
     """
     with_cameras(frames)
     lines = about or {}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["id", *ABOUT, *CAMERA_COLUMNS])
-    for id, camera in frames.items():
-        known = lines.get(id, {})
-        cells = [""] * len(CAMERA_COLUMNS) if camera is None else _camera_cells(camera)
-        writer.writerow([escaped(id), *(known.get(name) for name in ABOUT), *cells])
-    return {"cameras.csv": text.getvalue().encode()}
+    none = [""] * len(CAMERA_COLUMNS)
+    about_frames = ([escaped(id), *(lines.get(id, {}).get(name) for name in ABOUT)] for id in frames)
+    of_cameras = (none if camera is None else _camera_cells(camera) for camera in frames.values())
+    rows = ([*said, *cells] for said, cells in zip(about_frames, of_cameras, strict=True))
+    return {"cameras.csv": csv_table(["id", *ABOUT, *CAMERA_COLUMNS], rows)}
 
 
 def _camera_cells(camera: Camera) -> list[float]:
