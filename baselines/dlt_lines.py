@@ -31,7 +31,7 @@ from fieldcalib.console.arguments import (
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.homography import SINGULAR
-from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
+from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
@@ -130,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
-    writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
+    writes = [HOMOGRAPHIES.file_name("<id>")]
     reader = annotation_reader(options, field)
     return calibrate_folder(run_options(options), options.input, reader, _Method(field), writes=writes)
 

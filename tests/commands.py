@@ -51,7 +51,7 @@ def write_two_annotations(folder):
 
 
 def calibrate(out, *inputs, options=()):
-    return run("calibrate", *inputs, "--size", "960x540", "--out", out, *options)
+    return run("calibrate", *inputs, "--size", "960x540", "--camera-files", "--out", out, *options)
 
 
 def lines_of(out):

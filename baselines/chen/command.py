@@ -41,7 +41,6 @@ from fieldcalib.console.arguments import (
 )
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
-from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image
 from fieldcalib.io.wc14 import AlignmentName
@@ -193,7 +192,7 @@ def _run(options: argparse.Namespace) -> int:
         database.check_field(field)
     more = {"database": hashlib.sha256(options.database.read_bytes()).hexdigest()}
     found = _FromEdges(options.database, RECIPES[options.recipe], options.alignment)
-    writes = [form.file_name("<id>") for form in (CAMERA_FILES, HOMOGRAPHIES)]
+    writes = [HOMOGRAPHIES.file_name("<id>")]
     if options.source == ANNOTATED:
         method = _FromPixels(field, found)
         return calibrate_folder(run, options.input, annotation_reader(options, field), method, writes=writes, more=more)

@@ -33,7 +33,7 @@ from baselines.jiang.training_pairs import Batches, read_pairs
 from fieldcalib.console.arguments import add_format, add_inputs, count, folder_name, image_size, positive
 from fieldcalib.console.options import given
 from fieldcalib.console.program import run_command
-from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
+from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.image_files import Image
 from fieldcalib.run_folder.frame_source import ReadImage, image_files
 from fieldcalib.run_folder.labelled_frames import CalibratedFrame, FromFiles, calibrate_files
@@ -88,7 +88,7 @@ def _run(options: argparse.Namespace) -> int:
     Estimator.load(options.weights, options.cost)  # broken weights are reported before the work begins
     read = partial(given(ReadImage, options).sized, size=options.size)
     method = FromFiles(read, _FromImages(options.weights, options.cost, options.steps))
-    writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
+    writes = [HOMOGRAPHIES.file_name("<id>")]
     names = [training.GUESS, *([training.ERROR] if options.cost == "learned" else [])]
     states = [(options.weights / name).stat().st_mtime_ns for name in names]
     files = image_files(options.input)

@@ -366,8 +366,8 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         "one out",
         What.IN_WINDOW: "the picture may show a frame in a window, in which no camera was found: cut the frame out",
         What.UNKNOWN_ERRORS: "its errors are not known, as it does not come from labelled pixels",
-        What.SUSPECTS: "{0:.0f} of {1:.0f} labels are suspect",
-        What.MISSED: "{0:.0f} of {1:.0f} labels lie far off",
+        What.SUSPECTS: "{0:.0f} of {1:.0f} labels {are} suspect",
+        What.MISSED: "{0:.0f} of {1:.0f} labels {lie} far off",
         What.MISFIT: "the labels lie {0:.0f} px off: check the size of field and image, and what was given of the "
         "camera",
         What.OTHER_SIDE: "the camera across the field, turned by 180 degrees, fits as well",
@@ -447,7 +447,8 @@ class Finding:
             case What.INACCURATE:
                 (metres,) = self.numbers
                 return f"the field in view is known to {metres:.{1 if metres >= 0.5 else 2}f} m only"
-        return SENTENCES[self.what].format(*self.numbers, about=self.about)
+        are, lie = ("is", "lies") if self.numbers[:1] == (1.0,) else ("are", "lie")
+        return SENTENCES[self.what].format(*self.numbers, about=self.about, are=are, lie=lie)
 
     def to_dict(self) -> dict[str, Any]:
         """The finding for `json.dumps`; what it is not about, and numbers that it does not have, are left out."""

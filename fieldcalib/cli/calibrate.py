@@ -48,8 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Calibrate frames from annotations of SoccerNet (<id>.json: label -> normalised points), CVAT, labelme, Label "
-        "Studio or COCO. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and "
-        "summary.json."
+        "Studio or COCO. Writes cameras.jsonl with one line a frame, and summary.json."
     )
     add_input_and_output(parser)
     add_field(parser)

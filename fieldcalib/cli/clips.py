@@ -39,7 +39,6 @@ from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.engine import live_tracker, tracked
 from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files
-from fieldcalib.run_folder.labelled_frames import CAMERA_FILES
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import executor_of
@@ -109,7 +108,7 @@ def run_clip(request: RunRequest, shards: Shards | None = None) -> int:
     input = ClipInput(source, request.placement)
     if request.known.intrinsics is not None:
         input.frame_size()  # an error before anything is written
-    record = RunRecord.of(run, source.files, unit=PART, writes=CAMERA_FILES, network=digest_of(network))
+    record = RunRecord.of(run, source.files, unit=PART, network=digest_of(network))
     if shards is not None and (other := replace(shards.record, options=record.options).differences(record)):
         raise ValueError(f"the shards cannot be joined: {other}")
     with open_camera_folder(run, record, began, source.files) as results:
@@ -142,7 +141,7 @@ def run_stream(request: RunRequest) -> int:
     reader = StreamReader(stream, request.most_pixels, cut=request.cut, threads=threads)
     if reader.remark:
         say(reader.remark)
-    record = RunRecord.of(request.run, [], unit=1, writes=CAMERA_FILES)
+    record = RunRecord.of(request.run, [], unit=1)
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
     check_of_clip(request.known.flags)

@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
             field, ground_truth = field_of(options), options.ground_truth
             predictions = read_predictions(reader, options.predictions, options.size, homographies=options.homographies)
             truth = read_ground_truth(reader, ground_truth, predictions.size, field, options.camera_type)
-            _warn(predictions, truth, options.predictions, ground_truth)
+            _warn(predictions, truth, options.predictions, ground_truth, options.line_width or 0.0)
             planar = options.planar or any(map(is_homography, predictions.by_frame.values()))
             report = evaluate(
                 predictions.by_frame,
@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def _warn(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path) -> None:
+def _warn(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path, line_width: float) -> None:
     """Say on stderr what may be wrong with the input; a ValueError if they have no frame in common."""
     width, height = predictions.size
     name_skipped([path], predictions.files)
@@ -109,6 +109,11 @@ def _warn(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: 
         say(
             f"cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
             f"evaluation does not rescale"
+        )
+    if predictions.line_width not in (None, line_width):
+        say(
+            f"the cameras take the middles of lines {predictions.line_width:g} m wide as markings, and are scored on a "
+            f"field with lines of {line_width:g} m: --line-width {predictions.line_width:g} scores them on theirs"
         )
     by_frame = predictions.by_frame
     if not set(by_frame) & set(truth.annotations):

@@ -16,8 +16,8 @@ from fieldcalib.cli.localize import FORMATS, localized_summary, parse_localized,
 from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import add_format, add_run_options, folder_name, run_options
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
-from fieldcalib.io.output_folder import check_targets, whole_lines
-from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main, whole_line_pairs
+from fieldcalib.io.output_folder import check_targets
+from fieldcalib.io.results import FORMAT, LINES, SOLVER, joined_line, parse_main
 from fieldcalib.run_folder.record import PARQUET, Outcome, RunOptions, RunRecord, Shard, is_squashed
 from fieldcalib.run_folder.results import (
     LOCALIZED,
@@ -27,6 +27,7 @@ from fieldcalib.run_folder.results import (
     is_unfinished,
     open_run_folder,
     read_summary,
+    texts_in,
     write_table,
 )
 
@@ -128,17 +129,13 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
 
 def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, tuple[bytes, ...]]]:
     """Lines of all shards in the order of the frames, each with its folder."""
-    readers = [(folder, _lines_of(folder, log)) for folder in shards]
+    readers = [(folder, texts_in(folder, log)) for folder in shards]
     while readers:
         for folder, reader in list(readers):
             lines = list(islice(reader, unit))
             yield from ((folder, texts) for texts in lines)
             if len(lines) < unit:
                 readers.remove((folder, reader))
-
-
-def _lines_of(folder: Path, log: str) -> Iterator[tuple[bytes, ...]]:
-    return whole_line_pairs(folder) if log == LINES else zip(whole_lines(folder / log), strict=True)
 
 
 def _outcome(folder: Path, texts: tuple[bytes, ...], record: RunRecord) -> Outcome:

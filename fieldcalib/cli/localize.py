@@ -86,6 +86,7 @@ def run(options: argparse.Namespace) -> int:
     record = RunRecord.of(run, files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, ID)], network=digest_of(network))
     with open_run_folder(run, record, LOCALIZED, files) as results:
         work(run, results, files, IMAGES_AT_ONCE, method, len(files))
+        results.check_readable()
         summary = localized_summary(results, run.recorded, time.perf_counter() - began)
         if run.shard is None:
             write_all(run.out, format)

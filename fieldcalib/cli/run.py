@@ -12,8 +12,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fieldcalib._progress import say
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.camera_options import KnownCamera
@@ -23,6 +21,7 @@ from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.console.arguments import (
     NetworkOptions,
     add_camera,
+    add_camera_files,
     add_cut,
     add_field,
     add_format,
@@ -42,8 +41,8 @@ from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.images.search.place_search import MOST, pooled_place
 from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
-from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts
+from fieldcalib.io.formats import OVERLAYS, VIDEOS
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of, spread
 from fieldcalib.io.results import Texts, joined_line, whole_line_pairs
 from fieldcalib.io.streams import Stream
 from fieldcalib.results.entry import read
@@ -64,10 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
         "its image; the frames of a video are calibrated together, annotated frames as by fieldcalib calibrate, whose "
-        "options are then those of run. Writes camera_<id>.json in SoccerNet's format, "
-        "cameras.jsonl with one line a frame, summary.json, and overlays: overlay_<id>.jpg of images, overlay.mp4 of a "
-        "video, whose ids are numbers of frames. Of a clip also tripods.json with its shots and what their frames "
-        "share, motion.png with the cameras over time, and worst_frames.jpg."
+        "options are then those of run. Writes cameras.jsonl with one line a frame, summary.json, and overlays: "
+        "overlay_<id>.jpg of images, overlay.mp4 of a video, whose ids are numbers of frames. Of a clip also "
+        "tripods.json with its shots and what their frames share, motion.png with the cameras over time, and "
+        "worst_frames.jpg."
     )
     add_inputs(
         parser,
@@ -82,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where the results go; those of several videos into folders in it, by their names",
     )
     add_format(parser)
+    add_camera_files(parser)
     add_cut(parser)
     add_options(parser, NetworkOptions)
     add_field(parser, ESTIMATED, auto=True)
@@ -159,7 +159,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     source = frames_of_files(request.paths, request.cut, request.read, request.network.video_threads)
     if source.rate is not None and run.shard is not None:
         raise ValueError("--shard is of images: give every machine some of the videos")
-    writes = [form.file_name("<id>") for form in ((CAMERAS, OVERLAYS) if request.draws else (CAMERAS,))]
+    writes = [OVERLAYS.file_name("<id>")] * request.draws
     record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes, network=digest_of(network))
     with open_camera_folder(run, record, began, source.files) as results:
         results.notes = request.notes
@@ -230,10 +230,7 @@ class ImageCalibrator:
 
         It becomes a note of the results.
         """
-        some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
-        images = [image for image in (self.request.read(file).image for file in some) if image is not None]
-        alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
-        alike = [self.request.placement(image).image_in_frame(image) for image in alike]
+        alike = max(grouped(self._some_in_frame(files, SAMPLE), size_of).values(), key=len, default=[])
         given, how = self.request.field, self.how
 
         def on(field: Field, *, size_known: bool = True) -> How:
@@ -251,16 +248,18 @@ class ImageCalibrator:
 
     def on_one_tripod(self, files: Sequence[FrameFile]) -> ImageCalibrator:
         """Find the place of the camera from some images together."""
-        some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), MOST)).round().astype(int)]
-        read = [image for image in (self.request.read(file).image for file in some) if image is not None]
-        images = [self.request.placement(image).image_in_frame(image) for image in read]
-        given, task = self.request.field, self.how.task
+        given, task, images = self.request.field, self.how.task, self._some_in_frame(files, MOST)
         place = pooled_place(given, images, flags=self.request.known.flags, prior=task.prior, side=self.how.side)
         if place is None:
             say("the images tell no common place of their camera: each is searched by itself")
         else:
             say(f"the camera stands at ({place.C[0]:.1f}, {place.C[1]:.1f}, {place.C[2]:.1f}) m")
         return replace(self, how=replace(self.how, place=place))
+
+    def _some_in_frame(self, files: Sequence[FrameFile], most: int) -> list[Image]:
+        """Read evenly spread images, and place them in their frames."""
+        read = (self.request.read(files[k]).image for k in spread(len(files), most))
+        return [self.request.placement(image).image_in_frame(image) for image in read if image is not None]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.request.drawn(image, calibration) if self.request.draws else None

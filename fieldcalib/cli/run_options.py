@@ -72,7 +72,7 @@ class RunRequest:
         "default) or opposite (beyond the far one or behind the right end)",
         choices=SIDES,
     )
-    keep_rejected: bool = switch("write the best camera of every frame, whatever the verdict says")
+    keep_rejected: bool = switch("count the best camera of every frame, whatever the verdict says")
     draws: bool = option(
         "draw nothing: no overlays, no plot, no sheet of the worst frames",
         name="--no-pictures",
@@ -140,7 +140,7 @@ class RunRequest:
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
         """The outcome of a frame; `more` are keywords of `Outcome.of`."""
-        return Outcome.of(id, calibration, keeps=self.keep_rejected or bool(calibration), **more)
+        return Outcome.of(id, calibration, **more)
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         """An overlay of a calibration on its image."""

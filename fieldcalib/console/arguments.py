@@ -178,6 +178,7 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     add_labels(parser)
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
+    add_camera_files(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)
 
@@ -205,6 +206,13 @@ def add_format(parser: argparse.ArgumentParser) -> None:
         choices=(JSON_LINES, PARQUET),
         default=JSON_LINES,
         help=f"of the lines of all frames: cameras.jsonl, or at the end a table, cameras.parquet ({JSON_LINES})",
+    )
+
+
+def add_camera_files(parser: argparse.ArgumentParser) -> None:
+    """Add the option that writes each camera as a file, too."""
+    parser.add_argument(
+        "--camera-files", action="store_true", help="write camera_<id>.json of each camera too, in SoccerNet's format"
     )
 
 

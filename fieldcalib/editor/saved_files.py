@@ -42,7 +42,7 @@ from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.parquet import write_parquet
 from fieldcalib.io.results import LINES, SOLVER, TABLE, ResultFile, Texts, lines_file, split_line
 from fieldcalib.run_folder.clip_results import read_clip, write_clip
-from fieldcalib.run_folder.record import RECORD, Outcome, RunOptions, RunRecord, camera_file
+from fieldcalib.run_folder.record import RECORD, Outcome, RunOptions, RunRecord
 from fieldcalib.run_folder.results import (
     CLIP,
     MOTION,
@@ -100,7 +100,7 @@ class NewRun:
 
     def record(self, folder: Path, frames: int) -> RunRecord:
         """Make the record for ``run.json``."""
-        record = RunRecord.of(RunOptions(folder, self.options, COMMAND), [], unit=1, writes=[CAMERAS.file_name("<id>")])
+        record = RunRecord.of(RunOptions(folder, self.options, COMMAND), [], unit=1)
         return replace(record, frames=frames, source=[str(path.absolute()) for path in self.source])
 
 
@@ -152,15 +152,14 @@ class Stored:
 
     def _expect(self, id: str) -> None:
         """Register the files of a frame that a run has written; the camera's only if it agrees with its line."""
-        record, camera, overlay = self.record, CAMERAS.file_name(id), OVERLAYS.file_name(id)
-        if id not in self or record is None:
+        record, overlay = self.record, OVERLAYS.file_name(id)
+        if id not in self or record is None or self._file is None:
             return
         if record.command != COMMAND and overlay in record.files_of(id) and not self.versions.knows(overlay):
             self.versions.read_now([overlay])
-        path, calibration = self.folder / camera, self.calibration(id)
-        if calibration is not None and calibration.camera is not None and not self.versions.is_own(camera):
-            (content,) = camera_file(id, calibration.camera).values()
-            if State.of(path).size == len(content) and path.read_bytes() == content:
+        for camera, content in record.camera_file(self._file.main(self._numbers[id])).items():
+            path, is_own = self.folder / camera, self.versions.is_own(camera)
+            if not is_own and State.of(path).size == len(content) and path.read_bytes() == content:
                 self.versions.read_now([camera])
 
     def check_in_the_way(self, ids: Iterable[str], reads: Sequence[Path]) -> None:
@@ -181,7 +180,7 @@ class Stored:
                 )
         if self.record is not None:
             return
-        of_frames = (name for id in ids for name in (CAMERAS.file_name(id), OVERLAYS.file_name(id), label_file(id)))
+        of_frames = (name for id in ids for name in (OVERLAYS.file_name(id), label_file(id)))
         if foreign := self.versions.foreign([RECORD, *SHARED, *of_frames]):
             raise FileExistsError(
                 f"{self.folder / foreign[0]} is there already, and no run has written it: give another folder (--out), "
@@ -295,6 +294,7 @@ class Stored:
         """
         self.versions.check([RECORD, LINES, SOLVER, TABLE, SUMMARY])  # they are read too
         is_whole = self._file is None or not is_unfinished(self.folder)
+        record = self.record or new.record(self.folder, len(order))
         with self.versions.replacing(announce, beside=[RECORD]) as staged:
             changed, texts = dict[str, int](), Spilled()
             has_changed = False
@@ -302,7 +302,8 @@ class Stored:
                 self._expect(one.id)
                 has_changed = has_changed or self._has_changed(one)
                 outcome = _outcome(one)
-                for name, content in {CAMERAS.file_name(one.id): None, **one.files, **outcome.files}.items():
+                camera = {CAMERAS.file_name(one.id): None, **record.camera_file(outcome.line)}
+                for name, content in {**camera, **one.files}.items():
                     staged.put(name, content)
                 main, solver = (json.dumps(part).encode() for part in split_line(outcome.line))
                 changed[one.id] = texts.add((main, solver))
@@ -313,7 +314,7 @@ class Stored:
                 staged.put(name, None)
             self._draw_motion(staged, clip, new.rate)
             if self.record is None:
-                new.record(self.folder, len(order)).write(staged.folder)
+                record.write(staged.folder)
             _write_lines(
                 staged.folder, self._lines(changed, texts, order), as_table=lines_file(self.folder).name == TABLE
             )
@@ -321,7 +322,7 @@ class Stored:
                 write_clip(staged.folder, clip, new.rate)
             if is_whole:
                 file = ResultFile(lines_file(staged.folder))
-                self._write_summary(staged, file.mains(), new.options, None if clip is None else clip.remarks)
+                self._write_summary(staged, record, file.mains(), new.options, None if clip is None else clip.remarks)
 
     def note_saved(self, replaced: Kept | None) -> None:
         """Read the results again after a save, or after one was taken back, and remember the files it replaced."""
@@ -375,6 +376,7 @@ class Stored:
     def _write_summary(
         self,
         staged: Staged,
+        record: RunRecord,
         lines: Iterable[Mapping[str, Any]],
         options: Mapping[str, Any],
         notes: Sequence[str] | None = None,
@@ -391,9 +393,9 @@ class Stored:
         rest = old if notes is None else notes
         counted = staged.path(f"{SUMMARY}.counted")
         with LineLog(counted) as log:
-            results = ResultsWriter(staged.folder, log, notes=[*rest, *(MOVED[name] for name in gone)])
+            results = ResultsWriter(staged.folder, record, log, notes=[*rest, *(MOVED[name] for name in gone)])
             for line in lines:
-                results.restore(line, has_camera=staged.has(CAMERAS.file_name(line["id"])))
+                results.restore(line)
         counted.unlink()
         summary = {**results.summary(before.get("options", options), 0.0)}
         kept = {name: before[name] for name in ("seconds", "milliseconds_per_frame") if name in before}
@@ -434,8 +436,9 @@ class Stored:
         with self.versions.replacing(announce) as staged:
             for path in drawn.iterdir():
                 path.replace(staged.path(path.name))
-            if self._file is not None and not is_unfinished(self.folder):
-                self._write_summary(staged, self._file.mains(), options)
+            record = self.record
+            if self._file is not None and record is not None and not is_unfinished(self.folder):
+                self._write_summary(staged, record, self._file.mains(), options)
 
     def write(self, files: Mapping[str, bytes], announce: Announce) -> None:
         """Write other files.
@@ -459,7 +462,7 @@ def _first_frame(shot: object) -> int:
 
 def _outcome(one: Saved) -> Outcome:
     details = {"basis": one.basis} if one.basis else {}
-    return Outcome.of(one.id, one.calibration, keeps=bool(one.calibration), details=details)
+    return Outcome.of(one.id, one.calibration, details=details)
 
 
 def _texts(file: ResultFile, number: int) -> Texts:

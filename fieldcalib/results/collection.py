@@ -5,11 +5,9 @@ Results are saved to a folder by the same writer that the command line uses.
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import time
-from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -39,15 +37,14 @@ from fieldcalib.images.clip.from_video import PART
 from fieldcalib.io.boxes import foot_points
 from fieldcalib.io.files import can_name_files, whole_file
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
-from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, encode_image
+from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, html_picture
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, Pictures, number_of
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
-from fieldcalib.run_folder.labelled_frames import CAMERA_FILES, WITHHELD
-from fieldcalib.run_folder.record import ID, RECORD, Outcome, RunOptions, RunRecord, camera_file, is_squashed
+from fieldcalib.run_folder.record import CAMERA_FILE, ID, RECORD, Outcome, RunOptions, RunRecord, as_json, is_squashed
 from fieldcalib.run_folder.results import (
     OVERLAY,
     SHARED_FILES,
@@ -66,7 +63,6 @@ LABELLED = "calibrate"  # the command that writes results of labelled pixels
 
 WORST = 12  # number of pictures in `Results.plot`
 GROUND = (52, 92, 58)  # colour of the ground if there is no picture
-SHOWN = 960  # px: width of a picture in a notebook
 
 FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})  # keys without a column
 
@@ -441,17 +437,10 @@ class Results(Mapping[str, Calibration]):
         return long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(ids))
 
     def _html_picture(self) -> str:
-        import cv2
-
         try:
-            picture = self.overlay() if len(self) == 1 and self.video is None else self.plot()
+            return html_picture(self.overlay() if len(self) == 1 and self.video is None else self.plot(), "cameras")
         except (ValueError, OSError):  # nothing to draw, or pictures that are gone
             return ""
-        if picture.shape[1] > SHOWN:
-            size = SHOWN, max(round(picture.shape[0] * SHOWN / picture.shape[1]), 1)
-            picture = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-        data = b64encode(encode_image(picture, ".jpg")).decode()
-        return f'<img alt="cameras" src="data:image/jpeg;base64,{data}">'
 
 
 def _plain(calibration: Calibration) -> Image:
@@ -536,10 +525,10 @@ def _used(found: str) -> FileExistsError:
 def _record(results: Results, out: Path, *, overwrite: bool) -> tuple[RunOptions, RunRecord]:
     """Make the options and the record of a run that would have had these results."""
     pictures = results.pictures
-    options = json.loads(json.dumps({**results.options, "input": list(pictures.paths)}, default=str))
+    options = as_json({**results.options, "input": list(pictures.paths)})
     run = RunOptions(out, options, results.command, overwrite=overwrite)
     is_alone = results.video is None and not pictures.is_video and results.command != LABELLED
-    writes = (*CAMERA_FILES, OVERLAYS.file_name(ID)) if is_alone else CAMERA_FILES
+    writes = [OVERLAYS.file_name(ID)] * is_alone
     unit = IMAGES_AT_ONCE if results.video is None else PART
     return run, RunRecord.of(run, pictures.files, unit=unit, writes=writes)
 
@@ -556,12 +545,7 @@ class _Whole:
 
     def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
         line = self.results.line(id)
-        is_labelled = self.results.command == LABELLED
-        keeps = line["status"] not in WITHHELD if is_labelled else self.results.verdicts[id] != Verdict.REJECT
-        files = dict(more.get("files", {}))
-        if keeps and calibration.camera is not None:
-            files |= camera_file(id, calibration.camera)
-        return Outcome(line, is_squashed(line), files)
+        return Outcome(line, is_squashed(line), more.get("files", {}))
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         return draw_calibration(image, calibration, calibration.field or soccer())
@@ -609,7 +593,7 @@ def _broken(results: Results, id: str) -> Outcome:
 def _copy(results: Results, folder: Path, out: Path, *, overwrite: bool, overlays: bool) -> None:
     """Copy the files of a run, its record first and its summary last."""
     names = [RECORD, SOLVER, LINES, TABLE]
-    patterns = list(CAMERA_FILES) + ([OVERLAYS.file_name(ID)] if overlays else [])
+    patterns = [CAMERA_FILE] + [OVERLAYS.file_name(ID)] * overlays
     ids = [id for id in results.frames.ids if can_name_files(id)]
     names += [pattern.replace(ID, id) for pattern in patterns for id in ids]
     names += [name for name in SHARED_FILES if name != SUMMARY and (overlays or name != OVERLAY)]

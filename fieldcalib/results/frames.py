@@ -17,6 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeAlias, TypeVar
 
+import numpy as np
+
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.catalogue import AUTO, COMPARED
 from fieldcalib.geometry.camera import Camera
@@ -208,8 +210,8 @@ class ById(dict[str, Value]):
 
 def number_of(numbers: Mapping[str, int], id: object, why: Callable[[str], str] = lambda id: "") -> int:
     """Number of a frame that a user names by its id, or by its place among these; a `NoFrameError` with the reason."""
-    if isinstance(id, int) and -len(numbers) <= id < len(numbers):
-        return next(islice(numbers.values(), id % len(numbers), None))
+    if isinstance(id, int | np.integer) and -len(numbers) <= id < len(numbers):
+        return next(islice(numbers.values(), int(id) % len(numbers), None))
     if not isinstance(id, str) or id not in numbers:
         raise NoFrameError(id, numbers, why(id) if isinstance(id, str) else "")
     return numbers[id]

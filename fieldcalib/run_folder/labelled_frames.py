@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from fieldcalib._progress import counted, say
-from fieldcalib.assess.findings import Status
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
@@ -19,7 +18,6 @@ from fieldcalib.io.annotations import Labels
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
 from fieldcalib.io.formats import (
     ANNOTATIONS,
-    CAMERAS,
     NO_SIZE,
     AnnotatedFrame,
     FramesFound,
@@ -45,10 +43,8 @@ from fieldcalib.run_folder.work_units import (
 )
 from fieldcalib.solve.batch import compute_errors
 
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses from thresholds of the user; such cameras are not written
 RUN_FILES = frozenset({LINES, SOLVER, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # number of skipped files of each kind that are named
-CAMERA_FILES = (CAMERAS.file_name("<id>"),)
 
 
 @dataclass(frozen=True)
@@ -145,9 +141,8 @@ class CalibratedFrame:
     """Line for stdout."""
 
     def outcome(self, id: str, eq3: float | None = None) -> Outcome:
-        """Make the outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
-        keeps = self.calibration.status not in WITHHELD
-        return Outcome.of(id, self.calibration, keeps=keeps, eq3=eq3, details=self.details, files=self.files)
+        """Make the outcome of the frame."""
+        return Outcome.of(id, self.calibration, eq3=eq3, details=self.details, files=self.files)
 
 
 Seen = TypeVar("Seen")  # labelled pixels, image or homography of a frame
@@ -200,7 +195,7 @@ def calibrate_folder(
     method: Method[Pixels],
     *,
     at_once: int | None = None,
-    writes: Sequence[str] = CAMERA_FILES,
+    writes: Sequence[str] = (),
     more: Any = None,
 ) -> int:
     """Read annotations, calibrate by `method`, write to the folder of the run; returns the exit code.
@@ -224,7 +219,7 @@ def calibrate_files(
     files: Sequence[FrameFile],
     method: FromFiles[Any],
     size: int,
-    writes: Sequence[str] = CAMERA_FILES,
+    writes: Sequence[str] = (),
     more: Any = None,
 ) -> int:
     """Calibrate files, `size` of them at once, and write the results; returns the exit code."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -26,6 +26,7 @@ from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.labelled_frames import name_left_out
+from fieldcalib.run_folder.record import RunRecord, camera_content
 from fieldcalib.run_folder.work_units import read_each, units_of
 
 OFF_CENTRE = 0.1  # of the image's size: if the sizes differ by more, the camera was made for images of another size
@@ -48,6 +49,8 @@ class Predictions:
     """Files in folders and zips from which they were read."""
     made_for: tuple[int, int] | None = None
     """Size of the images from which they were calibrated, if a run has recorded it."""
+    line_width: float | None = None
+    """Width of the lines, in metres, whose middles a run took as markings, if one has recorded it."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
@@ -109,14 +112,19 @@ def read_predictions(
         If there is no prediction, or if no size is given and the predictions do not agree on one.
     """
     files: Sequence[FrameFile] = ()
-    size_of_run = None
+    size_of_run = line_width = None
+    of_cameras = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
     if path.is_file() and RECORDS.recognises(path):
         found, own_size = _read_tvcalib(reader, path, size, homographies=homographies)
     elif not homographies and not HOMOGRAPHIES.recognises(path) and (files := _files(CAMERAS, path)):
-        cameras = reader.read(files, partial(CAMERAS.read, image_size=size or IMAGE_SIZE))
+        cameras = reader.read(files, of_cameras)
         found = dict(cameras)
-        size_of_run = _size_of_run(path)
+        size_of_run, line_width = _run_of(path)
         own_size = size_of_run or _only({natural_size(camera) for camera in cameras.values()})
+    elif not homographies and lines_file(path).is_file() and not _files(HOMOGRAPHIES, path):
+        size_of_run, line_width = _run_of(path)
+        own_size = size_of_run
+        found = {id: of_cameras(content) for id, content in _cameras_of_run(path)}
     else:
         files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
         found = dict(reader.read(files, partial(HOMOGRAPHIES.read, image_size=own_size)))
@@ -124,7 +132,7 @@ def read_predictions(
         raise ValueError(f"{path} holds no prediction that can be evaluated")
     if size is None and own_size is None:
         raise ValueError(SEVERAL_SIZES)
-    return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run)
+    return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run, line_width)
 
 
 def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
@@ -137,12 +145,26 @@ def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
         return []
 
 
-def _size_of_run(path: Path) -> tuple[int, int] | None:
-    """Size of the images of a run whose cameras are in a folder; None if there is no run, or several sizes."""
+def _cameras_of_run(path: Path) -> Iterator[tuple[str, bytes]]:
+    """Yield the cameras of a run by frame, each as the content of its file."""
+    record = RunRecord.read(path)
+    for line in ResultFile(lines_file(path)).mains():
+        if record is not None and record.keeps(line):
+            yield line["id"], camera_content(line)
+
+
+def _run_of(path: Path) -> tuple[tuple[int, int] | None, float | None]:
+    """Size of the images of a run and width of the lines of its field; each None if there is no run, or several."""
     if not lines_file(path).is_file():
-        return None
-    lines = ResultFile(lines_file(path)).mains()
-    return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
+        return None, None
+    sizes: set[tuple[int, int] | None] = set()
+    widths: set[float | None] = set()
+    for line in ResultFile(lines_file(path)).mains():
+        if line.get("image_size"):
+            sizes.add((int(line["image_size"][0]), int(line["image_size"][1])))
+        if line.get("field"):
+            widths.add(line["field"].get("line_width") or 0.0)
+    return _only(sizes), widths.pop() if len(widths) == 1 else None
 
 
 def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
@@ -150,8 +172,8 @@ def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
     files = HOMOGRAPHIES.find([path]) if homographies else _files(HOMOGRAPHIES, path)
     if not files:
         raise FileNotFoundError(
-            f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, or "
-            f"TVCalib's per_sample_output.json itself"
+            f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, what "
+            f"run or calibrate wrote, or TVCalib's per_sample_output.json itself"
         )
     return files
 

@@ -26,7 +26,7 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import counted
 from fieldcalib._types import Array
-from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, What, how
+from fieldcalib.assess.findings import Advice, Remedy, Status, Tool, Verdict, What, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import ANGLE_NAMES, Camera
 from fieldcalib.io.files import (
@@ -47,9 +47,12 @@ JSON_LINES, PARQUET = "jsonl", "parquet"
 
 RECORD = "run.json"
 ID = "<id>"  # placeholder for the id of a frame in the names of files
+CAMERA_FILE = CAMERAS.file_name(ID)
+OF_PICTURES = ("run", "open")  # commands whose cameras are found in pictures
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses from thresholds of the user
 ONE_FILE_NAME = "localized"  # name, without ending, of the one file that localize writes in some formats
 WRITTEN = frozenset(  # allowed names of files in records
-    [CAMERAS.file_name(ID), OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
+    [CAMERA_FILE, OVERLAYS.file_name(ID), ANNOTATIONS.file_name(ID), HOMOGRAPHIES.file_name(ID)]
     + [form.file_name(name) for form in OTHER_ANNOTATIONS.values() for name in (ID, ONE_FILE_NAME)]
 )
 MOST_IN_UNIT = 1_000_000  # frames
@@ -121,6 +124,8 @@ class RunOptions:
     """Whether to remove the results of an earlier run first."""
     strict: bool = False
     """Whether all files are read before anything is written."""
+    camera_files: bool = False
+    """Whether each camera gets a file, too."""
 
     @property
     def writes_table(self) -> bool:
@@ -176,20 +181,22 @@ class RunRecord:
         files: Sequence[FrameFile],
         *,
         unit: int,
-        writes: Iterable[str],
+        writes: Iterable[str] = (),
         more: Any = None,
         network: str = "",
     ) -> RunRecord:
-        """Record a run on some files; `more` is JSON of anything else that its results depend on."""
+        """Record a run on some files, which `writes` files of such names for each frame, beside that of its camera.
+
+        `more` is JSON of anything else that its results depend on.
+        """
+        writes = (*[CAMERA_FILE] * run.camera_files, *writes)
         kept = {name: value for name, value in run.recorded.items() if name not in NOT_COMPARED}
         names = _digest([file.id for file in files])
         field = None if run.field_file is None else FrameFile(str(run.field_file), run.field_file).state
         contents = _digest([[*(file.state for file in files)], field, more])
         shard = None if run.shard is None else str(run.shard)
         source = [str(Path(one).absolute()) for one in run.recorded.get("input", ()) if Path(one).exists()]
-        return cls(
-            run.command, kept, len(files), names, contents, unit, shard, tuple(writes), source=source, network=network
-        )
+        return cls(run.command, kept, len(files), names, contents, unit, shard, writes, source=source, network=network)
 
     @classmethod
     def read(cls, folder: Path) -> RunRecord | None:
@@ -240,6 +247,21 @@ class RunRecord:
         if self.contents != other.contents:
             return "the files of the input have other sizes or times"
         return ""
+
+    def keeps(self, line: Mapping[str, Any]) -> bool:
+        """Whether a frame has a camera that counts, by its line of cameras.jsonl.
+
+        A camera found in a picture counts if its verdict is not "reject", or with --keep-rejected; one of labels unless
+        a threshold of the user withholds it.
+        """
+        if line.get("K") is None or self.command not in OF_PICTURES:
+            return line.get("K") is not None and line["status"] not in WITHHELD
+        return line["status"] == Status.ACCEPTED or bool(self._at("keep_rejected"))
+
+    def camera_file(self, line: Mapping[str, Any]) -> dict[str, bytes]:
+        """The file of a camera that counts, by its name, if the run writes such files."""
+        is_written = CAMERA_FILE in self.writes and self.keeps(line)
+        return {CAMERAS.file_name(line["id"]): camera_content(line)} if is_written else {}
 
     def _at(self, name: str) -> Any:
         return self.options.get(name)
@@ -331,21 +353,14 @@ class Outcome:
         id: str,
         calibration: Calibration,
         *,
-        keeps: bool,
         eq3: float | None = None,
         details: Mapping[str, Any] = MappingProxyType({}),
         files: Mapping[str, bytes] = MappingProxyType({}),
         picture: Image | None = None,
     ) -> Outcome:
-        """Make the outcome of a calibration; its camera, if it has one, gets a file if `keeps`.
-
-        `eq3` is TVCalib's loss, `details` are more keys of the line.
-        """
-        written = dict(files)
-        if keeps and calibration.camera is not None:
-            written |= camera_file(id, calibration.camera)
+        """Make the outcome of a calibration; `eq3` is TVCalib's loss, `details` are more keys of the line."""
         squashed = calibration.has_finding(*SQUASHED)
-        return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, written, picture=picture)
+        return cls(calibration_line(id, calibration, eq3) | dict(details), squashed, files, picture=picture)
 
 
 def kind_of(line: Mapping[str, Any]) -> tuple[str, str]:
@@ -354,9 +369,9 @@ def kind_of(line: Mapping[str, Any]) -> tuple[str, str]:
     return first.get("what", line["status"]), first.get("about", "")
 
 
-def camera_file(id: str, camera: Camera) -> dict[str, bytes]:
-    """Content of the file of a camera, by its name."""
-    return {CAMERAS.file_name(id): (CAMERAS.write(camera) + "\n").encode()}
+def camera_content(line: Mapping[str, Any]) -> bytes:
+    """Content of the file of a camera, from the line of its frame."""
+    return (CAMERAS.write(Camera.from_dict(line)) + "\n").encode()
 
 
 def is_squashed(line: Mapping[str, Any]) -> bool:

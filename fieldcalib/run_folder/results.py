@@ -26,7 +26,6 @@ from fieldcalib.assess.findings import LEFT_OUT, Verdict, What, advice_from_json
 from fieldcalib.io.files import (
     BrokenFileError,
     FrameFile,
-    can_name_files,
     named_in_errors,
     parse_json_object,
     read_regular_file,
@@ -40,6 +39,7 @@ from fieldcalib.io.output_folder import ELSEWHERE, LineLog, check_targets, outpu
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, SOLVER, TABLE, lines_file, parse_main, split_line, whole_line_pairs
 from fieldcalib.run_folder.record import (
+    CAMERA_FILE,
     ESTIMATED,
     PARQUET,
     RECORD,
@@ -85,6 +85,7 @@ class ResultsWriter:
     """Writes the results of frames, and counts them."""
 
     out: Path
+    record: RunRecord
     log: LineLog
     solver: LineLog | None = None
     """The second file of lines; None if there is only one."""
@@ -104,18 +105,40 @@ class ResultsWriter:
     """Seconds that their calibration took, without reading and writing files and pictures."""
     notes: Sequence[str] = ()
     """Notes about the camera of a clip."""
+    complaints: list[str] = attribute(default_factory=list)
+    """Lines for stderr that are held back until a frame could be read."""
 
     def add(self, outcome: Outcome) -> None:
         """Write the line of the next frame and its files, and print its complaint, if any, on stderr."""
-        if outcome.complaint:
-            say(outcome.complaint)
+        self.complaints += filter(None, [outcome.complaint])
         self._append(outcome.line)
-        for name, content in outcome.files.items():
+        for name, content in {**outcome.files, **self.record.camera_file(outcome.line)}.items():
             if Path(name).name != name:
                 raise ValueError(f"frame {outcome.id!r} cannot name a file: give it a name without / and the like")
             write_bytes(self.out / name, content)
-        self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
+        self._count(outcome.line, outcome.squashed)
         self.calibrated += bool(_verdict_on_camera(outcome.line))
+        if not self.is_unreadable:
+            self.complain()
+
+    @property
+    def is_unreadable(self) -> bool:
+        """Whether none of the frames could be read."""
+        return self.done == self.statuses[BROKEN]
+
+    def complain(self) -> None:
+        """Print what was held back."""
+        for complaint in self.complaints:
+            say(complaint)
+        self.complaints.clear()
+
+    def check_readable(self) -> None:
+        """Raise a BrokenFileError, with the first complaint, if there are frames and none could be read."""
+        if self.done and self.is_unreadable and self.record.shard is None and not self.restored:
+            others = f"; nor can {counted(self.done - 1, 'other')} be read" if self.done > 1 else ""
+            said = f"{self.complaints[0]}{others}" if self.complaints else "no frame can be read"
+            self.complaints.clear()
+            raise BrokenFileError(f"{said}; nothing is written")
 
     def _append(self, line: Mapping[str, Any]) -> None:
         if self.solver is None:
@@ -133,18 +156,18 @@ class ResultsWriter:
                 f"missing or were moved; --overwrite begins anew"
             )
 
-    def restore(self, line: Mapping[str, Any], *, has_camera: bool) -> None:
-        """Count a frame that was written before; `has_camera` says whether its camera has a file."""
+    def restore(self, line: Mapping[str, Any]) -> None:
+        """Count a frame that was written before."""
         self.restored.append(line["id"])
-        self._count(line, is_squashed(line), has_camera)
+        self._count(line, is_squashed(line))
 
-    def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
+    def _count(self, line: Mapping[str, Any], squashed: bool) -> None:
         verdict = _verdict_on_camera(line)
         self.done += 1
         self.statuses[line["status"]] += 1
         if verdict:
             self.verdicts[verdict] += 1
-        self.cameras += has_camera
+        self.cameras += self.record.keeps(line)
         advice, kind = advice_from_json(line.get("advice")), " ".join(kind_of(line))
         self.to_look_at.add(line["id"], verdict, line.get("reason", ""), line.get("remedy", ""), advice, kind)
         self.squashed += squashed
@@ -172,13 +195,15 @@ class ResultsWriter:
 
     def say(self, options: Mapping[str, Any]) -> None:
         """Print the number of cameras; on stderr also the frames to look at, and doubts about the options."""
-        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        of_status = {BROKEN: counted(self.statuses[BROKEN], BROKEN)}
+        statuses = ", ".join(of_status.get(one, f"{count} {one}") for one, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
         show(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
         self._say_what_to_look_at(options)
         self._ask_about_shape(options)
-        others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
+        own = self.cameras if CAMERA_FILE in self.record.writes else 0
+        others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - own
         if others > 0:
             verb = "is" if others == 1 else "are"
             say(f"{counted(others, 'camera')} in {self.out} {verb} not of this run")
@@ -226,6 +251,7 @@ def open_camera_folder(
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
     with open_run_folder(run, record, files=files) as results:
         yield results
+        results.check_readable()
         finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
         if results.done or run.shard is None:
             results.say(run.recorded)
@@ -279,13 +305,16 @@ def open_run_folder(
             with ExitStack() as logs:
                 log = logs.enter_context(LineLog(out / lines, kept))
                 solver = logs.enter_context(LineLog(out / SOLVER, kept)) if has_solver else None
-                results = ResultsWriter(out, log, solver)
+                results = ResultsWriter(out, record, log, solver)
                 _restore(results, lines)
                 yield results
+                results.complain()
         except BaseException as error:
             remove_temporaries(out)  # left by an interrupt between the creation of one and its use
-            if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
-                _remove(_files_of_frames(out, record))
+            if results is not None:
+                results.complain()
+            if earlier is None and (results is None or results.is_unreadable) and not any(out.glob(f"{PART_OF_CLIP}*")):
+                _remove(_files_of_run(out, record))
                 _forget(out)
                 if isinstance(error, KeyboardInterrupt):
                     say("no frame was done: run it again")
@@ -322,11 +351,9 @@ def _check_targets(run: RunOptions, record: RunRecord, lines: str, files: Sequen
 
 def _restore(results: ResultsWriter, lines: str) -> None:
     """Count the frames that an earlier part of the run has written, and check their lines."""
-    path = results.out / lines
-    texts = whole_line_pairs(results.out) if lines == LINES else zip(whole_lines(path), strict=True)
     seen: set[str] = set()
-    for number, (main, *more) in enumerate(texts, start=1):
-        with named_in_errors(f"{path}, line {number}"):
+    for number, (main, *more) in enumerate(texts_in(results.out, lines), start=1):
+        with named_in_errors(f"{results.out / lines}, line {number}"):
             line = parse_main(main) if more else parse_json_object(main, "a frame")
             id = line.get("id")
             if not isinstance(id, str) or not isinstance(line.get("status"), str):
@@ -336,7 +363,7 @@ def _restore(results: ResultsWriter, lines: str) -> None:
             if id in seen:
                 raise BrokenFileError(f"frame {id!r} is there twice: --overwrite begins anew")
             seen.add(id)
-            results.restore(line, has_camera=can_name_files(id) and (results.out / CAMERAS.file_name(id)).exists())
+            results.restore(line)
 
 
 def _restore_lines(run: RunOptions) -> None:
@@ -421,9 +448,12 @@ def _used(out: Path) -> bool:
 
 def _count(out: Path, lines: str) -> int:
     """Number of frames whose lines are complete."""
-    if not (out / lines).exists():
-        return 0
-    return sum(1 for _ in (whole_line_pairs(out) if lines == LINES else whole_lines(out / lines)))
+    return sum(1 for _ in texts_in(out, lines)) if (out / lines).exists() else 0
+
+
+def texts_in(folder: Path, lines: str) -> Iterator[tuple[bytes, ...]]:
+    """The lines of all frames in a log, each with that of its solution if there is one in the folder."""
+    return whole_line_pairs(folder) if lines == LINES else zip(whole_lines(folder / lines), strict=True)
 
 
 def _record_or_none(out: Path) -> RunRecord | None:

@@ -109,6 +109,12 @@ def test_a_small_picture_without_a_camera_is_said_to_be_too_small():
     assert "soccer?" not in found.reason
 
 
+def test_one_label_is_and_several_are():
+    assert str(Finding(What.SUSPECTS, numbers=(1.0, 11.0))) == "1 of 11 labels is suspect"
+    assert str(Finding(What.SUSPECTS, numbers=(2.0, 11.0))) == "2 of 11 labels are suspect"
+    assert str(Finding(What.MISSED, numbers=(1.0, 11.0))) == "1 of 11 labels lies far off"
+
+
 @pytest.mark.parametrize("size", [(2, 3), (31, 480), (270, 31)])
 def test_a_picture_that_is_too_small_says_so(size):
     results = calibrate(np.zeros((*size, 3), np.uint8), progress=False)

@@ -40,7 +40,7 @@ from fieldcalib.images.paint.paint_evidence import paint_evidence
 from fieldcalib.images.shape.borders_and_windows import windows_of
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.picture_shape import Crop, Declared, Placement
-from fieldcalib.run_folder.record import calibration_line, camera_file
+from fieldcalib.run_folder.record import calibration_line, camera_content
 from fieldcalib.solve.solver_options import CalibrationFlags
 from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
 
@@ -384,11 +384,12 @@ def test_a_frame_to_look_at_that_is_labelled():
 @follows(UNREADABLE)
 def test_a_file_that_is_got_again(tmp_path):
     path, whole = tmp_path / "frame.png", cv2.imencode(".png", picture(LEFT))[1].tobytes()
+    (tmp_path / "other.png").write_bytes(whole)
     said = []
     for name, data in (("first", whole[:2000]), ("second", whole)):
         path.write_bytes(data)
-        assert run("run", path, "--out", tmp_path / name) in (0, 1)
-        said.append(json.loads((tmp_path / name / "cameras.jsonl").read_text(encoding="utf-8")))
+        assert run("run", path, tmp_path / "other.png", "--out", tmp_path / name) in (0, 1)
+        said.append(json.loads((tmp_path / name / "cameras.jsonl").read_text(encoding="utf-8").splitlines()[0]))
     assert remedy_of(said[0]) == UNREADABLE
     assert said[1]["verdict"] == Verdict.GOOD
 
@@ -544,7 +545,7 @@ COMMANDS = {  # what is refused, the remedy in words, and what is given instead
 def test_what_the_command_line_tells_to_give(words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("a.png", picture(LEFT))
-    (tmp_path / "camera_a.json").write_bytes(camera_file("a", LEFT)["camera_a.json"])
+    (tmp_path / "camera_a.json").write_bytes(camera_content(LEFT.to_dict()))
     refused, told_to_give = COMMANDS[words]
     if "parquet" in refused:
         import pyarrow  # noqa: F401 (skipped where it is not installed)

@@ -251,7 +251,7 @@ def test_annotations_to_homographies_and_cameras(alignment, database, file, tmp_
         (tmp_path / "in" / f"{index}.json").write_text(format_annotation(frame, IMAGE_SIZE))
     (tmp_path / "in" / "post.json").write_text('{"Goal left crossbar": [{"x": 0.5, "y": 0.5}, {"x": 0.6, "y": 0.5}]}')
     options = ["--size", "1280x720", "--database", file, "--alignment", alignment]
-    assert run(tmp_path / "in", *options, "--out", tmp_path / "out") == 0
+    assert run(tmp_path / "in", *options, "--camera-files", "--out", tmp_path / "out") == 0
     overlaps, found = [], 0
     for index, frame in enumerate(frames):
         H = parse_homography((tmp_path / "out" / f"{index}.homographyMatrix").read_text(), alignment)

@@ -18,6 +18,7 @@ from fieldcalib.io.wc14 import format_homography, parse_homography
 from fieldcalib.run_folder import work_units
 
 SIZE = (960, 540)
+SIZED = ("--size", "960x540", "--camera-files")
 NAMES = ("a", "b", "c")
 COMMANDS = {
     "dlt_lines": (dlt_lines.main, ()),
@@ -64,8 +65,8 @@ KNOWN_BY_OUR_SOLVER = {"are_annotated", "standard_deviations", "probability_righ
 @pytest.mark.parametrize("name", COMMANDS)
 def test_files_are_those_of_fieldcalib_calibrate(name, folder, tmp_path, capsys):
     main, options = COMMANDS[name]
-    assert run(main, folder, "--size", "960x540", "--out", tmp_path / name, *options) == 0
-    assert run(fieldcalib_main, "calibrate", folder, "--size", "960x540", "--out", tmp_path / "ours") == 0
+    assert run(main, folder, *SIZED, "--out", tmp_path / name, *options) == 0
+    assert run(fieldcalib_main, "calibrate", folder, *SIZED, "--out", tmp_path / "ours") == 0
     lines, ours = (
         [json.loads(line) for line in (tmp_path / run / "cameras.jsonl").read_text().splitlines()]
         for run in (name, "ours")
@@ -82,7 +83,7 @@ def test_files_are_those_of_fieldcalib_calibrate(name, folder, tmp_path, capsys)
 
 @pytest.mark.parametrize("name", ["dlt_lines", "hdecomp"])
 def test_noise_free_lines_give_the_camera(name, truth, folder, tmp_path):
-    assert run(COMMANDS[name][0], folder, "--size", "960x540", "--out", tmp_path) == 0
+    assert run(COMMANDS[name][0], folder, *SIZED, "--out", tmp_path) == 0
     for id, (_, camera) in truth.items():
         found = camera_from_record(json.loads((tmp_path / f"camera_{id}.json").read_text()))
         assert found.focal_length == pytest.approx(camera.focal_length, rel=1e-4)
@@ -92,7 +93,7 @@ def test_noise_free_lines_give_the_camera(name, truth, folder, tmp_path):
 
 def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, tmp_path):
     matrices, cameras = tmp_path / "matrices", tmp_path / "cameras"
-    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", matrices) == 0
+    assert run(dlt_lines.main, folder, *SIZED, "--out", matrices) == 0
     files = {file.id: file for file in HOMOGRAPHIES.find([matrices])}
     assert set(files) == set(truth)
     X = np.array([[0.0, 0.0], [10.0, -30.0], [-20.0, 5.0]])
@@ -102,15 +103,15 @@ def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, t
             mapped = np.append(X, np.ones((3, 1)), axis=1) @ H.T
             expected = pixels_of(camera, X) * np.divide(size, SIZE)
             np.testing.assert_allclose(mapped[:, :2] / mapped[:, 2:], expected, atol=1e-3)
-    assert run(hdecomp.main, matrices, "--homographies", "--size", "960x540", "--out", cameras) == 0
+    assert run(hdecomp.main, matrices, "--homographies", *SIZED, "--out", cameras) == 0
     for id, (_, camera) in truth.items():
         found = camera_from_record(json.loads((cameras / f"camera_{id}.json").read_text()))
         np.testing.assert_allclose(found.C, camera.C, atol=1e-2)
 
 
 def test_homographies_are_decomposed_by_other_processes(truth, folder, tmp_path):
-    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
-    cameras, options = tmp_path / "cameras", ("--homographies", "--size", "960x540", "--jobs", "2")
+    assert run(dlt_lines.main, folder, *SIZED, "--out", tmp_path) == 0
+    cameras, options = tmp_path / "cameras", ("--homographies", *SIZED, "--jobs", "2")
     assert run(hdecomp.main, tmp_path, *options, "--out", cameras) == 0
     assert {file.id for file in CAMERAS.find([cameras])} == set(truth)
 
@@ -120,10 +121,10 @@ def test_homographies_of_an_earlier_run_are_removed(folder, tmp_path):
     for name in "ab":
         (tmp_path / "elsewhere" / f"{name}_.json").write_bytes((folder / f"{name}.json").read_bytes())
     out = tmp_path / "out"
-    assert run(dlt_lines.main, tmp_path / "elsewhere", "--size", "960x540", "--out", out) == 0
+    assert run(dlt_lines.main, tmp_path / "elsewhere", *SIZED, "--out", out) == 0
     assert (out / "a_.homographyMatrix").exists()
     (out / "mine.homographyMatrix").write_text("of somebody else")
-    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", out, "--overwrite") == 0
+    assert run(dlt_lines.main, folder, *SIZED, "--out", out, "--overwrite") == 0
     assert {path.stem for path in out.glob("*.homographyMatrix")} == {"a", "b", "c", "mine"}
 
 
@@ -135,7 +136,7 @@ def test_homographies_of_others(alignment, truth, tmp_path):
         (matrices / f"{id}.homographyMatrix").write_text(
             format_homography(camera.homography, alignment, image_size=SIZE)
         )
-    options = ("--homographies", "--alignment", alignment, "--size", "960x540", "--out", tmp_path)
+    options = ("--homographies", "--alignment", alignment, *SIZED, "--out", tmp_path)
     assert run(hdecomp.main, matrices, *options) == 0
     for id, (_, camera) in truth.items():
         found = camera_from_record(json.loads((tmp_path / f"camera_{id}.json").read_text()))
@@ -147,7 +148,7 @@ def test_broken_homographies_are_named(truth, tmp_path, capsys):
     matrices.mkdir()
     (matrices / "a.homographyMatrix").write_text(format_homography(truth["a"][1].homography, image_size=SIZE))
     (matrices / "b.homographyMatrix").write_text("1 2 3")
-    arguments = (matrices, "--homographies", "--size", "960x540", "--out", tmp_path)
+    arguments = (matrices, "--homographies", *SIZED, "--out", tmp_path)
     assert run(hdecomp.main, *arguments) == 1
     assert "b.homographyMatrix" in capsys.readouterr().err
     lines = [json.loads(line) for line in (tmp_path / "cameras.jsonl").read_text().splitlines()]
@@ -162,7 +163,7 @@ def test_a_frame_in_two_folders_is_noticed(truth, tmp_path, capsys):
         (tmp_path / folder).mkdir()
         text = format_homography(truth["a"][1].homography, image_size=SIZE)
         (tmp_path / folder / "a.homographyMatrix").write_text(text)
-    arguments = ("--homographies", "--size", "960x540", "--out", tmp_path / "out")
+    arguments = ("--homographies", *SIZED, "--out", tmp_path / "out")
     assert run(hdecomp.main, tmp_path / "one", tmp_path / "two", *arguments) != 0
     assert "are the same frame a" in capsys.readouterr().err
     assert not (tmp_path / "out" / "cameras.jsonl").exists()
@@ -177,13 +178,13 @@ def test_homographies_are_computed_once(folder, tmp_path, monkeypatch):
 
     homographies = dlt_lines.homographies
     monkeypatch.setattr(dlt_lines, "homographies", counted)
-    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
+    assert run(dlt_lines.main, folder, *SIZED, "--out", tmp_path) == 0
     assert len(calls) == 1
 
 
 @pytest.mark.parametrize("options", [("--zeta", "0"), ("--zeta", "x"), ("--tolerance", "-0.1"), ("--alignment", "sha")])
 def test_wrong_options(options, folder, tmp_path):
-    assert run(hdecomp.main, folder, "--size", "960x540", "--out", tmp_path, *options) == 2
+    assert run(hdecomp.main, folder, *SIZED, "--out", tmp_path, *options) == 2
 
 
 def test_zeta_decides_what_is_rejected(truth, tmp_path):
@@ -195,13 +196,13 @@ def test_zeta_decides_what_is_rejected(truth, tmp_path):
     found = {}
     for zeta in ("1", "1000"):
         out = tmp_path / zeta
-        assert run(hdecomp.main, matrices, "--homographies", "--zeta", zeta, "--size", "960x540", "--out", out) == 0
+        assert run(hdecomp.main, matrices, "--homographies", "--zeta", zeta, *SIZED, "--out", out) == 0
         found[zeta] = (out / "camera_a.json").exists()
     assert found == {"1": False, "1000": True}
 
 
 def test_tau_rejects(folder, tmp_path):
-    arguments = (folder, "--size", "960x540", "--out", tmp_path, "--steps", "30", "--tau", "1e-9")
+    arguments = (folder, *SIZED, "--out", tmp_path, "--steps", "30", "--tau", "1e-9")
     assert run(tvcalib.main, *arguments) == 0
     assert not list(tmp_path.glob("camera_*.json"))
     statuses = {json.loads(line)["status"] for line in (tmp_path / "cameras.jsonl").read_text().splitlines()}
@@ -213,7 +214,7 @@ def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, 
     monkeypatch.setattr(work_units, "SMALLEST_UNIT", 1)
     main, options = COMMANDS[name]
     for jobs in (1, 2):
-        arguments = (folder, "--size", "960x540", "--out", tmp_path / str(jobs), *options, "--jobs", jobs)
+        arguments = (folder, *SIZED, "--out", tmp_path / str(jobs), *options, "--jobs", jobs)
         assert run(main, *arguments) == 0
     assert content_of(tmp_path / "1") == content_of(tmp_path / "2")
 
@@ -222,7 +223,7 @@ def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, 
 @one_quickly
 def test_modules_that_are_run_have_jobs_too(name, folder, tmp_path):
     """What they ask other processes for must not be of the script."""
-    command = [sys.executable, "-m", f"baselines.{name}", folder, "--size", "960x540", "--out", tmp_path, "--jobs", "2"]
+    command = [sys.executable, "-m", f"baselines.{name}", folder, *SIZED, "--out", tmp_path, "--jobs", "2"]
     root = Path(dlt_lines.__file__).parents[1]
     subprocess.run([*command, *COMMANDS[name][1]], check=True, cwd=root, capture_output=True)
     assert len((tmp_path / "cameras.jsonl").read_text().splitlines()) == 4
@@ -256,7 +257,7 @@ def stacked(tmp_path_factory):
 
 def test_calibrate_uses_known_types(stacked, tmp_path):
     path, cameras = stacked
-    assert run(fieldcalib_main, "calibrate", path, "--size", "960x540", "--prior", "stacked", "--out", tmp_path) == 0
+    assert run(fieldcalib_main, "calibrate", path, *SIZED, "--prior", "stacked", "--out", tmp_path) == 0
     for name, camera in cameras.items():
         found = camera_from_record(json.loads((tmp_path / f"camera_{name}.json").read_text()))
         assert np.linalg.norm(found.C - camera.C) < 0.1 * np.linalg.norm(camera.C)
@@ -268,7 +269,7 @@ def test_tvcalib_starts_from_known_types(stacked, tmp_path):
     for starts in ("center", "stacked", "argmin"):
         out = tmp_path / starts
         options = ("--steps", "20", "--initial-cameras", starts)
-        assert run(tvcalib.main, path, "--size", "960x540", "--out", out, *options) == 0
+        assert run(tvcalib.main, path, *SIZED, "--out", out, *options) == 0
         lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
         found[starts] = {line["id"]: (line["C"][0], line["loss_ndc"]) for line in lines}
     # in 20 steps a camera does not come far from where it starts
@@ -281,7 +282,7 @@ def test_tvcalib_starts_from_known_types(stacked, tmp_path):
 
 @pytest.mark.parametrize("command", ["calibrate", "tvcalib"])
 def test_known_types_must_be_known(command, folder, tmp_path, capsys):
-    arguments = (folder, "--size", "960x540", "--out", tmp_path)
+    arguments = (folder, *SIZED, "--out", tmp_path)
     if command == "calibrate":
         assert run(fieldcalib_main, "calibrate", *arguments, "--prior", "stacked") == 2
     else:

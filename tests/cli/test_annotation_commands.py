@@ -45,7 +45,7 @@ def put(folder, tool, annotations):
 
 
 def calibrate(*inputs, out, options=()):
-    return run("calibrate", *inputs, "--out", out, *options)
+    return run("calibrate", *inputs, "--camera-files", "--out", out, *options)
 
 
 @TOOLS
@@ -120,9 +120,11 @@ def test_images_of_several_sizes(annotations, calibrated_folder, tmp_path, capsy
 def test_a_size_that_the_file_contradicts(tool, annotations, tmp_path, capsys):
     path = put(tmp_path / "in", tool, annotations)
     assert calibrate(path, out=tmp_path / "same", options=["--size", "960x540"]) == 0
-    assert calibrate(path, out=tmp_path / "out", options=["--size", "1920x1080"]) == 1
+    assert calibrate(path, out=tmp_path / "out", options=["--size", "1920x1080"]) == 2
     said = capsys.readouterr().err
-    assert said.count("is of an image of 960 x 540, not of 1920 x 1080: leave the size out, or mend it") == 4
+    assert said.count("is of an image of 960 x 540, not of 1920 x 1080: leave the size out, or mend it") == 1
+    assert said.endswith("; nor can 3 others be read; nothing is written\n")
+    assert not (tmp_path / "out").exists()
     assert calibrate(path, out=tmp_path / "strict", options=["--size", "1920x1080", "--strict"]) == 1
     assert not (tmp_path / "strict").exists()
 

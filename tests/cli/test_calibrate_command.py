@@ -101,6 +101,7 @@ def test_summary(calibrated_folder, annotated_folder):
         "intrinsics": None,
         "position": None,
         "rotation": None,
+        "camera_files": True,
     }
 
 

@@ -207,7 +207,9 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsy
     shown = {label: xy[in_image(xy, true_camera.image_size)] for label, xy in pixels.items()}
     (tmp_path / "a.json").write_text(format_annotation(shown, true_camera.image_size))
     options = ["--size", f"{width}x{height}", "--prior", "main center"]
-    assert run("calibrate", tmp_path / "a.json", *options, *declaration, "--out", tmp_path / "out") == 0
+    assert (
+        run("calibrate", tmp_path / "a.json", *options, *declaration, "--camera-files", "--out", tmp_path / "out") == 0
+    )
     assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), true_camera.image_size)

@@ -171,7 +171,7 @@ def test_what_was_given_is_named_where_frames_are_refused(tmp_path, capsys):
 def test_a_wide_picture_that_is_said_to_be_shown_upright(tmp_path, capsys):
     picture = tmp_path / "a.png"
     write_image(picture, np.zeros((54, 96, 3), np.uint8))
-    assert run("run", str(picture), "--display-size", "1080x1920", "--out", str(tmp_path / "out")) == 1
+    assert run("run", str(picture), "--display-size", "1080x1920", "--out", str(tmp_path / "out")) == 2
     assert "is wide, 96x54, and --display-size upright, 1080x1920: it is width x height" in capsys.readouterr().err
 
 

@@ -42,7 +42,7 @@ def folder(tmp_path, rendered):
 def test_a_folder_is_a_clip_if_it_is_said(know, folder, rendered, tmp_path, capsys):
     know([TRUTHS[t] for t in looked_at(rendered)])
     out = tmp_path / "out"
-    assert run("run", folder, "--clip", "--out", out) == 1
+    assert run("run", folder, "--clip", "--camera-files", "--out", out) == 1
     lines = lines_of(out)
     assert [line["id"] for line in lines] == ["part1_8", "part1_9", "part1_10", "part1_11", "part2_1"]
     assert [line["status"] for line in lines] == ["accepted"] * 3 + ["broken file", "accepted"]

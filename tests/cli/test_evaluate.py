@@ -493,11 +493,27 @@ def test_broken_outputs_of_tvcalib(truth, tmp_path, capsys, content, message):
     assert message in capsys.readouterr().err
 
 
+def test_what_a_run_wrote(truth, tmp_path, capsys):
+    """Its lines count where it has no files of cameras, with what it withholds; and lines of another width are told."""
+    options = ["calibrate", str(truth), "--size", "960x540", "--tau", "0.014", "--line-width", "0.12", "--out"]
+    assert main([*options, str(tmp_path / "lines")]) == 0
+    assert main([*options, str(tmp_path / "files"), "--camera-files"]) == 0
+    assert not list((tmp_path / "lines").glob("camera_*"))
+    assert 0 < len(list((tmp_path / "files").glob("camera_*"))) < 4
+    lines, files = (report_of(capsys, tmp_path / name, truth) for name in ("lines", "files"))
+    assert lines == files
+    assert "scored on a field with lines of 0 m: --line-width 0.12 scores them on theirs" in lines[1]
+    same = report_of(capsys, tmp_path / "lines", truth, "--line-width", "0.12")
+    assert same[1] == ""
+    assert same[0] != lines[0]
+
+
 def test_wrong_paths(truth, cameras, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     (tmp_path / "none.zip").write_bytes(b"no zip")
     nothing = (
-        "holds no prediction: expected camera_<id>.json, <id>.homographyMatrix, or TVCalib's per_sample_output.json"
+        "holds no prediction: expected camera_<id>.json, <id>.homographyMatrix, what run or calibrate wrote, "
+        "or TVCalib's per_sample_output.json"
     )
     for arguments, message in (
         ((tmp_path / "missing", truth), f"{tmp_path / 'missing'} does not exist"),

@@ -275,7 +275,7 @@ def test_intrinsics_of_images_of_another_shape(know, folder, tmp_path, capsys):
 def test_intrinsics_without_a_size(know, folder, tmp_path, capsys):
     large = opencv_file(tmp_path / "cam.yml", WIDE.scaled((3840, 2160)), None)
     know([])
-    assert run("run", folder, "--out", tmp_path / "out", "--intrinsics", large) == 1
+    assert run("run", folder, "--out", tmp_path / "out", "--intrinsics", large) == 2
     assert "write image_width and image_height into that file" in capsys.readouterr().err
 
 

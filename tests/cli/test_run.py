@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from commands import lines_of, run
+from commands import calibrate, lines_of, run
 from networks import FIELD, KnownCameras, band_maps, probabilities
 from pictures import picture
 from views import camera
@@ -86,7 +86,7 @@ def test_declared_pictures(know, tmp_path, true_camera, declaration, capsys):
     image = picture(true_camera)
     (tmp_path / "a.png").write_bytes(encoded(image))
     know([true_camera.scaled(SIZE) if true_camera.image_size == (640, 640) else true_camera.cropped((-320, 0), SIZE)])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", *declaration) == 0
+    assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path / "out", *declaration) == 0
     assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
     assert line["verdict"] in ("good", "check")
@@ -111,7 +111,7 @@ def test_a_squashed_picture_has_the_camera_of_its_pixels(know, tmp_path, capsys)
     truth = TRUTHS[0].scaled((640, 640))
     (tmp_path / "a.png").write_bytes(encoded(picture(truth)))
     know([truth, TRUTHS[0].scaled((1138, 640))])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
+    assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path / "out") == 0
     assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
     assert "was squashed from 16:9" in line["message"]
@@ -125,7 +125,7 @@ def test_black_borders_are_left_out(know, tmp_path):
     image[90:630] = picture(TRUTHS[0])
     (tmp_path / "a.png").write_bytes(encoded(image))
     know([TRUTHS[0]])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
+    assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path / "out") == 0
     (line,) = lines_of(tmp_path / "out")
     assert "without borders: 960 x 540 at 0, 90" in line["message"]
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (960, 720))
@@ -147,7 +147,7 @@ def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
 def test_frames_that_are_too_large_are_refused(know, tmp_path, capsys):
     (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
     know([])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", "--display-size", "30000x30000") == 1
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", "--display-size", "30000x30000") == 2
     assert "has 30000 x 30000 pixels, more than 50 million" in capsys.readouterr().err
 
 
@@ -169,7 +169,7 @@ def test_rejected_cameras_are_written_on_request_only(know, tmp_path, capsys):
     cameras = {}
     for options in (["--keep-rejected"], []):  # the camera of the run before is removed
         know([TRUTHS[0]])
-        assert run("run", tmp_path / "a.png", "--out", tmp_path, "--overwrite", *options) == 0
+        assert run("run", tmp_path / "a.png", "--out", tmp_path, "--camera-files", "--overwrite", *options) == 0
         (line,) = lines_of(tmp_path)
         assert line["verdict"] == "reject"
         assert line["reason"] == line["message"]
@@ -189,7 +189,7 @@ def test_an_implausible_camera_has_no_file(know, tmp_path, monkeypatch):
     monkeypatch.setattr("fieldcalib.run_folder.engine.calibrate_pictures", implausible)
     (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
     know([TRUTHS[0]])
-    assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
+    assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path) == 0
     assert not (tmp_path / "camera_a.json").exists()
 
 
@@ -207,7 +207,7 @@ def test_a_folder_of_images(know, tmp_path, capsys):
     (folder / "overlay_a.jpg").write_bytes(b"of an earlier run")
     (folder / "notes.txt").write_bytes(b"")
     know([TRUTHS[0], None, TRUTHS[1]])
-    assert run("run", folder, "--out", out) == 1
+    assert run("run", folder, "--camera-files", "--out", out) == 1
     output = capsys.readouterr()
     assert "c.jpg: is cut off: the end of the JPEG is missing" in output.err
     assert output.out.startswith("2 cameras of 4 frames")
@@ -347,7 +347,7 @@ def test_a_video(know, tmp_path):
         assert line["status"] == "accepted"
         np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
     assert {path.name for path in out.iterdir()} == {
-        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"),
+        *("cameras.jsonl", "solver.jsonl", "run.json", "summary.json"),
         *("overlay.mp4", "clip.jsonl", "tripods.json", "motion.png", "worst_frames.jpg"),
     }
     assert all(line["basis"].startswith("lines") for line in lines)
@@ -368,7 +368,7 @@ def test_a_video_without_pictures_has_the_same_cameras(know, tmp_path):
     drawn, alone, bare = contents
     assert set(drawn) - set(bare) == {"overlay.mp4", "motion.png", "worst_frames.jpg"}
     assert set(bare) - set(drawn) == {"report.html"}
-    for name in ("cameras.jsonl", "solver.jsonl", "clip.jsonl", "camera_000000.json"):
+    for name in ("cameras.jsonl", "solver.jsonl", "clip.jsonl"):
         assert drawn[name] == bare[name] == alone[name]
     assert drawn["worst_frames.jpg"] == alone["worst_frames.jpg"]
 
@@ -410,7 +410,7 @@ def test_images_without_pictures(know, tmp_path):
     (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
     know(TRUTHS[:1])
     assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", "--no-pictures") == 0
-    names = {"camera_a.json", "cameras.jsonl", "solver.jsonl", "run.json", "summary.json"}
+    names = {"cameras.jsonl", "solver.jsonl", "run.json", "summary.json"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
 
 
@@ -454,6 +454,28 @@ def test_an_overlay_that_cannot_be_written_is_an_error(know, tmp_path, capfd):
     assert re.search(r"overlay\.mp4: \d+ of 16 frames were written: is the disk full\?", capfd.readouterr().err)
     assert not (tmp_path / "out" / "overlay.mp4").exists()
     assert not (tmp_path / "out" / "summary.json").exists()
+
+
+@pytest.mark.parametrize("command", [("run",), ("localize",), ("calibrate", "--size", "960x540")])
+def test_an_input_of_which_nothing_can_be_read(command, know, tmp_path, capsys):
+    """One sentence and a count, and no folder."""
+    for name in "abc":
+        (tmp_path / f"{name}.{'json' if 'calibrate' in command else 'png'}").write_bytes(b"none")
+    know([])
+    assert run(*command, tmp_path, "--out", tmp_path / "out") == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"fieldcalib: {tmp_path / 'a'}.")
+    assert said.endswith("; nor can 2 others be read; nothing is written")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_clip_of_which_nothing_can_be_read(know, tmp_path, capsys):
+    for name in "abc":
+        (tmp_path / f"{name}.png").write_bytes(b"none")
+    know([])
+    assert run("run", "--clip", tmp_path, "--out", tmp_path / "out") == 2
+    assert capsys.readouterr().err.endswith("TIFF or WebP\nfieldcalib: no frame can be read; nothing is written\n")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_that_another_run_writes_to(know, tmp_path, capsys):
@@ -550,7 +572,7 @@ def test_localized_images_can_be_calibrated(know, tmp_path, capsys):
     know(TRUTHS)
     assert run("localize", tmp_path, "--out", tmp_path / "labels") == 0
     assert "segments a frame in 2 frames" in capsys.readouterr().out
-    assert run("calibrate", tmp_path / "labels", "--size", "960x540", "--out", tmp_path / "cameras") == 0
+    assert calibrate(tmp_path / "cameras", tmp_path / "labels") == 0
     for name, truth in zip("ab", TRUTHS, strict=True):
         estimated = camera_from_record(json.loads((tmp_path / "cameras" / f"camera_{name}.json").read_text()))
         assert camera_difference(estimated, truth, FIELD).reprojection < 6.0

@@ -28,6 +28,7 @@ from fieldcalib.editor.label_versions import ChangedFileError
 from fieldcalib.editor.saved_files import MOVED
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.record import CAMERA_FILE, camera_content
 
 
 def nothing(count, starts=(0,), notes=()):
@@ -160,9 +161,14 @@ def of_a_run(out):
 
 
 def with_camera_files(clip, out):
-    """A folder of results as `run` leaves it, whose frames nobody has looked at."""
+    """A folder of results as `run --camera-files` leaves it, whose frames nobody has looked at."""
     opened(clip, out).keep(proposal(panned(8), Window(0, 8)))
-    return of_a_run(out)
+    of_a_run(out)
+    record = json.loads((out / "run.json").read_text())
+    (out / "run.json").write_text(json.dumps({**record, "writes": [CAMERA_FILE, *record["writes"]]}))
+    for line in map(json.loads, (out / "cameras.jsonl").read_text().splitlines()):
+        (out / f"camera_{line['id']}.json").write_bytes(camera_content(line))
+    return out
 
 
 def test_a_clip_is_kept_in_the_folder_of_a_run(clip, tmp_path):

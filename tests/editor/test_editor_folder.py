@@ -252,10 +252,15 @@ def test_saved_results_are_those_of_a_run(pictures, tmp_path):
     assert again.table.rows[0].by_hand
 
 
+def run_with_camera_files(pictures, out):
+    """The results of `run --camera-files`."""
+    assert main(["run", str(pictures), "--camera-files", "--out", str(out)]) == 0
+
+
 def test_a_run_is_mended(pictures, tmp_path):
     """The results of a run, one frame of which is labelled."""
     out = tmp_path / "out"
-    fieldcalib.calibrate(pictures, progress=False).save(out)
+    run_with_camera_files(pictures, out)
     editor = edited(pictures, out=out)
     before = (out / "camera_b.json").read_bytes()
     assert editor.table.rows[1].verdict == "good"
@@ -278,7 +283,7 @@ def test_a_run_is_mended(pictures, tmp_path):
 def test_a_run_is_mended_later(pictures, tmp_path):
     """Frames of a run that were changed, and are saved when the folder is opened again; and with given labels."""
     out = tmp_path / "out"
-    fieldcalib.calibrate(pictures, progress=False).save(out)
+    run_with_camera_files(pictures, out)
     given = write_soccernet(
         tmp_path / "a.json", Side_line_left=ends(LINES[0]) / SIZE, Side_line_top=ends(LINES[1]) / SIZE
     )

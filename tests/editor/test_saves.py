@@ -64,7 +64,7 @@ def saved(pictures, out):
 
 # --- files of others ---
 
-NAMES = ("camera_a.json", "overlay_b.jpg", "summary.json", "cameras.jsonl", "solver.jsonl", "run.json", "labels/a.json")
+NAMES = ("overlay_b.jpg", "summary.json", "cameras.jsonl", "solver.jsonl", "run.json", "labels/a.json")
 
 
 @pytest.mark.parametrize("name", NAMES)

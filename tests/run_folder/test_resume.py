@@ -20,7 +20,7 @@ from fieldcalib.io.output_folder import LineLog
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.run_folder import results as results_of_commands
 from fieldcalib.run_folder import work_units
-from fieldcalib.run_folder.record import Outcome, RunOptions
+from fieldcalib.run_folder.record import Outcome, RunOptions, RunRecord
 from fieldcalib.run_folder.results import ResultsWriter
 from fieldcalib.run_folder.work_units import UnitResult, work
 
@@ -46,7 +46,7 @@ def whole(many, tmp_path_factory):
 
 
 def command(folder, *options):
-    return ["calibrate", folder, "--size", "960x540", *options]
+    return ["calibrate", folder, "--size", "960x540", "--camera-files", *options]
 
 
 @pytest.mark.slow
@@ -357,8 +357,9 @@ def worked(tmp_path, function):
     """What `work` writes of twelve numbers."""
     items = [FrameFile(str(number), f"file {number}") for number in range(12)]
     with LineLog(tmp_path / "log") as log:
-        results = ResultsWriter(tmp_path, log)
-        work(RunOptions(tmp_path, {}, jobs=2), results, items, 4, function, 12)
+        options = RunOptions(tmp_path, {}, jobs=2)
+        results = ResultsWriter(tmp_path, RunRecord.of(options, [], unit=4), log)
+        work(options, results, items, 4, function, 12)
     return results, [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
 
 

@@ -245,7 +245,7 @@ def test_saving(client, tmp_path):
     saved = fieldcalib.read(out)["frame"]
     assert saved.camera.focal_length == pytest.approx(client.state()["camera"]["focal_length"], abs=0.01)
     assert set(json.loads((out / "labels" / "frame.json").read_text())) == set(LINES)
-    assert (out / "camera_frame.json").exists()
+    assert (out / "overlay_frame.jpg").exists()
 
 
 def test_a_file_that_another_program_changed_is_kept(client, tmp_path):
