@@ -80,8 +80,6 @@ class FrameSequence(Sequence[Calibration]):
     """Version of its `to_dict`."""
     _codecs: ClassVar[Mapping[str, Codec]]
     """Its attributes in JSON."""
-    _added: ClassVar[frozenset[str]] = frozenset()
-    """Attributes that older files of this version lack, and that are None there."""
 
     @abstractmethod
     def _frame(self, t: int) -> Calibration:
@@ -110,8 +108,7 @@ class FrameSequence(Sequence[Calibration]):
         """
         new: Callable[..., Self] = cls
         with reading(record, f"calibration of {cls._what}", cls._version):
-            complete = {**dict.fromkeys(cls._added), **record}
-            found = new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
+            found = new(**{name: one.read(record[name]) for name, one in cls._codecs.items()})
             found._check()
         return found
 

@@ -7,6 +7,7 @@ gives a `Proposal` that may be kept or dropped. `draw_again` draws the clip's fi
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from itertools import pairwise
@@ -268,15 +269,8 @@ def largest_move(old: Camera | None, new: Camera | None) -> float:
 
 def _readable(frames: FrameSource, window: Window) -> Iterator[Image]:
     """Yield the images of a window up to the first one that cannot be read, as the file may be cut off."""
-    images = frames.each(window.begin, window.end)
-    while True:
-        try:
-            image = next(images, None)
-        except BrokenFileError:
-            return
-        if image is None:
-            return
-        yield image
+    with suppress(BrokenFileError):
+        yield from frames.each(window.begin, window.end)
 
 
 def _counted(images: Iterable[Image], window: Window, progress: Progress, stage: str) -> Iterator[Image]:
@@ -372,13 +366,9 @@ def _draw_frames(
     worst = worst_frames(calibrations, SHEET_FRAMES)
     pictures: dict[int, Image] = {}
     with VIDEOS.write(folder / OVERLAY, rate) as video:
-        images = frames.each(0, len(frames))
-        for number, calibration in enumerate(calibrations):
+        for number, image in enumerate(_readable(frames, Window(0, len(frames)))):
             progress(number, len(frames), f"drawing {OVERLAY}")
-            try:
-                image = next(images)
-            except (StopIteration, BrokenFileError):
-                break
+            calibration = calibrations[number]
             if calibration is not None:
                 image = draw_calibration(image, calibration, calibration.field or field)
             video.write(image)

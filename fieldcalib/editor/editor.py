@@ -405,7 +405,7 @@ class Editor:
             self._states.cuts = sorted({0, *cuts})
             self._states.has_own_cuts = True
             if self._folder is not None:
-                self._folder.journal.cuts(self.cuts)
+                self._folder.journal.add(cuts=self.cuts)
 
     def solve(self, progress: Progress = ignored) -> Proposal:
         """Solve a clip again around the frames that a person has mended; nothing is changed until `keep`.

@@ -215,7 +215,7 @@ class Folder:
             self.journal.begin(id, before.present, state.base)
             state.has_begun = True
         if state.touched().left_out:
-            self.journal.left_out(id)
+            self.journal.add(frame=id, left_out=True)
             state.touched().left_out = 0
         self.journal.change(id, before, after)
 
@@ -417,7 +417,7 @@ class Folder:
     def _begin(self, numbers: Iterable[int]) -> None:
         """Write given labels that are about to be saved to the journal as the first state of their frames."""
         if self._label_format is not None and not self._has_noted_format:
-            self.journal.format(self._label_format)
+            self.journal.add(format=self._label_format)
             self._has_noted_format = True
         for n in numbers:
             state = self._states.get(n)

@@ -301,7 +301,7 @@ class Journal:
     def begin(self, id: str, edit: Edit, base: Calibration | None) -> None:
         """Write the state of a frame before its first change."""
         record = None if base is None else base.to_dict()
-        self._append({"frame": id, "begin": edit_to_record(edit), "base": record})
+        self.add(frame=id, begin=edit_to_record(edit), base=record)
 
     def change(self, id: str, before: History[Edit], after: History[Edit]) -> None:
         """Write the change of a frame: a new edit, an undo or a redo."""
@@ -312,11 +312,7 @@ class Journal:
             change = {"redo": True}
         else:
             change = {"then": edit_to_record(after.present)}
-        self._append({"frame": id, **change})
-
-    def cuts(self, cuts: Iterable[int]) -> None:
-        """Write the first frames of the shots of a clip."""
-        self._append({"cuts": list(cuts)})
+        self.add(frame=id, **change)
 
     def announce(self, announced: Announced, kind: str, ids: Sequence[str] = ()) -> dict[str, Any]:
         """Write that a save is about to be done; returns the note for `done`.
@@ -333,22 +329,15 @@ class Journal:
         """
         note: dict[str, Any] = {kind: {name: list(state) for name, state in announced.states.items()}}
         note |= {} if kind == "written" else {"frames": list(ids)}
-        self._append({"announced": note, "before": {name: list(state) for name, state in announced.before.items()}})
+        self.add(announced=note, before={name: list(state) for name, state in announced.before.items()})
         return note
 
     def done(self, note: Mapping[str, Any]) -> None:
         """Write the note of a save that was announced: its files are in place."""
-        self._append(dict(note))
+        self.add(**note)
 
-    def format(self, name: str) -> None:
-        """Write the format of labels that were given."""
-        self._append({"format": name})
-
-    def left_out(self, id: str) -> None:
-        """Write that a frame goes on without its impossible edits."""
-        self._append({"frame": id, "left_out": True})
-
-    def _append(self, line: dict[str, Any]) -> None:
+    def add(self, **line: Any) -> None:
+        """Add a line of anything else."""
         self.open().append(json.dumps(line, allow_nan=False))
 
     def open(self) -> LineLog:

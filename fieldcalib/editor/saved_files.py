@@ -301,7 +301,7 @@ class Stored:
             for one in frames:
                 self._expect(one.id)
                 has_changed = has_changed or self._has_changed(one)
-                outcome = _outcome(one)
+                outcome = Outcome.of(one.id, one.calibration, details={"basis": one.basis} if one.basis else {})
                 camera = {CAMERAS.file_name(one.id): None, **record.camera_file(outcome.line)}
                 for name, content in {**camera, **one.files}.items():
                     staged.put(name, content)
@@ -454,22 +454,17 @@ class Stored:
 
 
 def _first_frame(shot: object) -> int:
-    first = shot.get("first_frame", shot.get("start")) if isinstance(shot, dict) else None
+    first = shot.get("first_frame") if isinstance(shot, dict) else None
     if isinstance(first, bool) or not isinstance(first, int) or first < 0:
         raise BrokenFileError(f"'shots': expected the number of a 'first_frame' in each, got {shot!s:.100}")
     return first
 
 
-def _outcome(one: Saved) -> Outcome:
-    details = {"basis": one.basis} if one.basis else {}
-    return Outcome.of(one.id, one.calibration, details=details)
-
-
 def _texts(file: ResultFile, number: int) -> Texts:
-    """Lines of a frame for both files; those of older folders, which have one file, are split."""
+    """The lines of a frame as they are written: two, also of a frame whose line is whole."""
     main, solver = file.texts(number)
     if solver:
-        return main.rstrip(b"\n"), solver.rstrip(b"\n")
+        return main, solver
     first, second = (json.dumps(part).encode() for part in split_line(file.line(number)))
     return first, second
 

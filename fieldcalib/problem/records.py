@@ -139,7 +139,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         (),
         *packed(PixelTable.of(labels, [frame], [weights]), stored),
         None if None in moving else sized(moving, np.shape(moving), "'motion'"),
-        _surface(record.get("terrain")),
+        _surface(record["terrain"]),
     )
     if not ends["label"]:
         return found
@@ -150,7 +150,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
 
 
 def _surface(record: Mapping[str, Any] | None) -> Terrain | None:
-    """The ground of a record; older files have none."""
+    """The ground of a record, if there is any."""
     return (
         None if record is None else Terrain(**{name: float(sized(one, (), repr(name))) for name, one in record.items()})
     )
@@ -194,7 +194,7 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
         raise ValueError(f"'rho': expected half the diagonal of an image, got {rho}")
     lens = LENSES[record["lens"]["name"]](rho)
     size = None if record["field_size"] is None else _size_from_record(record["field_size"])
-    law = record.get("zoom_law")
+    law = record["zoom_law"]
     zoom_law = None if law is None else ZoomLaw(float(sized(law, (), "'zoom_law'")))
     usual = Layout.of(checked_image_size(record["image_size"]), lens, size, zoom_law)
     roles = np.array([Role(one) for one in record["roles"]])
@@ -209,8 +209,8 @@ def _size_from_record(record: Mapping[str, Any]) -> SizeBlock:
     given, sigma, limits, *possible = (
         sized(record[name], shape, repr(name)) for name, shape in zip(SIZES, shapes, strict=True)
     )
-    crown = record.get("crown")  # older files have none
+    crown = record["crown"]
     if crown is not None:
         crown = Crown(**{name: float(sized(one, (), repr(name))) for name, one in crown.items()})
-    height = float(sized(record.get("height", 0.0), (), "'height'"))
+    height = float(sized(record["height"], (), "'height'"))
     return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown, height)

@@ -10,7 +10,6 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
@@ -501,20 +500,14 @@ def save(results: Results, out: Path, *, overwrite: bool, overlays: bool) -> Non
     began = time.perf_counter()
     run, record = _record(results, out, overwrite=overwrite)
     overlays = overlays and results.command != LABELLED
-    with _python_words(), open_run_folder(run, record, files=results.pictures.files) as writer:
-        if results.video is not None:
-            _write_clip(results, results.video, writer, overlays=overlays)
-        else:
-            _write_frames(results, writer, overlays=overlays)
-        finish(out, writer.summary(run.recorded, time.perf_counter() - began))
-
-
-@contextmanager
-def _python_words() -> Iterator[None]:
-    """Replace the error for a used folder by one that names the Python argument instead of the command line option."""
     try:
-        yield
-    except UsedFolderError as error:
+        with open_run_folder(run, record, files=results.pictures.files) as writer:
+            if results.video is not None:
+                _write_clip(results, results.video, writer, overlays=overlays)
+            else:
+                _write_frames(results, writer, overlays=overlays)
+            finish(out, writer.summary(run.recorded, time.perf_counter() - began))
+    except UsedFolderError as error:  # which names options of the command line
         raise _used(error.found) from None
 
 

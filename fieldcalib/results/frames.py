@@ -82,8 +82,10 @@ class KeptFrames:
         self.ids, self.broken, self._calibrations, self._details = ids, broken, calibrations, details
         readable = (number for number, id in enumerate(ids) if id not in broken)
         self._by_number = dict(zip(readable, range(len(calibrations)), strict=True))
-        self._calibration = Cached(self._made_calibration)
-        self._line = Cached(self._made_line)
+        self.calibration = Cached(self._made_calibration)
+        """The calibration of a frame that is not broken."""
+        self.line = Cached(self._made_line)
+        """Everything that is kept of a frame."""
 
     def main(self, number: int) -> Mapping[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
@@ -92,14 +94,6 @@ class KeptFrames:
     def mains(self) -> Iterator[Mapping[str, Any]]:
         """The lines of all frames in ``cameras.jsonl``, in order."""
         return map(self.main, range(len(self.ids)))
-
-    def line(self, number: int) -> Mapping[str, Any]:
-        """Everything that is kept of a frame."""
-        return self._line(number)
-
-    def calibration(self, number: int) -> Calibration:
-        """The calibration of a frame that is not broken."""
-        return self._calibration(number)
 
     def camera(self, number: int) -> Camera | None:
         """The best camera of such a frame; None where there is none."""

@@ -472,16 +472,11 @@ def shared_files(command: str) -> tuple[str, ...]:
 def _files_of_run(out: Path, record: RunRecord | None) -> Iterator[Path]:
     """Yield all files that the run in a folder has written; without a record they are found by their names."""
     if record is not None:
-        yield from _files_of_frames(out, record)
+        ids = (id for log in (LINES, LOCALIZED) for id in _ids(out / log))
+        yield from (out / name for id in ids for name in record.files_of(id))
     else:
         yield from chain.from_iterable(out.glob(form.file_name("*")) for form in (CAMERAS, OVERLAYS))
     yield from (out / name for name in shared_files("" if record is None else record.command))
-
-
-def _files_of_frames(out: Path, record: RunRecord) -> Iterator[Path]:
-    """Yield the files of the frames in the logs of a run."""
-    ids = (id for log in (LINES, LOCALIZED) for id in _ids(out / log))
-    return (out / name for id in ids for name in record.files_of(id))
 
 
 def _clear(out: Path) -> None:

@@ -14,7 +14,7 @@ from threading import Lock
 
 import numpy as np
 
-from fieldcalib.io.image_files import Image, at_most_wide
+from fieldcalib.io.image_files import Image, at_most_wide, parse_image
 from fieldcalib.run_folder.frame_source import FrameSource
 
 QUALITY = 88  # of JPEGs for the page
@@ -125,13 +125,7 @@ class Thumbnails:
             del self.jpegs[max(self.jpegs, key=self._ranks.__getitem__)]
             return
         self.width = narrower[0]
-        self.jpegs = {id: jpeg(_image(one), self.width, THUMBNAIL_QUALITY) for id, one in self.jpegs.items()}
-
-
-def _image(jpeg: bytes) -> Image:
-    import cv2
-
-    return np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+        self.jpegs = {id: jpeg(parse_image(one), self.width, THUMBNAIL_QUALITY) for id, one in self.jpegs.items()}
 
 
 def frames_to_show(count: int, worst: Sequence[int], most: int = PICTURES) -> list[int]:
