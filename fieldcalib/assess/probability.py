@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -75,12 +76,12 @@ EXPECTED_SHARE, LOG_ODDS_PER_SHARE = 0.9, 3.5
 
 
 class OddsTerms(NamedTuple):
-    """Terms of the log odds for d = 1 m under each of the K possible sizes and crowns of the field, as given first."""
+    """Terms of the log odds for d = 1 m if the field is as given, and under each of K possible sizes and crowns."""
 
     rows: Array
-    """``1, log m, log sigma, log nu, log(1 + z . z)``, (K, 5)."""
+    """``1, log m, log sigma, log nu, log(1 + z . z)``, (1 + K, 5)."""
     weights: Array
-    """Probabilities of the possibilities, (K,)."""
+    """0, and the probabilities of the possibilities, (1 + K,)."""
 
 
 def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
@@ -116,9 +117,9 @@ def surprises(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     contradicted = _contradicted(uncertainty)
     if contradicted is not None:
         found[Finding(What.CONTRADICTED, contradicted, (uncertainty.off_given[contradicted][0],))] = None
-    given = problem.layout.field_size
-    if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
-        length, width = np.clip(given.given + uncertainty.size.mean[:2], *given.limits)
+    given, told = problem.layout.field_size, uncertainty.size
+    if told is not None and given is not None and not np.any(given.shift) and told.as_given < LEAST_SIZE:
+        length, width = np.clip(given.given + told.mean[:2], *given.limits)
         found[Finding(What.OTHER_SIZE, numbers=(float(length), float(width)))] = None
     return tuple(found)
 
@@ -211,14 +212,10 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     """Points of `ground_in_view` for B cameras, (B, N, 3), and which of them each camera sees, (B, N)."""
     size = np.array(projection.layout.image_size)
     half = np.array([field.length, field.width]) / 2.0
-    x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(size, GRID, strict=True))
+    pixels, border = _grid(projection.layout.image_size, finer)
     B = len(projection.theta)
-    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     on_grid, sees_ground = ground_of_pixels(projection, np.broadcast_to(pixels, (B, *pixels.shape)))
-    along = np.linspace(-1.0, 1.0, finer * BORDER)
-    ones = np.ones_like(along)
-    sides = [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
-    on_border = np.concatenate([half * np.concatenate(sides), np.zeros((4 * len(along), 1))], axis=1)
+    on_border = border * np.append(half, 0.0)
     on_border = np.broadcast_to(on_border, (B, *on_border.shape))
     if projection.terrain is not None:
         on_border = projection.terrain.raised(on_border)
@@ -229,6 +226,18 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     return np.concatenate([on_grid, on_border], axis=1), seen
 
 
+@lru_cache(maxsize=64)
+def _grid(image_size: tuple[int, int], finer: int) -> tuple[Array, Array]:
+    """Pixels of the grid, (N, 2), and points along the border of a field with sides of 2 m, (M, 3)."""
+    x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(image_size, GRID, strict=True))
+    along = np.linspace(-1.0, 1.0, finer * BORDER)
+    ones = np.ones_like(along)
+    sides = [
+        np.stack((*pair, 0.0 * ones), axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))
+    ]
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2), np.concatenate(sides)
+
+
 def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsTerms]:
     """Terms of the log odds for each of several estimates of one layout."""
     if not uncertainties:
@@ -236,12 +245,13 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsT
     found = []
     for one, (determined, by_considered) in zip(uncertainties, _squares_in_view(uncertainties, field), strict=True):
         problem, (weights, moments) = one.problem, one.possibilities
-        squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
+        of_field = np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
+        squares = determined + np.concatenate([np.zeros_like(of_field[:1]), of_field])
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
-        rows = np.ones((len(weights), 5))
+        rows = np.ones((len(squares), 5))
         rows[:, 1] = np.log(np.sqrt(np.max(squares, axis=1)) if len(determined) else np.nan)
         rows[:, 2:] = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
-        found.append(OddsTerms(rows, weights))
+        found.append(OddsTerms(rows, np.append(0.0, weights)))
     return found
 
 

@@ -106,9 +106,10 @@ class Uncertainty(Estimate):
 
     @property
     def told_crown(self) -> float:
-        """Expected height of the middle of the field, metres, if the labels exclude level ground; else 0."""
-        found = self.size
-        return float(found.mean[-1]) if found is not None and found.level < LEAST_LEVEL else 0.0
+        """Expected height of the middle of the field, metres, if it was solved level, and the labels exclude that."""
+        found, given = self.size, self.layout.field_size
+        is_level = given is not None and given.height == 0.0
+        return float(found.mean[-1]) if found is not None and is_level and found.level < LEAST_LEVEL else 0.0
 
     @cached_property
     def possibilities(self) -> tuple[Array, Array]:
@@ -382,9 +383,10 @@ def _size_evidence(problem: Problem, kept: _Kept) -> Sequence[SizeEvidence | Non
     if size is None or problem.considered is not None or not len(index) or np.any(layout.free[block:]):
         return [None] * len(problem)  # size and crown are exact, known with a covariance, or estimated
     probability, sigma = size.possibilities_with_crown
-    c, room = len(index), None if size.is_known else size.limits - size.given
+    c, room = len(index), None if size.is_known else size.limits - size.given + size.shift[:2]
     some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
-    return [SizeEvidence.of(*one, (probability, sigma[:, index]), room) for one in some]
+    prior, are_lines = (probability, sigma[:, index]), problem.paint > 0.0
+    return [SizeEvidence.of(*one, prior, room, size.shift[index], are_lines=are_lines) for one in some]
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

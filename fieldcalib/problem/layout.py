@@ -102,6 +102,8 @@ class SizeBlock(NamedTuple):
     """Distribution of the crown; None if it is no parameter."""
     height: float = 0.0
     """Crown of the field that observations are packed for, metres."""
+    shift: Array = np.zeros(3)
+    """Length, width and crown of that field minus those around which the prior is, (3,): 0 unless it was estimated."""
 
     @classmethod
     def of(cls, field: Field) -> SizeBlock | None:
@@ -279,6 +281,16 @@ class Layout:
         return bool(np.any(self.roles[self.field_size_block] != Role.FIXED))
 
     @property
+    def quantities(self) -> Array:
+        """Length, width and crown of the field that observations are packed for, (0,), (2,) or (3,)."""
+        size = self.field_size
+        return (
+            np.zeros(0)
+            if size is None
+            else np.append(size.given, size.height)[: self.size - self.field_size_block.start]
+        )
+
+    @property
     def prior_moment(self) -> Array:
         """Covariance (c, c) of considered length, width and crown a priori."""
         index = np.flatnonzero(self.considered) - self.field_size_block.start
@@ -339,9 +351,7 @@ class Layout:
         theta[ANGLES], theta[LOG_F], theta[CENTER] = camera.angles, np.log(fx), camera.C
         theta[PRINCIPAL_POINT], theta[LOG_ASPECT] = camera.principal_point, np.log(fy / fx)
         theta[self.lens_block] = self.lens.from_opencv(camera.dist, fx)
-        if self.field_size is not None:
-            theta[self.field_size_block] = self.field_size.given
-            theta[self.crown_block] = self.field_size.height
+        theta[self.field_size_block.start :] = self.quantities
         return theta
 
     def at_zoom(self, theta: Array) -> Array:
@@ -500,23 +510,8 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     >>> gaussian_prior(tower, Layout.of((960, 540))).mean[4:7]
     array([ 0., 45., -8.])
     """
-    width = layout.image_size[0]
-    mean, sigma = np.zeros(layout.size), np.ones(layout.size)
-    mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = _pose_and_zoom(distribution, width)
-    mean[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0)
-    sigma[PRINCIPAL_POINT] = principal_point_sigma(distribution.principal_point, layout.image_size)
-    sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
-    if layout.field_size is not None:
-        mean[layout.field_size_block] = layout.field_size.given
-        sigma[layout.field_size_block] = layout.field_size.sigma
-        if layout.field_size.crown is not None:
-            sigma[layout.crown_block] = layout.field_size.crown.height
-    mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
-    if layout.lens.usual_focal_length is not None:
-        mean[LOG_F], sigma[LOG_F] = np.add(layout.lens.usual_focal_length, (np.log(width), 0.0))
-    if layout.zoom_law is not None:
-        sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
-    return GaussianPrior(mean, sigma)
+    priors = gaussian_priors([distribution], layout)
+    return GaussianPrior(priors.mean[0], priors.sigma[0])
 
 
 @lru_cache(maxsize=64)
@@ -528,6 +523,23 @@ def _pose_and_zoom(ranges: CameraDistribution, width: int) -> tuple[Array, Array
 
 
 def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout) -> GaussianPrior:
-    """The priors of K camera distributions, (K, n)."""
-    priors = [gaussian_prior(distribution, layout) for distribution in distributions]
-    return GaussianPrior(np.stack([prior.mean for prior in priors]), np.stack([prior.sigma for prior in priors]))
+    """The priors of K camera distributions, (K, n); see `gaussian_prior`."""
+    width, shape = layout.image_size[0], (len(distributions), layout.size)
+    mean, sigma = np.zeros(shape), np.ones(shape)
+    poses = zip(*(_pose_and_zoom(one, width) for one in distributions), strict=True)
+    mean[:, POSE_AND_ZOOM], sigma[:, POSE_AND_ZOOM] = poses
+    mean[:, PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0)
+    sigma[:, PRINCIPAL_POINT] = [principal_point_sigma(one.principal_point, layout.image_size) for one in distributions]
+    sigma[:, LOG_ASPECT] = LOG_ASPECT_SIGMA
+    if layout.field_size is not None:
+        mean[:, layout.field_size_block] = layout.field_size.given
+        sigma[:, layout.field_size_block] = layout.field_size.sigma
+        if layout.field_size.crown is not None:
+            sigma[:, layout.crown_block] = layout.field_size.crown.height
+    mean[:, layout.lens_block], sigma[:, layout.lens_block] = layout.lens.mean, layout.lens.sigma
+    if layout.lens.usual_focal_length is not None:
+        usual, spread = layout.lens.usual_focal_length
+        mean[:, LOG_F], sigma[:, LOG_F] = usual + np.log(width), spread
+    if layout.zoom_law is not None:
+        sigma[:, layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
+    return GaussianPrior(mean, sigma)

@@ -32,6 +32,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -505,7 +506,7 @@ def _ends(object_segments: ObjectSegments, pixels: Pixels, camera: Camera) -> li
     Circles need not be followed to the border.
     """
     labels = [label for label, xy in pixels.items() if label in object_segments and len(xy)]
-    lines = {label: object_segments[label].sample(SPACING) for label in labels if not object_segments[label].is_arc}
+    lines = {label: _sampled(object_segments[label]) for label in labels if not object_segments[label].is_arc}
     lines = {label: X for label, X in lines.items() if len(X) and not np.any(X[:, 2])}
     if not lines:
         return []
@@ -525,6 +526,12 @@ def _ends(object_segments: ObjectSegments, pixels: Pixels, camera: Camera) -> li
         gap = np.linalg.norm(pixels[labels[line[a]]] - place, axis=1)
         found.append((side, float(np.min(gap) / camera.image_size[0])))
     return found
+
+
+@lru_cache(maxsize=1024)
+def _sampled(segment: Segment) -> Array:
+    """Points along a segment, (N, 3)."""
+    return segment.sample(SPACING)
 
 
 def other_border(object_segments: ObjectSegments, pixels: Pixels, camera: Camera) -> int | None:

@@ -183,6 +183,7 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
             **{name: to_json(one) for name, one in zip(SIZES, (*size[:3], *size.possibilities), strict=True)},
             "crown": size.crown and asdict(size.crown),
             "height": to_json(size.height),
+            "shift": to_json(size.shift),
         },
     }
 
@@ -212,5 +213,5 @@ def _size_from_record(record: Mapping[str, Any]) -> SizeBlock:
     crown = record["crown"]
     if crown is not None:
         crown = Crown(**{name: float(sized(one, (), repr(name))) for name, one in crown.items()})
-    height = float(sized(record["height"], (), "'height'"))
-    return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown, height)
+    height, shift = float(sized(record["height"], (), "'height'")), sized(record["shift"], (3,), "'shift'")
+    return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown, height, shift)

@@ -407,10 +407,11 @@ def _estimated_field(calibration: Calibration) -> dict[str, Any]:
     if field is None or calibration.solved is None:
         return line
     layout, deviations = calibration.uncertainty.layout, np.sqrt(np.diagonal(calibration.covariance))
-    if layout.has_free_size:
+    shift = np.zeros(3) if layout.field_size is None else layout.field_size.shift
+    if np.any(shift[:2]):
         size = field.length, field.width, deviations[layout.field_size_block].tolist()
         line |= dict(zip(SIZE_KEYS, size, strict=True))
-    if np.any(layout.free[layout.crown_block]):
+    if shift[2]:
         (deviation,) = deviations[layout.crown_block].tolist()
         line["field_crown_m"] = {"value": field.terrain.crown, "standard_deviation": deviation}
     return line

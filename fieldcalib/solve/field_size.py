@@ -18,6 +18,9 @@ A frame is calibrated on the given field, on level ground if nothing else is kno
 and for a crown is known to first order (`fieldcalib.assess.size_evidence`). If the given size, or level ground, is
 improbable, those of length, width and crown that the frame determines become free parameters: they are solved from
 several starts under the prior of such fields, within the legal sizes. What the frame does not determine stays as given.
+
+The errors of the camera have all that the labels leave possible, as on the given field: that this is the right one
+nevertheless, another size than the estimated one, or mistakes among the labels.
 """
 
 from __future__ import annotations
@@ -42,6 +45,7 @@ from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
 from fieldcalib.problem.layout import CROWN_RANGE, GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.joint_solution import LARGEST_CROWN_SIGMA, CrownEstimate, crown_of, joint_evaluation
@@ -52,6 +56,7 @@ from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Pri
 LIKELY, LIKELY_BESIDE = 0.5, 0.9
 # m: of a length, a width and a crown that count as determined; less than the prior's standard deviations
 LARGEST_SIGMAS = np.array([2.0, 2.0, LARGEST_CROWN_SIGMA])
+CROWN_OF_FIELD = 2  # index of the crown among these
 
 STILL = 1e-3  # metres: a size that changes by less has converged
 ROUNDS = 10
@@ -74,47 +79,18 @@ def with_field_from_labels(calibration: Calibration, again: Callable[[Field, Cam
     labels = _FieldFromLabels.of(calibration)
     if labels is None or calibration.solved is None:
         return calibration
-    fitted = labels.fitted(calibration.solved, labels.field, labels.starts)
-    found = again(fitted.field, fitted.camera)
+    field, camera = labels.fitted(calibration.solved, labels.field, labels.starts)
+    found = again(field, camera)
     if not found.accepted or found.solved is None or found.solved is calibration.solved:
         return calibration
-    fitted = labels.fitted(found.solved, fitted.field, labels.quantities_of(fitted)[None])
-    unit = np.where(fitted.layout.free, fitted.prior_sigma, 0.0)[None]
-    solved = Solved(fitted.evaluation, unit)
-    found = replace(found, camera=fitted.camera, field=fitted.field, errors=solved)
-    height, sigma = fitted.field.terrain.crown, float(np.sqrt(solved.uncertainty.covariance[-1, -1]))
-    if not (np.any(fitted.layout.free[fitted.layout.crown_block]) and height > sigma):
+    start = np.array([field.length, field.width, field.terrain.crown])[labels.index]
+    field, camera = labels.fitted(found.solved, field, start[None])
+    solved = labels.on_field(found.solved, field, camera)
+    found = replace(found, camera=camera, field=field, errors=solved)
+    height, sigma = field.terrain.crown, float(np.sqrt(solved.uncertainty.covariance[-1, -1]))
+    if not (labels.is_raised and height > sigma):
         return found
-    return in_picture(found, Placement.whole(fitted.camera.image_size), Finding(What.RAISED, numbers=(height, sigma)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """A frame that was solved together with size and ground of its field."""
-
-    like: Field
-    evaluation: Evaluation
-
-    @property
-    def layout(self) -> Layout:
-        return self.evaluation.problem.layout
-
-    @property
-    def theta(self) -> Array:
-        return np.asarray(self.evaluation.theta[0])
-
-    @property
-    def field(self) -> Field:
-        return _field_of(self.like, self.layout, self.theta)
-
-    @property
-    def camera(self) -> Camera:
-        return self.layout.camera(self.theta)
-
-    @property
-    def prior_sigma(self) -> Array:
-        assert self.evaluation.problem.prior is not None
-        return np.asarray(self.evaluation.problem.prior.sigma[0])
+    return in_picture(found, Placement.whole(camera.image_size), Finding(What.RAISED, numbers=(height, sigma)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,38 +129,55 @@ class _FieldFromLabels:
         given = np.append(self.size.given, self.size.height)[self.index]
         return given + np.stack([np.zeros(len(given)), self.evidence.offset, self.evidence.mean])
 
-    def quantities_of(self, fitted: _Fitted) -> Array:
-        """The quantities (c,) of a fitted frame."""
-        return np.asarray(fitted.theta[self.index + fitted.layout.field_size_block.start])
+    @property
+    def is_raised(self) -> bool:
+        """Whether a crown is among the quantities that are estimated."""
+        return bool(self.freed[-1] and self.index[-1] == CROWN_OF_FIELD)
 
-    def fitted(self, solved: Solved, field: Field, starts: Array) -> _Fitted:
-        """Solve a frame of a field together with the freed quantities, from several ones (S, c); least cost wins."""
-        alone = solved.alone.evaluation
-        roles = np.full(2 if self.size.crown is None else 3, Role.FIXED)
-        roles[self.index] = np.where(self.freed, Role.FRAME, Role.CONSIDERED)
-        layout, prior = _layout_on(field, alone.problem.layout, self.size, roles), alone.problem.prior
+    def fitted(self, solved: Solved, field: Field, starts: Array) -> tuple[Field, Camera]:
+        """Field and camera that fit a frame best, which was solved on a field: the freed quantities are solved too.
+
+        Of the fits from several quantities (S, c) that of the least cost is taken.
+        """
+        alone, size = solved.alone.evaluation, self.size
+        roles = np.full(2 if size.crown is None else 3, Role.FIXED)
+        roles[self.index[self.freed]] = Role.FRAME
+        layout, prior = _layout_on(field, alone.problem.layout, size, roles), alone.problem.prior
         assert prior is not None
-        _, sigmas = self.size.possibilities_with_crown
+        _, sigmas = size.possibilities_with_crown
         allows = np.all(sigmas[:, self.index[self.freed]] > 0.0, axis=1)
-        likely = sigmas[np.argmax(np.where(allows, self.evidence.weights[:-1], -1.0))]
+        likely = sigmas[np.argmax(np.where(allows, self.evidence.weights[: len(sigmas)], -1.0))]
         sigma = np.where(likely > 0.0, likely, 1.0)  # of quantities that are kept any one will do
         sigma[self.index] *= self.evidence.width_of_cost  # the prior weighs as much against the cost as against noise
-        given = np.append(self.size.given, self.size.height)[: len(roles)]
+        given = np.append(size.given, size.height)[: len(roles)]
         some = np.tile(given, (len(starts), 1))
         some[:, self.index] = np.where(self.freed, starts, given[self.index])
-        some = np.clip(some, *np.column_stack([self.size.limits, CROWN_RANGE])[:, : len(roles)])
-        kept = np.diagonal(self.evidence.moment)[~self.freed]
-        problem = replace(
-            alone.problem,
-            layout=layout,
-            prior=GaussianPrior(_beside(prior.mean, layout, given), _beside(prior.sigma, layout, sigma)),
-            considered=np.diag(kept) if len(kept) else None,
-        )
-        theta = _beside(np.repeat(alone.theta, len(starts), axis=0), layout, some)
-        start = evaluate(problem.take(np.zeros(len(starts), dtype=np.intp)), theta)
+        some = np.clip(some, *np.column_stack([size.limits, CROWN_RANGE])[:, : len(roles)])
+        both = GaussianPrior(_beside(prior.mean, layout, given), _beside(prior.sigma, layout, sigma))
+        problem = replace(alone.problem, layout=layout, prior=both).take(np.zeros(len(starts), dtype=np.intp))
+        start = evaluate(problem, _beside(np.repeat(alone.theta, len(starts), axis=0), layout, some))
         _, iterations, tolerance = DEFAULT_CRITERIA
         found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
-        return _Fitted(self.field, found.take(np.array([np.argmin(found.cost)])))
+        theta = found.theta[np.argmin(found.cost)]
+        return _field_of(self.field, layout, theta), layout.camera(theta)
+
+    def on_field(self, solved: Solved, field: Field, camera: Camera) -> Solved:
+        """The labels of a frame at a camera and a field that fit them, and what they tell there of size and ground."""
+        alone, roles = solved.alone, np.full(2 if self.size.crown is None else 3, Role.FIXED)
+        roles[self.index] = Role.CONSIDERED
+        problem = alone.evaluation.problem
+        layout, prior = _layout_on(field, problem.layout, self.size, roles), problem.prior
+        assert prior is not None
+        motion, quantities = None if problem.observations.motion is None else field.motion, layout.quantities
+        known = replace(
+            problem,
+            observations=Observations.of(field, solved.pixels, layout.image_size, motion),
+            layout=layout,
+            prior=GaussianPrior(
+                _beside(prior.mean, layout, quantities), _beside(prior.sigma, layout, np.ones_like(quantities))
+            ),
+        )
+        return Solved(evaluate(known, layout.theta(camera)[None]), _beside(alone.unit, layout, 0.0 * quantities))
 
 
 def _deviations(evidence: SizeEvidence, moment: Array) -> Array:
@@ -196,7 +189,8 @@ def _deviations(evidence: SizeEvidence, moment: Array) -> Array:
 
 def _layout_on(field: Field, cameras: Layout, size: SizeBlock, roles: Array) -> Layout:
     """The layout of cameras on a field, with its size and crown, in some roles, as parameters."""
-    on = size._replace(given=np.array([field.length, field.width]), height=field.terrain.crown)
+    given, height = np.array([field.length, field.width]), field.terrain.crown
+    on = size._replace(given=given, height=height, shift=np.append(given - size.given, height - size.height))
     layout = Layout.of(cameras.image_size, cameras.lens, on)
     return replace(layout, roles=np.append(cameras.roles[: layout.field_size_block.start], roles))
 

@@ -172,7 +172,7 @@ def test_a_crown_alone_is_estimated_as_with_a_size_that_is_exact(offset, sigma):
     odds = share / (1.0 - share) * norm.pdf(offset, 0.0, np.hypot(sigma, height)) / norm.pdf(offset, 0.0, sigma)
     assert np.isclose(found.weights[1] / found.weights[0], odds, rtol=1e-3)
     shrunk = height**2 / (sigma**2 + height**2)
-    np.testing.assert_allclose(found.means[1], shrunk * offset, rtol=1e-3)
+    np.testing.assert_allclose(found.mean, shrunk * offset, rtol=1e-3)
     np.testing.assert_allclose(found.moments[1, 0, 0], (shrunk * offset) ** 2 + shrunk * sigma**2, rtol=1e-3)
 
 

@@ -171,6 +171,46 @@ def test_a_pitch_of_thirty_metres_is_none():
     assert -6.0 < small.mean[1] < -5.0
 
 
+@given(st.floats(-6.0, 6.0), st.floats(0.1, 2.0), st.floats(-5.0, 5.0), st.booleans())
+def test_evidence_is_the_same_from_whichever_field_it_is_taken(dw, sigma, shift, are_lines):
+    """The labels tell the same size, and errors are counted from the field on which they were solved."""
+    information, shift = np.diag([1.0 / 17.0**2, 1.0 / sigma**2]), np.array([0.0, shift])
+    near, far = (
+        SizeEvidence.of(
+            information, information @ (start - (0.0, dw)), information, POSSIBLE, ROOM, start, are_lines=are_lines
+        )
+        for start in (np.zeros(2), shift)
+    )
+    np.testing.assert_allclose(far.weights, near.weights, atol=1e-5)
+    np.testing.assert_allclose(far.offset, near.offset, atol=1e-3)
+    assert far.as_given == pytest.approx(near.as_given, abs=1e-5)
+    given, wide = POSSIBLE[1][0], far.moments[0]  # the given size is exact, but the frame was solved on another one
+    assert not np.any(given)
+    np.testing.assert_allclose(wide, np.outer(shift, shift), atol=1e-9)
+
+
+def test_lines_of_a_picture_may_be_edges_beside_the_paint():
+    information, tell = np.diag([1.0 / 17.0**2, 1.0 / 0.3**2]), []
+    for are_lines in (False, True):
+        found = SizeEvidence.of(
+            information, -information @ (0.0, -3.0), information, POSSIBLE, ROOM, are_lines=are_lines
+        )
+        tell.append((found.as_given, float(np.sqrt(found.moment[1, 1]))))
+    (labels, _), (lines, _) = tell
+    assert labels < 0.01 < lines < 0.3
+
+
+def test_a_size_from_labels_may_be_that_of_mistakes():
+    """The probability on the estimated field is less than if that field were known."""
+    _, found = with_field(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
+    solved = found.uncertainty
+    weights, moments = solved.possibilities
+    assert len(weights) == len(moments) > 1
+    assert found.probability(0.2) < found.probability(0.2, size_known=True)
+    assert solved.size.as_given < 0.1
+    assert not found.has_finding(What.OTHER_SIZE, What.NOT_LEVEL)
+
+
 @pytest.fixture(scope="module")
 def network():
     return SegmentationNetwork.load()
