@@ -7,6 +7,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
+from fieldcalib.problem.layout import GaussianPrior, gaussian_priors
 
 SIZE = (960, 540)
 LENGTH_IN_VIEW = 10.0  # px: shorter lines have no direction
@@ -14,6 +15,12 @@ GOLDEN_ANGLE = 2.399963  # rad: directions that never repeat and are even on the
 
 
 # Cameras
+
+
+def gaussian_prior(distribution, layout):
+    """The prior of one distribution, mean and sigma (n,)."""
+    priors = gaussian_priors([distribution], layout)
+    return GaussianPrior(priors.mean[0], priors.sigma[0])
 
 
 def random_camera(stand, rng, image_size=SIZE, a1=(0.0, 0.0)):

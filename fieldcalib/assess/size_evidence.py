@@ -25,22 +25,12 @@ import numpy as np
 from fieldcalib._types import Array
 
 FAINT = 1e-6  # 1 / m^2: information that is added so that the system is regular
+# Mistakes in the labels of a frame: how many frames have them for each one without, and standard deviations of fitted
+# length, width and crown by them, metres. None; a label of another line, which biases the size of 1 in 50 frames with
+# good cameras; and, in pictures, an edge beside the paint: of 600 rendered ones (`data_tools.pitches`) a tenth of the
+# lengths and widths that are told, and a sixth of the crowns, are off by this beside their covariance.
+MISTAKEN, BY_MISTAKE = np.array([1.0, 0.02, 0.11]), np.array([[0.0, 0.0, 0.0], [30.0, 30.0, 3.0], [2.5, 2.5, 0.15]])
 LEAST_ROOM = 1.0  # m: the given size is always possible, even if it is illegal
-
-
-class Mistake(NamedTuple):
-    """A kind of mistake in the labels of a frame."""
-
-    share: float
-    """Share of the frames, relative to those without one."""
-    sigma: tuple[float, float, float]
-    """Standard deviations of fitted length, width and crown by it, metres."""
-
-
-# None; a label of another line, which biases the size of 1 in 50 frames with good cameras; and, in pictures, an edge
-# beside the paint: of 600 rendered ones (`data_tools.pitches`) a tenth of the lengths and widths that are told, and a
-# sixth of the crowns, are off by this beside their covariance.
-MISTAKES = Mistake(1.0, (0.0, 0.0, 0.0)), Mistake(0.02, (30.0, 30.0, 3.0)), Mistake(0.11, (2.5, 2.5, 0.15))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,24 +101,21 @@ class SizeEvidence:
         (array([-3.,  0.]), array([0.   , 0.998, 0.002, 0.001]), array([-3.,  0.]))
         """
         weights, sigmas = prior
-        count, kinds = len(gradient), MISTAKES if are_lines else MISTAKES[:2]
+        count, kinds = len(gradient), 3 if are_lines else 2
         inverse = np.linalg.inv(information + FAINT * np.eye(count))
         offset = shift - inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
-        own = slice(0, count) if count > 1 else slice(2, 3)
-        with_mistakes = V + np.array([np.diag(np.square(one.sigma[own])) for one in kinds])
-        shares = np.outer([one.share for one in kinds], weights).ravel()
-        found = possible_values(
-            offset, np.repeat(with_mistakes, len(weights), axis=0), shares, np.tile(sigmas, (len(kinds), 1))
-        )
+        off = np.square(BY_MISTAKE[:kinds, :count] if count > 1 else BY_MISTAKE[:kinds, 2:])
+        mistaken = np.repeat(V + off[:, :, None] * np.eye(count), len(weights), axis=0)
+        shares, every = np.outer(MISTAKEN[:kinds], weights).ravel(), np.tile(sigmas, (kinds, 1))
+        found = possible_values(offset, mistaken, shares, every)
         log = found.log
         if room is not None:
-            S = np.square(sigmas)[:, :, None] * np.eye(count)
-            legal = _legal_share(found.means, found.covariances, room)
-            log = log + np.log(legal / np.tile(_legal_share(np.zeros_like(sigmas), S, room), len(kinds)))
+            a_priori = _legal_share(np.zeros_like(every), np.square(every)[:, :, None] * np.eye(count), room)
+            log = log + np.log(_legal_share(found.means, found.covariances, room) / a_priori)
         posterior = np.exp(log - np.max(log))
         posterior /= np.sum(posterior)
-        kept = np.sum(posterior.reshape(len(kinds), -1), axis=0)
+        kept = np.sum(posterior.reshape(kinds, -1), axis=0)
         sizes, crown = (sigmas[:, :2], sigmas[:, 2:]) if count > 1 else (sigmas[:, :0], sigmas)
         as_given, level = (float(kept @ np.all(some == 0.0, axis=1)) for some in (sizes, crown))
         of_others = (sigmas > 0.0) * posterior[: len(weights), None]

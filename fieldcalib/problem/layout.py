@@ -498,22 +498,6 @@ class GaussianPrior:
         return GaussianPrior(self.mean[index], self.sigma[index])
 
 
-def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> GaussianPrior:
-    """A camera distribution as independent normals over theta; mean and sigma are (n,).
-
-    The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike. A lens that tells the
-    focal length, as a fisheye does, takes the place of that range.
-
-    Examples
-    --------
-    >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
-    >>> gaussian_prior(tower, Layout.of((960, 540))).mean[4:7]
-    array([ 0., 45., -8.])
-    """
-    priors = gaussian_priors([distribution], layout)
-    return GaussianPrior(priors.mean[0], priors.sigma[0])
-
-
 @lru_cache(maxsize=64)
 def _pose_and_zoom(ranges: CameraDistribution, width: int) -> tuple[Array, Array]:
     """Means and standard deviations, (7,) each."""
@@ -523,7 +507,17 @@ def _pose_and_zoom(ranges: CameraDistribution, width: int) -> tuple[Array, Array
 
 
 def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout) -> GaussianPrior:
-    """The priors of K camera distributions, (K, n); see `gaussian_prior`."""
+    """K camera distributions as independent normals over theta; mean and sigma are (K, n).
+
+    The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike. A lens that tells the
+    focal length, as a fisheye does, takes the place of that range.
+
+    Examples
+    --------
+    >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
+    >>> gaussian_priors([tower], Layout.of((960, 540))).mean[0, 4:7]
+    array([ 0., 45., -8.])
+    """
     width, shape = layout.image_size[0], (len(distributions), layout.size)
     mean, sigma = np.zeros(shape), np.ones(shape)
     poses = zip(*(_pose_and_zoom(one, width) for one in distributions), strict=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numdiff import central_differences
-from synthetic import observe, random_frames, whole_circle_markings
+from synthetic import gaussian_prior, observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.estimate import GroundError, region_radius
 from fieldcalib.assess.observability import OPEN_DIRECTION
@@ -23,7 +23,6 @@ from fieldcalib.problem.layout import (
     Role,
     SizeBlock,
     camera_from_theta,
-    gaussian_prior,
     theta_from_camera,
 )
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt

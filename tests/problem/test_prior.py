@@ -7,19 +7,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import generators
+from synthetic import gaussian_prior
 
 from data_tools.random_frames import sample_theta
 from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole
-from fieldcalib.problem.layout import (
-    LOG_ASPECT,
-    LOG_F,
-    PRINCIPAL_POINT,
-    Layout,
-    SizeBlock,
-    gaussian_prior,
-)
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, SizeBlock
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
 MAIN = {"pan": (-45, 45), "tilt": (45, 90), "roll": (-10, 10), "fov": (8.2, 90), "y": (40, 110), "z": (-40, -5)}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numdiff import central_differences, column_errors
-from synthetic import observe, random_frames, whole_circle_markings
+from synthetic import gaussian_prior, observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import DISTRIBUTIONS, MAIN_TRIBUNE
@@ -19,7 +19,6 @@ from fieldcalib.problem.layout import (
     Role,
     SizeBlock,
     camera_from_theta,
-    gaussian_prior,
     theta_from_camera,
 )
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, least_squares, levenberg_marquardt

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from objects import relative_error
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from strategies import angle, examples, generators, labelled_frames, numbers, vectors
-from synthetic import observe, random_frames
+from synthetic import gaussian_prior, observe, random_frames
 
 from fieldcalib import Arc, Calibration, Camera, Line, Point, PointCloud, calibrate_batch, calibrate_from_segments
 from fieldcalib.assess import Finding, Verdict
@@ -17,7 +17,7 @@ from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import GaussianPrior, gaussian_prior
+from fieldcalib.problem.layout import GaussianPrior
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import _best, _without_lens

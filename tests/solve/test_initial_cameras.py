@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from synthetic import observe, random_frames, whole_circle_markings
+from synthetic import gaussian_prior, observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.segments import Line, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
@@ -19,7 +19,6 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     Layout,
     camera_from_theta,
-    gaussian_prior,
     gaussian_priors,
     theta_from_camera,
 )

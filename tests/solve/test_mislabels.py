@@ -4,7 +4,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from synthetic import observe, whole_circle_markings
+from synthetic import gaussian_prior, observe, whole_circle_markings
 
 from fieldcalib.assess.findings import SuspectLabel
 from fieldcalib.fields.sports.handball import handball
@@ -12,7 +12,7 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import GaussianPrior, gaussian_prior
+from fieldcalib.problem.layout import GaussianPrior
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.batch import calibrate_batch
