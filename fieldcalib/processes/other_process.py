@@ -89,11 +89,11 @@ class OtherProcess:
     >>> other = OtherProcess()
     >>> other.run(sum, [1, 2, 3])
     6
-    >>> other.run(int, "three")
-    Traceback (most recent call last):
-        ...
-    ValueError: invalid literal for int() with base 10: 'three'
-    ...
+    >>> try:
+    ...     other.run(int, "three")
+    ... except ValueError as error:
+    ...     print(error)
+    invalid literal for int() with base 10: 'three'
     >>> other.close()
     """
 
