@@ -92,6 +92,21 @@ def initial_cameras(
     )
 
 
+def cameras_elsewhere(
+    observations: Observations, stands: GaussianPrior, known: Array, scale: float, found: Array
+) -> InitialCameras:
+    """Initial cameras of T frames, higher and lower than the middles of the stands, and those (T, n) found before."""
+    height = np.zeros(stands.mean.shape[-1])
+    height[CENTER.stop - 1] = 1.0
+    moved = np.concatenate([stands.mean + stands.sigma * height, stands.mean - stands.sigma * height])
+    sigma, T, K = np.tile(stands.sigma, (2, 1)), len(observations), len(stands.mean)
+    theta = np.stack([*pointed_camera(observations, GaussianPrior(moved, sigma), known, scale), found], axis=1)
+    member = np.column_stack([np.tile(np.arange(K), (T, 2)), _nearest_stand(found, stands)])
+    return InitialCameras(
+        theta.reshape(-1, theta.shape[-1]), np.repeat(np.arange(T), 2 * K + 1), stands.take(member.ravel())
+    )
+
+
 def _through_pinhole(observations: Observations, known: Array, lens: Lens | None) -> Iterator[Observations]:
     """The observations as a camera without lens would see them: as they are, but for a lens that bends all lines.
 

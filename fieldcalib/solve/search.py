@@ -20,7 +20,12 @@ from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import ANGLES, CENTER, PAN, POSE_AND_ZOOM, GaussianPrior, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
-from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
+from fieldcalib.solve.initial_cameras import (
+    InitialCameras,
+    cameras_elsewhere,
+    given_cameras,
+    initial_cameras,
+)
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import CERTAIN
 
@@ -30,6 +35,7 @@ HOPELESS = 2.0  # unless they cost more than this multiple of the best one
 WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 0.2  # relative decrease of the cost at which the wide stage ends: the narrow stage does the rest;
 RIVALS_TOLERANCE = 0.01  # smaller if several cameras are compared, which is possible only at their minima
+POOR = 1.0  # cost a pixel: right cameras of trusted labels cost 0.1 to 0.8, wrong ones 1.7 and more
 
 
 @dataclass(frozen=True)
@@ -125,27 +131,26 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
         known[ANGLES] = np.nan
     if given is None:
         start = initial_cameras(observations, options.stands, known, options.scale, layout.lens)
-        prior = _around_known_lens(start.prior, options)
     else:  # initial values only: no parameter counts as known
         start = given_cameras(given, options.stands)
-        prior = start.prior
-    theta, frame = start.theta, start.frame
-    several = len(theta) > len(observations)
-    wide = Problem(observations.take(frame), layout, options.wide_loss, options.noise, scale=options.scale)
-    if several or options.use_prior:  # initial cameras far from the data need the prior to converge
-        wide = replace(wide, prior=prior)
-    evaluation = evaluate(wide, theta)  # an unknown lens is left out here: that is faster, with the same result
+    several = len(start.theta) > len(observations)
+    # an unknown lens is left out here: that is faster, with the same result
+    evaluation = _wide(observations, layout, options, start, several=several)
     if several:
-        evaluation = _approached(evaluation, FIRST_ITERATIONS)
-        best = _best(evaluation, frame, PROMISING, options)
-        evaluation, frame, prior = evaluation.take(best), frame[best], prior.take(best)
-        rivals = np.bincount(frame, minlength=len(observations))[frame] > 1
-        evaluation = _approached(evaluation, WIDE_ITERATIONS, ~rivals)
-        evaluation = _approached(evaluation, WIDE_ITERATIONS, rivals, tolerance=RIVALS_TOLERANCE)
-        best = _best(evaluation, frame, 1, options)
-        evaluation, prior = evaluation.take(best), prior.take(best)
+        evaluation = _best_of(evaluation, start.frame, options)
+        poor = np.flatnonzero(~_explains(evaluation))
+        if options.task.trust_labels and len(poor):  # no mislabelled segment is the cause
+            some = observations.take(poor)
+            again = cameras_elsewhere(some, options.stands, known, options.scale, evaluation.theta[poor])
+            found = _best_of(_wide(some, layout, options, again, several=True), again.frame, options)
+            is_right = _explains(found)
+            right = found.take(np.flatnonzero(is_right))
+            evaluation = evaluation.replaced(poor[is_right], right.theta, right.points)
     else:  # cameras that are close already are kept
         evaluation = _approached(evaluation, WIDE_ITERATIONS, ~_fits_most(evaluation, options.wide_loss.scale))
+    prior = given_cameras(evaluation.theta, options.stands).prior  # stands are near one another: it may have come by
+    if given is None:
+        prior = _around_known_lens(prior, options)
     theta, prior = on_main_side(observations, evaluation.theta, prior, options)
     if only_turned:
         theta = _turned_as_known(theta, options.known[ANGLES])
@@ -153,6 +158,32 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     problem = options.problem(observations, prior if options.use_prior else None)
     found = evaluation.of(problem) if theta is evaluation.theta else evaluate(problem, theta)
     return Found(found, prior)
+
+
+def _wide(
+    observations: Observations, layout: Layout, options: Options, start: InitialCameras, *, several: bool
+) -> Evaluation:
+    """Evaluate the problem of the wide loss at initial cameras."""
+    wide = Problem(observations.take(start.frame), layout, options.wide_loss, options.noise, scale=options.scale)
+    if several or options.use_prior:  # initial cameras far from the data need the prior to converge
+        wide = replace(wide, prior=_around_known_lens(start.prior, options))
+    return evaluate(wide, start.theta)
+
+
+def _explains(evaluation: Evaluation) -> BoolArray:
+    """Mask (B,) of the cameras that explain their labels, after the wide loss."""
+    return np.asarray(evaluation.cost < POOR * np.sum(evaluation.problem.observations.weight > 0.0, axis=1))
+
+
+def _best_of(start: Evaluation, frame: IntArray, options: Options) -> Evaluation:
+    """Solve several cameras of each frame with the wide loss, and take the best; `frame` (N,) is ascending."""
+    found = _approached(start, FIRST_ITERATIONS)
+    best = _best(found, frame, PROMISING, options)
+    found, frame = found.take(best), frame[best]
+    rivals = np.bincount(frame)[frame] > 1
+    found = _approached(found, WIDE_ITERATIONS, ~rivals)
+    found = _approached(found, WIDE_ITERATIONS, rivals, tolerance=RIVALS_TOLERANCE)
+    return found.take(_best(found, frame, 1, options))
 
 
 def _turned_as_known(theta: Array, angles: Array) -> Array:

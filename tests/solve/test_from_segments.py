@@ -17,7 +17,7 @@ from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import GaussianPrior
+from fieldcalib.problem.layout import POSE_AND_ZOOM, GaussianPrior
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import _best, _without_lens
@@ -150,6 +150,33 @@ def test_a_wrong_label_among_many_hardly_moves_the_camera():
     found = calibrate_from_segments(FIELD, wrong, SIZE)
     assert relative_error(found.camera, CAMERA) < 0.03
     assert max(found.per_segment_errors, key=found.per_segment_errors.get) == "Small rect. left top"
+
+
+def frame_seen(camera, labels):
+    """Every second metre in view of some markings."""
+    seen = {label: camera.project(FIELD[label].sample(2.0)) for label in labels}
+    return {label: xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)] for label, xy in seen.items()}
+
+
+def test_trusted_labels_that_no_camera_explains_are_tried_from_other_heights():
+    camera = Camera.from_angles(-0.08, 1.13, -0.01, 1360.0, (-46.0, 44.0, -35.0), SIZE)
+    labels = ("Side line top", "Side line left", "Small rect. left top", "Goal left post right", "Circle left")
+    found = calibrate_from_segments(FIELD, frame_seen(camera, labels), SIZE, trust_labels=True)
+    assert found.verdict is Verdict.GOOD
+    assert found.rms < 0.3
+
+
+@given(x=numbers(-36.0, 36.0))
+@examples(10)
+def test_a_camera_has_the_prior_of_the_nearest_stand(x):
+    camera = Camera.from_angles(0.012 * x, 1.35, 0.0, 1000.0, (x, 70.0, -17.0), SIZE)
+    found = calibrate_from_segments(FIELD, frame_seen(camera, FIELD), SIZE).solved.evaluation
+    of_stands = gaussian_priors(list(FIELD.named_stands.values()), found.problem.layout)
+
+    def distance(prior):
+        return np.sum(prior.z_scores(found.theta)[:, POSE_AND_ZOOM] ** 2, axis=1)
+
+    assert distance(found.problem.prior) < np.min(distance(of_stands)) + 0.5  # the last iterations may pass a border
 
 
 def test_a_camera_below_the_ground_does_not_win():
