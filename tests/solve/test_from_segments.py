@@ -177,7 +177,7 @@ def test_a_camera_has_the_prior_of_the_nearest_stand(x):
     def distance(prior):
         return np.sum(prior.z_scores(found.theta)[:, POSE_AND_ZOOM] ** 2, axis=1)
 
-    assert distance(found.problem.prior) == np.min(distance(of_stands))
+    assert distance(found.problem.prior) < np.min(distance(of_stands)) + 0.5
 
 
 def test_a_camera_below_the_ground_does_not_win():
