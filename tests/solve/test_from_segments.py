@@ -17,7 +17,7 @@ from fieldcalib.fields import CameraDistribution
 from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import POSE_AND_ZOOM, GaussianPrior
+from fieldcalib.problem.layout import POSE_AND_ZOOM, GaussianPrior, gaussian_priors
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.search import _best, _without_lens
@@ -172,7 +172,7 @@ def test_a_camera_has_the_prior_of_the_nearest_stand(x):
     camera = Camera.from_angles(0.25 - 0.01 * x, 1.45, 0.0, 1500.0, (x, 69.0, -9.0), SIZE)
     labels = ("Side line top", "Side line bottom", "Side line right", "Big rect. right top", "Circle central")
     found = calibrate_from_segments(FIELD, frame_seen(camera, labels), SIZE).solved.evaluation
-    of_stands = gaussian_priors(list(FIELD.named_stands.values()), found.problem.layout)
+    of_stands = gaussian_priors(FIELD.stands, found.problem.layout)
 
     def distance(prior):
         return np.sum(prior.z_scores(found.theta)[:, POSE_AND_ZOOM] ** 2, axis=1)
