@@ -144,6 +144,8 @@ def whole_number(value: Any, name: str, least: int = 0) -> int:
         ...
     ValueError: count must be a whole number from 0, got 1.5
     """
+    if type(value) is int and value >= least:
+        return value
     if not (is_number(value) and least <= value < np.inf and value == int(value)):
         raise ValueError(f"{name} must be a whole number from {least}, got {short(value)}")
     return int(value)

@@ -74,19 +74,18 @@ def packed_frames(
     module: ModuleType, layout: Layout, observations: Observations, terrain: Terrain | None, noise: float = 1.0
 ) -> Any:
     """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
-    kinds = [(getattr(module, name), k) for k, rows in enumerate(observations.rows) for name in rows.compiled]
-    rows = [observations.rows[k] for _, k in kinds]
-    motion, given = len(kinds) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
+    (names, rows), (xy, label, geometry) = observations.compiled_kinds, observations.compiled_rows
+    motion, given = len(rows) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
     if layout.has_free_size:
         assert layout.field_size is not None
-        motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for _, k in kinds)
+        motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for k in rows)
         given = np.array(layout.field_size.given, dtype=float)
     return module.Frames(
-        tuple(kind for kind, _ in kinds),
-        tuple(np.ascontiguousarray(one.xy) for one in rows),
-        tuple(one.weight / noise**2 for one in rows),
-        tuple(np.ascontiguousarray(one.label) for one in rows),
-        tuple(np.ascontiguousarray(one.geometry) for one in rows),
+        tuple(getattr(module, name) for name in names),
+        xy,
+        tuple(observations.rows[k].weight / noise**2 for k in rows),
+        label,
+        geometry,
         motion,
         given,
         _raised(terrain, len(observations)),

@@ -215,6 +215,19 @@ class Observations:
             return np.zeros((*self.label.shape, 3, 2))
         return self._by_residual(self.motion_of_rows)
 
+    @cached_property
+    def compiled_kinds(self) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """Names of the compiled kinds of residuals, and numbers of the rows that each is of."""
+        kinds = [(name, k) for k, rows in enumerate(self.rows) for name in rows.compiled]
+        return tuple(name for name, _ in kinds), tuple(k for _, k in kinds)
+
+    @cached_property
+    def compiled_rows(self) -> tuple[tuple[NDArray[Any], ...], ...]:
+        """Pixels, labels and geometry of the rows of the compiled kinds, contiguous in memory."""
+        rows = [self.rows[k] for k in self.compiled_kinds[1]]
+        arrays = ([getattr(one, name) for one in rows] for name in ("xy", "label", "geometry"))
+        return tuple(tuple(map(np.ascontiguousarray, one)) for one in arrays)
+
     def closest_points(self, view: View) -> ClosestPoints:
         """The closest points of all residuals on the images of the segments, in the order of `weight`."""
         found = [part for rows in self.rows if rows for part in rows.closest_points(view)]
