@@ -70,6 +70,7 @@ def test_a_picture_shows_what_its_camera_sees():
     assert np.median(np.linalg.norm(found.camera.project(X) - truth.project(X), axis=1)) < 6.0
 
 
+@pytest.mark.slow
 def test_every_frame_of_the_sample_is_good():
     found = fieldcalib.calibrate(fieldcalib.sample("clip"), progress=False)
     assert {str(verdict) for verdict in found.verdicts.values()} == {"good"}

@@ -74,6 +74,7 @@ def test_checkpoints_of_every_kind_hold_the_same_weights(network, prefix, wrappe
     assert all(torch.equal(value, expected[name]) for name, value in found.state_dict().items())
 
 
+@pytest.mark.slow
 def test_what_is_written_gives_what_the_checkpoint_gives(network, exported):
     import onnxruntime
 
@@ -91,6 +92,7 @@ def test_what_is_written_gives_what_the_checkpoint_gives(network, exported):
     assert np.abs(logits - expected).max() < 1e-4 * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_what_is_written_can_be_run(exported):
     image = np.random.default_rng(0).integers(0, 256, size=(540, 960, 3), dtype=np.uint8)
     network = SegmentationNetwork.load(exported)

@@ -198,6 +198,7 @@ def test_pictures_without_a_field_may_be_larger_than_their_noise():
 # hard frames
 
 
+@pytest.mark.slow
 def test_the_other_half_of_the_frames_is_what_it_was(monkeypatch):
     """Whether a frame is hard is told by numbers of their own."""
     made = [frame(seed) for seed in SEEDS]

@@ -55,6 +55,7 @@ def test_the_network_is_small():
     assert 0.3e6 < sum(p.numel() for p in MarkingsNet(27).parameters()) < 1.5e6
 
 
+@pytest.mark.slow
 def test_steps_lower_the_loss():
     training, batch = Training.begin(0, CPU), Batches(0, 2, SMALL)[0]
     losses = [training.advance(*batch, 1000) for _ in range(4)]
@@ -173,6 +174,7 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_views_are_scored_by_kind(monkeypatch, capsys):
     monkeypatch.setattr("data_tools.score_images.KINDS", (BROADCAST, OVERHEAD))
     assert score_images.main(["views", "--frames", "3", "--seed", "5"]) == 0
@@ -262,6 +264,7 @@ def test_clips():
     assert clip_of(Path("folder/worldcup2_10_jpg.rf.ab.jpg")) == "worldcup2"
 
 
+@pytest.mark.slow
 def test_real_frames_have_cameras_that_their_points_agree_on(shared_data):
     frames = list(labelled_frames(shared_data / "pitch-keypoints" / "valid"))
     assert len(frames) > 40
@@ -310,6 +313,7 @@ def test_every_weight_of_a_rebuilt_network_learns(shipped):
     assert all(float(p.grad.abs().max()) > 0.0 for p in copy.parameters())
 
 
+@pytest.mark.slow
 def test_a_network_of_another_field_begins_with_the_features_of_the_package(shipped):
     network, _, _ = shipped
     classes = game_named("tennis").classes
