@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._progress import show
-from fieldcalib._types import Array
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.console.arguments import folder_name
 from fieldcalib.fields.sports.soccer import soccer
@@ -113,7 +112,13 @@ def _table(results: Results, truths: Sequence[TrueFrame]) -> str:
 
 def _errors_of_players(path: Path, truth: Mapping[tuple[int, int], tuple[float, float]]) -> str:
     """How far the players in a table are from where they are, in words."""
-    distances = _distances(path, truth)
+    found = [
+        np.subtract(player.X, truth[int(frame), int(player.track)])
+        for frame, players in read_players(path).frames.items()
+        for player in players
+    ]
+    distances = np.linalg.norm(np.reshape(found, (-1, 2)), axis=1)
+    distances = distances[np.isfinite(distances)]
     if not len(distances):
         return "no player has a place in metres"
     median, most = np.quantile(distances, (0.5, 0.95))
@@ -121,17 +126,6 @@ def _errors_of_players(path: Path, truth: Mapping[tuple[int, int], tuple[float, 
         f"{len(distances)} places of players, from their boxes: off by {median:.2f} m in the median, "
         f"95 % by less than {most:.2f} m"
     )
-
-
-def _distances(path: Path, truth: Mapping[tuple[int, int], tuple[float, float]]) -> Array:
-    """Distances of the players in a table from their true places, metres (N,)."""
-    found = [
-        np.subtract(player.X, truth[int(frame), int(player.track)])
-        for frame, players in read_players(path).frames.items()
-        for player in players
-    ]
-    distances = np.linalg.norm(np.reshape(found, (-1, 2)), axis=1)
-    return np.asarray(distances[np.isfinite(distances)])
 
 
 def _what_next(out: Path) -> str:

@@ -305,8 +305,8 @@ def parse_frame(
         if image_size is None:
             parse_json_object(content, "labels")
             raise BrokenFileError(NO_SIZE)
-        how = {"unknown": True} if unknown else {}
-        return Annotation(file.id, renamed(ANNOTATIONS.read(content, image_size, **how), labels), image_size)
+        pixels = ANNOTATIONS.read(content, image_size, unknown=unknown)
+        return Annotation(file.id, renamed(pixels, labels), image_size)
     annotation = file.annotation
     which = "" if file.id == file.path.stem else f"{file.id}: "
     if annotation.problem:

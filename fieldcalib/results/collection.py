@@ -9,7 +9,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from functools import cached_property
@@ -40,7 +40,7 @@ from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, checked_image, html
 from fieldcalib.io.output_folder import check_targets, output_folder
 from fieldcalib.io.results import LINES, SOLVER, TABLE, broken_line
 from fieldcalib.problem.picture_shape import Placement
-from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, Pictures, number_of
+from fieldcalib.results.frames import ById, FrameStore, Lazy, LazyList, Numbered, Pictures, number_of
 from fieldcalib.run_folder.clip_results import write_clip, write_clip_results
 from fieldcalib.run_folder.frame_source import ClipInput, whole_frame
 from fieldcalib.run_folder.record import CAMERA_FILE, ID, RECORD, Outcome, RunOptions, RunRecord, as_json, is_squashed
@@ -75,7 +75,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Results(Mapping[str, Calibration]):
+class Results(Numbered[Calibration]):
     """Calibrations by the ids of their frames, in the order of the input.
 
     Frames whose files could not be read have no calibration: they are in `broken`. Two results are equal if they have
@@ -110,7 +110,7 @@ class Results(Mapping[str, Calibration]):
     """Folder from which they were read; None if they were not."""
 
     @cached_property
-    def _numbers(self) -> dict[str, int]:
+    def _numbers(self) -> dict[str, int]:  # type: ignore[override]
         """Numbers of the frames that have a calibration, by id."""
         broken = self.frames.broken
         return {id: number for number, id in enumerate(self.frames.ids) if id not in broken}
@@ -124,15 +124,6 @@ class Results(Mapping[str, Calibration]):
 
     def _why_broken(self, id: str) -> str:
         return f"could not be read: {self.broken[id]}" if id in self.broken else ""
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._numbers)
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    def __contains__(self, id: object) -> bool:
-        return id in self._numbers
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Results):

@@ -211,16 +211,10 @@ def number_of(numbers: Mapping[str, int], id: object, why: Callable[[str], str] 
     return numbers[id]
 
 
-class Lazy(Mapping[str, Value]):
-    """Mapping of ids to values that are computed when they are accessed; `why` says why a frame has none."""
+class Numbered(Mapping[str, Value]):
+    """Mapping of the ids of frames, whose values are found by the frames' numbers."""
 
-    def __init__(
-        self, numbers: Mapping[str, int], value: Callable[[int], Value], why: Callable[[str], str] = lambda id: ""
-    ) -> None:
-        self._numbers, self._value, self._why = numbers, value, why
-
-    def __getitem__(self, id: str | int) -> Value:
-        return self._value(number_of(self._numbers, id, self._why))
+    _numbers: Mapping[str, int]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._numbers)
@@ -230,6 +224,18 @@ class Lazy(Mapping[str, Value]):
 
     def __contains__(self, id: object) -> bool:
         return id in self._numbers
+
+
+class Lazy(Numbered[Value]):
+    """Mapping of ids to values that are computed when they are accessed; `why` says why a frame has none."""
+
+    def __init__(
+        self, numbers: Mapping[str, int], value: Callable[[int], Value], why: Callable[[str], str] = lambda id: ""
+    ) -> None:
+        self._numbers, self._value, self._why = numbers, value, why
+
+    def __getitem__(self, id: str | int) -> Value:
+        return self._value(number_of(self._numbers, id, self._why))
 
     def __repr__(self) -> str:
         ids = [repr(id) for id in islice(self, SHOWN)] + ["..."] * (len(self) > SHOWN)
