@@ -45,7 +45,6 @@ from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, PixelTable
 from fieldcalib.problem.layout import CROWN_RANGE, GaussianPrior, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.picture_shape import Placement
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.sequence.joint_solution import LARGEST_CROWN_SIGMA, CrownEstimate, crown_of, joint_evaluation
@@ -159,15 +158,13 @@ class _FieldFromLabels:
         problem = alone.evaluation.problem
         layout, prior = _layout_on(field, problem.layout, self.size, roles), problem.prior
         assert prior is not None
-        motion, quantities = None if problem.observations.motion is None else field.motion, layout.quantities
-        known = replace(
-            problem,
-            observations=Observations.of(field, solved.pixels, layout.image_size, motion),
-            layout=layout,
-            prior=GaussianPrior(
-                _beside(prior.mean, layout, quantities), _beside(prior.sigma, layout, np.ones_like(quantities))
-            ),
+        quantities, before, observations = layout.quantities, problem.layout.field_size, problem.observations
+        if before is not None and not before.is_known:
+            observations = observations.moved(quantities[None, :2] - before.given)
+        both = GaussianPrior(
+            _beside(prior.mean, layout, quantities), _beside(prior.sigma, layout, np.ones_like(quantities))
         )
+        known = replace(problem, observations=observations, layout=layout, prior=both)
         return Solved(evaluate(known, layout.theta(camera)[None]), _beside(alone.unit, layout, 0.0 * quantities))
 
 

@@ -112,6 +112,16 @@ def test_a_frame_tells_size_and_crown_together():
     assert f"by {found.field.ground.crown:.2f} m" in found.reason
 
 
+def test_errors_on_an_estimated_field_are_those_of_a_minimum():
+    """No step of the camera lowers the cost: evidence for another size would count it as one."""
+    _, found = with_field(crowned(soccer(101.0, 64.0), 0.4, roof=True), LOW, np.random.default_rng(5))
+    evaluation, layout = found.solved.evaluation, found.uncertainty.layout
+    hessian = evaluation.information[0] + np.diag(evaluation.prior.effective_sigma[0] ** -2.0)
+    step = np.linalg.solve(hessian, evaluation.gradient[0])
+    assert np.any(evaluation.problem.observations.ends.weight > 0.0)
+    assert np.all(np.abs(step) < 0.05 * np.sqrt(np.diagonal(found.covariance))[layout.free])
+
+
 def test_a_marking_beside_its_paint_asks_for_other_ground_sooner():
     pitch, beside = crowned(FIELD, 0.2), MarkingInView("Side line top", 400.0, 30, share=0.4, offset=9.0)
     given, found = with_field(pitch, LOW, np.random.default_rng(3), noise=2.0)
