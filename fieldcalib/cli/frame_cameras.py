@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
 
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
@@ -64,7 +62,8 @@ class Cameras:
     @cached_property
     def accepted(self) -> list[str]:
         """Ids of the frames whose camera is accepted, in the order of the run."""
-        return [id for id, number in self._numbers.items() if _has_accepted_camera(self._file.main(number))]
+        lines = self._file.mains()
+        return [line["id"] for line in lines if line["status"] == Status.ACCEPTED and line.get("K") is not None]
 
     @property
     def first(self) -> int | None:
@@ -120,10 +119,6 @@ def field_of(cameras: Cameras) -> Field:
     if first is None:
         raise ValueError(f"no frame of {cameras.path} has an accepted camera")
     return first.field or soccer()
-
-
-def _has_accepted_camera(line: Mapping[str, Any]) -> bool:
-    return line["status"] == Status.ACCEPTED and line.get("K") is not None
 
 
 def _number(id: str) -> int | None:

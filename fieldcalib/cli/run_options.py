@@ -147,11 +147,6 @@ class RunRequest:
         return draw_calibration(image, calibration, calibration.field or self.field, show_paint=self.show_paint)
 
     @property
-    def path(self) -> Path:
-        """The video, or the first path of images."""
-        return cast(Path, self.input[0])
-
-    @property
     def paths(self) -> Sequence[Path]:
         """The input, which is no stream."""
         return cast(Sequence[Path], self.input)

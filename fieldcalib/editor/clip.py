@@ -102,11 +102,8 @@ class Proposal:
     @property
     def is_one(self) -> bool:
         """Whether the cameras of all anchors are those of the clip."""
-        for number in self.anchors:
-            here, in_clip = self.calibrations[number].camera, self.video[number - self.window.begin].camera
-            if not (here is in_clip or largest_move(here, in_clip) < SAME):
-                return False
-        return True
+        pairs = ((self.calibrations[n].camera, self.video[n - self.window.begin].camera) for n in self.anchors)
+        return all(here is in_clip or largest_move(here, in_clip) < SAME for here, in_clip in pairs)
 
     def whole(
         self, before: VideoCalibration | None, count: int, *, mended_outside: bool = False

@@ -440,7 +440,7 @@ class Folder:
         """Note in the journal that the announced files are in place, and update the states of their frames."""
         unfinished = self._unfinished
         assert unfinished is not None
-        self.journal.done(unfinished.note)
+        self.journal.add(**unfinished.note)
         self._unfinished = None
         is_taken_back = "taken_back" in unfinished.note
         self.stored.note_saved(None if is_taken_back else self.stored.versions.kept)
@@ -459,5 +459,5 @@ class Folder:
         if self.stored.versions.finish(self._unfinished.announced):
             self._finish()
         else:
-            self.journal.done(NOTHING_WRITTEN)
+            self.journal.add(**NOTHING_WRITTEN)
             self._unfinished = None

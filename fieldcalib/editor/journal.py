@@ -257,7 +257,7 @@ def finish_save(folder: Path, versions: Versions) -> None:
     try:
         journal.open()
         is_done = versions.finish(replayed.unfinished.announced)
-        journal.done(replayed.unfinished.note if is_done else NOTHING_WRITTEN)
+        journal.add(**(replayed.unfinished.note if is_done else NOTHING_WRITTEN))
     finally:
         journal.close()
 
@@ -331,10 +331,6 @@ class Journal:
         note |= {} if kind == "written" else {"frames": list(ids)}
         self.add(announced=note, before={name: list(state) for name, state in announced.before.items()})
         return note
-
-    def done(self, note: Mapping[str, Any]) -> None:
-        """Write the note of a save that was announced: its files are in place."""
-        self.add(**note)
 
     def add(self, **line: Any) -> None:
         """Add a line of anything else."""

@@ -23,7 +23,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Protocol, TypeAlias
@@ -419,7 +419,7 @@ def find_files(
         files += chosen
     if apart:
         alike = Counter({file.path: (file.path.parent, file.id) for file in files}.values())
-        files = [_by_whole_name(file) if alike[file.path.parent, file.id] > 1 else file for file in files]
+        files = [replace(file, id=file.path.name) if alike[file.path.parent, file.id] > 1 else file for file in files]
     found: dict[str, FrameFile] = {}
     for file in files:
         if file.id in found:
@@ -428,10 +428,6 @@ def find_files(
             )
         found[file.id] = file
     return files
-
-
-def _by_whole_name(file: FrameFile) -> FrameFile:
-    return FrameFile(file.path.name, file.path, file.zipped)
 
 
 def _has_folders(path: Path) -> bool:
