@@ -172,7 +172,7 @@ def how(advice: Iterable[Advice], tool: Tool) -> str:
 
 
 def advice_from_json(record: object) -> tuple[Advice, ...]:
-    """Advice from the line of a frame; none from what is none."""
+    """Advice from the line of a frame; none from lines of earlier versions, or what is none."""
     names = record if isinstance(record, list) else ()
     return tuple(one for one in Advice if one in names)
 
@@ -296,7 +296,7 @@ class What(StrEnum):
     MIXED = "mixed"
     """The picture may be mixed with that of another camera."""
     SAID = "said"
-    """Something in words."""
+    """What an earlier version has written in words."""
 
     SEARCHED = "searched"
     """The camera comes from a search without a network."""
@@ -474,8 +474,9 @@ CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW, WAS_SQUASHED = map(
 
 
 def findings_from_json(record: Any) -> tuple[Finding, ...]:
-    """Findings; a ValueError if they are none."""
-    return tuple(map(Finding.from_dict, expect(record, list, "a list of findings")))
+    """Findings, or the words of earlier versions; a ValueError if they are none."""
+    found = expect(record, list, "a list of findings")
+    return tuple(Finding(What.SAID, one) if isinstance(one, str) else Finding.from_dict(one) for one in found)
 
 
 def _wanted(name: str, offset: float) -> str:

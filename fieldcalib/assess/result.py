@@ -620,7 +620,7 @@ def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
                 for one in record["suspect_labels"]
             ),
             "alternatives": tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
-            "_found": findings_from_json(record["found"]),
+            "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
             "pixel_counts": _pixel_counts_from_record(record),
             "field": field,
             "errors": _errors_from_record(record, field),

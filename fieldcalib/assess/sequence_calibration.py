@@ -80,6 +80,8 @@ class FrameSequence(Sequence[Calibration]):
     """Version of its `to_dict`."""
     _codecs: ClassVar[Mapping[str, Codec]]
     """Its attributes in JSON."""
+    _added: ClassVar[frozenset[str]] = frozenset()
+    """Attributes that older files of this version lack, and that are None there."""
 
     @abstractmethod
     def _frame(self, t: int) -> Calibration:
@@ -108,7 +110,8 @@ class FrameSequence(Sequence[Calibration]):
         """
         new: Callable[..., Self] = cls
         with reading(record, f"calibration of {cls._what}", cls._version):
-            found = new(**{name: one.read(record[name]) for name, one in cls._codecs.items()})
+            complete = {**dict.fromkeys(cls._added), **record}
+            found = new(**{name: one.read(complete[name]) for name, one in cls._codecs.items()})
             found._check()
         return found
 

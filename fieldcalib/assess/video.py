@@ -56,7 +56,8 @@ class Shape(NamedTuple):
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Shape:
         """The inverse of `to_dict`."""
-        return cls(Placement.from_dict(record), findings_from_json(record["findings"]))
+        findings = record["findings"] if "findings" in record else record["complaints"]
+        return cls(Placement.from_dict(record), findings_from_json(findings))
 
 
 class Shot(NamedTuple):
@@ -103,6 +104,7 @@ class VideoCalibration(FrameSequence):
             lambda findings: [one.to_dict() for one in findings], lambda record: findings_from_json(record or [])
         ),
     }
+    _added: ClassVar[frozenset[str]] = frozenset({"shape", "is_side_open", "findings"})
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]

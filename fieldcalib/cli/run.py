@@ -39,6 +39,7 @@ from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.images.search.place_search import MOST, pooled_place
+from fieldcalib.io.decoders import check_av
 from fieldcalib.io.files import FrameFile, check_utf8
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, in_parts, size_of, spread
@@ -141,6 +142,8 @@ def _run(request: RunRequest) -> int:
 def _calibrate(request: RunRequest) -> int:
     if request.is_clip or request.is_video or request.is_stream:
         check_utf8(request.run.out)  # of the overlay, before the work
+        if request.draws:
+            check_av("overlays (--no-pictures leaves them out) are written")
     if request.is_stream:
         return run_stream(request)
     request.check()

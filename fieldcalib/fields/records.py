@@ -136,6 +136,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         ground = _named("ground", OPTIONAL["ground"], record.get("ground"))
         return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)), ground)
     _check_keys(record, ("length", "width", "segments"), (*OPTIONAL, "mirrored"))
+    record = _named("size_model", _with_crown_apart, record)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", partial(_by_label, _segment), record["segments"])
     if _named("mirrored", _boolean, record.get("mirrored", False)):
@@ -147,6 +148,16 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     if "paint" in more:
         more["paint"] = _named("paint", partial(_by_full_label, labels=segments), more["paint"])
     return Field(length, width, segments, **more)
+
+
+def _with_crown_apart(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A record as it is written now: earlier versions kept share and height of the crown with the size."""
+    model = record.get("size_model")
+    if not isinstance(model, Mapping) or "crown" not in model:
+        return record
+    share_and_height = model["crown"]
+    crown = None if share_and_height is None else dict(zip(("share", "height"), share_and_height, strict=True))
+    return {**record, "size_model": {name: one for name, one in model.items() if name != "crown"}, "crown": crown}
 
 
 def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:

@@ -1,6 +1,6 @@
 """Decoders of videos: frames as they are shown, each with its number and its image.
 
-PyAV's; Pillow's for animated WebP, which FFmpeg does not read.
+PyAV's where it can be imported, otherwise OpenCV's; Pillow's for animated WebP, which FFmpeg does not read.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Decoder(ABC):
         Frames that cannot be decoded are left out, and those after them keep their numbers.
         """
 
-    def close(self) -> None:  # noqa: B027 - Pillow closes its file itself
+    def close(self) -> None:  # noqa: B027 - OpenCV and Pillow close their files themselves
         """Close the file."""
 
 
@@ -73,8 +73,25 @@ def file_decoder(path: Path, location: str, threads: int | None = None) -> Decod
     """
     if is_animated_webp(path):
         return WebPDecoder(path)
+    if not has_av():
+        return OpenCVDecoder(location, threads)
     state = path.stat()
     return AvDecoder(location, threads, index_of(location, state.st_size, state.st_mtime_ns))
+
+
+def has_av() -> bool:
+    """Whether PyAV can be imported: it has wheels for most platforms, not for all."""
+    try:
+        import av  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def check_av(user: str) -> None:
+    """Raise an ImportError with the remedy if PyAV cannot be imported; `user` is what is done by it."""
+    if not has_av():
+        raise ImportError(f"{user} by PyAV, which cannot be imported here: pip install av")
 
 
 @dataclass(frozen=True)
@@ -252,6 +269,33 @@ class AvDecoder(Decoder):
         image = cast(Image, self._reformatter.reformat(frame, format="bgr24", threads=1).to_ndarray())
         turns = round(frame.rotation / 90.0) % 4
         return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+class OpenCVDecoder(Decoder):
+    """OpenCV's, where PyAV cannot be imported: to go back it begins anew."""
+
+    def __init__(self, location: str, threads: int | None) -> None:
+        import cv2
+
+        self._given = location, cv2.CAP_ANY, [] if threads is None else [cv2.CAP_PROP_N_THREADS, threads]
+        get = cv2.VideoCapture(*self._given).get
+        self.size = int(get(cv2.CAP_PROP_FRAME_WIDTH)), int(get(cv2.CAP_PROP_FRAME_HEIGHT))
+        self.rate, self.count = _usual(get(cv2.CAP_PROP_FPS)), max(int(get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+
+    def frames(self, start: int = 0) -> Iterator[tuple[int, Callable[[], Image]]]:
+        """Decode the frames from a number on."""
+        import cv2
+
+        capture = cv2.VideoCapture(*self._given)
+        number = damaged = 0
+        while damaged < MOST_DAMAGED:
+            if not capture.grab():  # as at a damaged frame, behind which it goes on when it is asked again
+                damaged += 1
+                continue
+            number, damaged = number + damaged, 0
+            if number >= start:
+                yield number, lambda: np.asarray(capture.retrieve()[1], np.uint8)
+            number += 1
 
 
 class WebPDecoder(Decoder):

@@ -45,6 +45,8 @@ def write_parquet(lines: Iterable[tuple[bytes, bytes]], path: Path) -> None:
 def read_parquet(path: Path) -> Iterator[tuple[bytes, bytes]]:
     """The lines that `write_parquet` was given, one pair after the other, without their ends.
 
+    The second of a pair is empty where an older version wrote the table.
+
     Raises
     ------
     ImportError
@@ -55,12 +57,12 @@ def read_parquet(path: Path) -> Iterator[tuple[bytes, bytes]]:
     pyarrow, parquet = imported_pyarrow()
     try:
         with parquet.ParquetFile(path) as file:
-            missing = [name for name in (TEXT, SOLVER_TEXT) if name not in file.schema_arrow.names]
-            if missing:
-                raise BrokenFileError(f"{path}: has no column {missing[0]!r}: is it a cameras.parquet?")
-            for batch in file.iter_batches(ROW_GROUP, columns=[TEXT, SOLVER_TEXT]):
+            if TEXT not in file.schema_arrow.names:
+                raise BrokenFileError(f"{path}: has no column {TEXT!r}: is it a cameras.parquet?")
+            columns = [name for name in (TEXT, SOLVER_TEXT) if name in file.schema_arrow.names]
+            for batch in file.iter_batches(ROW_GROUP, columns=columns):
                 for row in batch.to_pylist():
-                    yield row[TEXT].encode(), row[SOLVER_TEXT].encode()
+                    yield row[TEXT].encode(), row.get(SOLVER_TEXT, "").encode()
     except BrokenFileError:
         raise
     except (pyarrow.ArrowException, OSError, ValueError, AttributeError) as error:  # of damaged bytes, and no texts

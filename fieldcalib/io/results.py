@@ -25,8 +25,9 @@ from fieldcalib.io.output_folder import whole_lines
 from fieldcalib.io.parquet import read_parquet
 
 LINES, SOLVER, TABLE = "cameras.jsonl", "solver.jsonl", "cameras.parquet"
-FORMAT = 3  # version of the files
-WHOLE = 1  # that of a line with everything, as of `Calibration.to_dict`, beside which nothing lies
+FORMAT = 3  # version of the files: the first one had all in cameras.jsonl, the second no findings
+WITHOUT_SOLVER = 1
+OLD_FORMATS = (WITHOUT_SOLVER, 2)  # that are read too
 BROKEN = "broken file"  # status of a frame whose file could not be read
 MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
     *("id", "status", "message", "verdict", "reason", "findings", "remedy", "advice", "basis", "version"),
@@ -45,7 +46,7 @@ SIZE_KEYS = ("length", "width", "size_known")  # of a field that has no builder,
 BEGINNING = re.compile(rb'\{"id": ("(?:[^"\\]|\\.)*"), "status": ("(?:[^"\\]|\\.)*")')
 
 Texts: TypeAlias = tuple[bytes, bytes]
-"""The lines of a frame in both files, without their ends; the second is empty beside a whole line."""
+"""The lines of a frame in both files, without their ends; the second is empty in older formats."""
 
 
 def broken_line(id: str, problem: str) -> dict[str, Any]:
@@ -122,10 +123,10 @@ def parse_main(text: bytes) -> dict[str, Any]:
     _check_words(line)
     _check_numbers(line)
     version = line.get("version")
-    if line["status"] != BROKEN and version not in (FORMAT, WHOLE):
+    if line["status"] != BROKEN and version not in (FORMAT, *OLD_FORMATS):
         raise BrokenFileError(
-            f"expected results of version {FORMAT}, got {version!r}: another fieldcalib wrote them, use that or "
-            f"calibrate again"
+            f"expected results of version {FORMAT} (or {', '.join(map(str, OLD_FORMATS))}), got {version!r}: another "
+            f"fieldcalib wrote them, use that or calibrate again"
         )
     return line
 
@@ -286,7 +287,7 @@ class ResultFile:
             return file.read(end - begin)
 
     def _solver_line(self, number: int, main: Mapping[str, Any]) -> dict[str, Any]:
-        if main.get("version") == WHOLE:
+        if main.get("version") == WITHOUT_SOLVER:
             return {}
         text = self._texts[number][1] if self._texts is not None else self._solver.text(number)
         if not text and number in self.unreadable:

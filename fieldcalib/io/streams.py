@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
-from fieldcalib.io.decoders import NO_VIDEO, AvDecoder
+from fieldcalib.io.decoders import NO_VIDEO, AvDecoder, check_av
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image_files import MOST_PIXELS
@@ -128,6 +128,7 @@ class StreamReader(FrameReader):
         self, stream: Stream, most_pixels: float = MOST_PIXELS, *, cut: Cut = WHOLE, threads: int | None = None
     ) -> None:
         self._stream = stream
+        check_av("streams are read")
         location = "pipe:0" if stream.location == STDIN else stream.location
         try:
             super().__init__(AvDecoder(location, threads), str(stream), most_pixels, cut)

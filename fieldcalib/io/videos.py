@@ -18,7 +18,7 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, file_decoder
+from fieldcalib.io.decoders import FASTEST, NO_VIDEO, Decoder, check_av, file_decoder
 from fieldcalib.io.files import BrokenFileError, check_utf8, named_in_errors, native_name, replacement
 from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image_files import MOST_PIXELS, Image, check_pixels, size_of
@@ -233,6 +233,7 @@ class VideoWriter:
 
     def _open(self) -> None:
         """Begin a file for frames of the size, made even."""
+        check_av("videos are written")
         import av
 
         handle, self._unfinished = self._replacement.enter_context(replacement(self._path))

@@ -139,7 +139,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         (),
         *packed(PixelTable.of(labels, [frame], [weights]), stored),
         None if None in moving else sized(moving, np.shape(moving), "'motion'"),
-        _surface(record["terrain"]),
+        _surface(record.get("terrain")),
     )
     if not ends["label"]:
         return found
@@ -195,7 +195,7 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
         raise ValueError(f"'rho': expected half the diagonal of an image, got {rho}")
     lens = LENSES[record["lens"]["name"]](rho)
     size = None if record["field_size"] is None else _size_from_record(record["field_size"])
-    law = record["zoom_law"]
+    law = record.get("zoom_law")
     zoom_law = None if law is None else ZoomLaw(float(sized(law, (), "'zoom_law'")))
     usual = Layout.of(checked_image_size(record["image_size"]), lens, size, zoom_law)
     roles = np.array([Role(one) for one in record["roles"]])
@@ -210,8 +210,8 @@ def _size_from_record(record: Mapping[str, Any]) -> SizeBlock:
     given, sigma, limits, *possible = (
         sized(record[name], shape, repr(name)) for name, shape in zip(SIZES, shapes, strict=True)
     )
-    crown = record["crown"]
+    crown = record.get("crown")
     if crown is not None:
         crown = Crown(**{name: float(sized(one, (), repr(name))) for name, one in crown.items()})
-    height, shift = float(sized(record["height"], (), "'height'")), sized(record["shift"], (3,), "'shift'")
+    height, shift = float(sized(record.get("height", 0.0), (), "'height'")), sized(record["shift"], (3,), "'shift'")
     return SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown, height, shift)

@@ -39,7 +39,7 @@ from fieldcalib.io.files import (
 )
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, OTHER_ANNOTATIONS, OVERLAYS
 from fieldcalib.io.image_files import Image
-from fieldcalib.io.results import FORMAT, broken_line
+from fieldcalib.io.results import FORMAT, OLD_FORMATS, broken_line
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
@@ -213,7 +213,7 @@ class RunRecord:
         try:
             record = parse_json_object(read_regular_file(path), "a run")
             _check(record)
-            return cls(**{**record, "format": record["format"], "writes": tuple(record["writes"])})
+            return cls(**{"format": OLD_FORMATS[0], **record, "writes": tuple(record["writes"])})
         except (BrokenFileError, KeyError, TypeError) as error:  # the latter two from missing or unknown keys
             raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
 
@@ -380,7 +380,7 @@ def is_squashed(line: Mapping[str, Any]) -> bool:
 
 
 def has_finding(line: Mapping[str, Any], *what: What) -> bool:
-    """Whether a frame's line of cameras.jsonl has any of some findings."""
+    """Whether a frame's line of cameras.jsonl has any of some findings; lines of earlier versions have none."""
     return any(one.get("what") in what for one in line.get("findings", ()))
 
 

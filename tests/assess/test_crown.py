@@ -88,18 +88,20 @@ def test_layouts_and_fields_keep_their_crown_in_records():
     back = layout_from_record(record)
     assert back.names == layout.names
     assert back.field_size.crown == FIELD.crown
-    record["field_size"]["crown"] = None
-    del record["roles"][-1]
-    assert layout_from_record(record).names == layout.names[:-1]  # level
+    del record["field_size"]["crown"], record["roles"][-1]
+    assert layout_from_record(record).names == layout.names[:-1]  # files of before: level
     whole = json.loads(json.dumps(whole_record(FIELD)))
     field = field_from_record(whole)
     assert (field.size_model, field.crown) == (MODEL, FIELD.crown)
-    assert field_from_record({**whole, "crown": None}) == replace(field, crown=None)
+    crown = list(whole.pop("crown").values())
+    assert field_from_record({**whole, "size_model": {**whole["size_model"], "crown": crown}}) == field  # as before
+    level = field_from_record({**whole, "size_model": {**whole["size_model"], "crown": None}})
+    assert level == replace(field, crown=None)
     with pytest.raises(ValueError, match="Crown"):
         replace(field, crown=0.3)
     for wrong in (0.3, [0.3], [2.0, 0.2]):
         with pytest.raises(ValueError, match=r"^(size_model|crown): "):
-            field_from_record({**whole, "crown": wrong})
+            field_from_record({**whole, "size_model": {**whole["size_model"], "crown": wrong}})
 
 
 def labelled_path(crown, every=25, seed=3, roof=False, field=FIELD):

@@ -24,7 +24,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import Cut, Position
 from fieldcalib.io.image_files import AHEAD, read_ahead
 from fieldcalib.io.streams import Stream, StreamReader
-from fieldcalib.io.videos import VideoReader
+from fieldcalib.io.videos import VideoReader, VideoWriter
 
 COUNT, SIZE = 60, (160, 96)
 MILLISECONDS = Fraction(1, 1000)
@@ -69,6 +69,11 @@ def write(path, images, times=None, *, codec="libx264", pixels="yuv420p", option
 def read(path, **options):
     with VideoReader(path, **options) as video:
         return list(video)
+
+
+@pytest.fixture
+def without_av(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
 
 
 def times_of(path):
@@ -263,6 +268,48 @@ def test_a_camera_by_rtsp():
             assert stream.loss() == ""
     assert found == list(range(found[0], 40))
     assert len(found) > 20  # a reader that comes late begins with the next keyframe
+
+
+# --- without PyAV ---
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.mkv"])
+def test_without_pyav_opencv_reads(tmp_path, name, request):
+    path = write(tmp_path / name, [picture(n) for n in range(30)])
+    with_av = read(path)
+    request.getfixturevalue("without_av")
+    with VideoReader(path) as video:
+        assert (len(list(video)), video.loss(), video.count) == (30, "", 30)
+        assert video.frames_per_second == 25.0
+    assert [number for number, _ in VideoReader(path, cut=Cut(Position(seconds=0.4), None, 5)).numbered()] == [
+        10,
+        15,
+        20,
+        25,
+    ]
+    with VideoReader(path) as video:
+        for number in (20, 3, 4, 29):
+            assert np.abs(video.image(number).astype(int) - with_av[number]).mean() < 5.0
+            assert shown(video.image(number)) == number
+        assert video.image(30) is None
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    with pytest.raises(BrokenFileError, match=r"b\.mp4: is no video that FFmpeg can read"):
+        VideoReader(tmp_path / "b.mp4")
+
+
+@pytest.mark.usefixtures("without_av")
+def test_what_needs_pyav_says_so(tmp_path, capsys):
+    said = "videos are written by PyAV, which cannot be imported here: pip install av"
+    with pytest.raises(ImportError, match=said), VideoWriter(tmp_path / "a.mp4", 25.0) as video:
+        video.write(picture(0))
+    with pytest.raises(ImportError, match="streams are read by PyAV"):
+        StreamReader(Stream("-"))
+    writer = cv2.VideoWriter(str(tmp_path / "b.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, SIZE)
+    writer.write(picture(0))
+    writer.release()
+    assert run("run", tmp_path / "b.avi", "--out", tmp_path / "out") == 2
+    assert "overlays (--no-pictures leaves them out) are written by PyAV" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["b.avi"]
 
 
 BOTH = """

@@ -150,24 +150,42 @@ def test_an_hour_opens_at_once(clip_folder, tmp_path):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # kB; the files have 120 MB
 
 
-# --- folders that are not whole ---
+# --- older formats, and folders that are not whole ---
 
 
-def test_lines_with_everything_are_read(calibrated_folder, tmp_path):
-    pairs = zip(
-        *((calibrated_folder / name).read_text().splitlines() for name in ("cameras.jsonl", "solver.jsonl")),
-        strict=True,
-    )
+@pytest.fixture
+def old_folder(calibrated_folder, tmp_path):
+    """The folder as format 1 had it: everything in cameras.jsonl, and no format in run.json."""
+    out = tmp_path / "old"
+    out.mkdir()
+    for path in calibrated_folder.iterdir():
+        (out / path.name).write_bytes(path.read_bytes())
+    pairs = zip(*((out / name).read_text().splitlines() for name in ("cameras.jsonl", "solver.jsonl")), strict=True)
     lines = [json.dumps(joined_line(*map(json.loads, pair))) + "\n" for pair in pairs]
-    (tmp_path / "cameras.jsonl").write_text("".join(lines))
-    assert read(tmp_path) == read(calibrated_folder)
-    assert run("export", tmp_path, "--format", "csv") == 0
+    (out / "cameras.jsonl").write_text("".join(lines))
+    (out / "solver.jsonl").unlink()
+    record = json.loads((out / "run.json").read_text())
+    del record["format"], record["source"]
+    (out / "run.json").write_text(json.dumps(record))
+    return out
+
+
+def test_folders_of_format_1_are_read(old_folder, calibrated_folder):
+    assert read(old_folder) == read(calibrated_folder)
+    assert run("export", old_folder, "--format", "csv") == 0
+
+
+def test_a_run_of_format_1_is_not_gone_on_with(old_folder, annotated_folder, capsys):
+    (old_folder / "summary.json").unlink()
+    assert calibrate(old_folder, annotated_folder, options=["--resume"]) == 2
+    said = capsys.readouterr().err
+    assert "its files are of format 1, this fieldcalib writes format 3; --overwrite begins anew" in said
 
 
 def test_a_format_of_the_future_is_named(calibrated_folder, tmp_path):
     text = (calibrated_folder / "cameras.jsonl").read_text().replace('"version": 3', '"version": 4')
     (tmp_path / "cameras.jsonl").write_text(text)
-    with pytest.raises(BrokenFileError, match=r"line 1: expected .* of version 3, got 4.*calibrate again"):
+    with pytest.raises(BrokenFileError, match=r"line 1: expected .* of version 3 \(or 1, 2\), got 4.*calibrate again"):
         read(tmp_path)
 
 

@@ -32,6 +32,7 @@ from fieldcalib.assess.findings import Finding, SuspectLabel, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.result import with_findings
 from fieldcalib.assess.sequence_calibration import SequenceCalibration, with_doubts
+from fieldcalib.assess.video import Shape, Shot, VideoCalibration
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -43,7 +44,7 @@ from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.image_files import checked_image
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.problem import RobustLoss
-from fieldcalib.problem.picture_shape import Declared
+from fieldcalib.problem.picture_shape import Declared, Placement
 from fieldcalib.solve import estimate_field_size
 
 SIZE = (960, 540)
@@ -401,7 +402,7 @@ def test_without_pandas_the_message_says_how_to_get_it(written, monkeypatch):
 )
 def test_cameras_that_are_none(tmp_path, name, value):
     rows = [[1.0] * 3] * 3
-    line = {"id": "b", "status": "accepted", "message": "", "version": 3, "image_size": [9, 9], "dist": []}
+    line = {"id": "b", "status": "accepted", "message": "", "version": 2, "image_size": [9, 9], "dist": []}
     line |= {"K": rows, "R": rows, "C": [0.0] * 3, name: value}
     (tmp_path / "cameras.jsonl").write_text(f"{json.dumps(line)}\n")
     with pytest.raises(BrokenFileError, match="line 1: a camera needs 'K' and 'R', each three rows"):
@@ -417,7 +418,7 @@ def test_results_that_are_none(tmp_path):
         ("{", "is no JSON"),
         ("[]", "expected a JSON object"),
         ('{"id": "b"}', "needs the key 'status'"),
-        ('{"id": "b", "status": "accepted", "message": ""}', "of version 3, got None"),
+        ('{"id": "b", "status": "accepted", "message": ""}', "of version 3 .or 1, 2., got None"),
     ):
         path.write_text(f"{json.dumps(good)}\n{line}\n")
         with pytest.raises(BrokenFileError, match=f"line 2: .*{message}"):
@@ -537,6 +538,26 @@ def test_the_other_side_halves_the_probability_once(batch):
     open_side = with_findings(batch[0], *2 * [Finding(What.OTHER_SIDE)])
     assert open_side.probability() == pytest.approx(batch[0].probability() / 2.0)
     assert open_side.reason.count("turned by 180 degrees") == 1  # nothing is said twice
+
+
+def test_words_of_earlier_versions_are_kept(batch):
+    record = {name: value for name, value in batch[0].to_dict().items() if name != "found"}
+    read = Calibration.from_dict({**record, "complaints": ["2 of 7 labels are suspect"]})
+    assert read.verdict == "check"
+    assert "2 of 7 labels are suspect; rms" in read.reason
+
+
+def test_clips_of_earlier_versions_are_read():
+    """Without findings of their own, with doubts and complaints in words."""
+    nothing = calibrate_sequence(soccer(), [{}, {}], SIZE)
+    doubted = with_doubts(nothing, [1], Finding(What.SAID, "it may be mixed"))
+    shape = Shape(Placement.whole(SIZE), (Finding(What.SAID, "not 16:9"),))
+    video = VideoCalibration((doubted,), (Shot(0, 2, 0),), np.zeros(2, dtype=int), np.arange(2), shape=shape)
+    record = json.loads(json.dumps(video.to_dict()))
+    del record["findings"], record["shape"]["findings"]
+    record["shape"]["complaints"] = ["not 16:9"]
+    record["tripods"][0]["frames"]["doubts"] = [[1, "it may be mixed"]]
+    assert VideoCalibration.from_dict(record).to_dict() == video.to_dict()
 
 
 def test_doubts_of_a_sequence_are_findings():

@@ -45,7 +45,7 @@ def test_frames_are_read_unit_by_unit(tmp_path, monkeypatch):
     monkeypatch.setattr(work_units, "LARGEST_UNIT", 2)
     read, ahead = [], []
 
-    def reading(content, size):
+    def reading(content, size, *, unknown=False):
         read.append(content)
         return {}
 
