@@ -20,12 +20,7 @@ from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import ANGLES, CENTER, PAN, POSE_AND_ZOOM, GaussianPrior, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
-from fieldcalib.solve.initial_cameras import (
-    InitialCameras,
-    cameras_elsewhere,
-    given_cameras,
-    initial_cameras,
-)
+from fieldcalib.solve.initial_cameras import InitialCameras, cameras_elsewhere, given_cameras, initial_cameras
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import CERTAIN
 
