@@ -23,12 +23,13 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.fields.traits import SOCCER_SCALE
 
 FAINT = 1e-6  # 1 / m^2: information that is added so that the system is regular
 # Mistakes in the labels of a frame: how many frames have them for each one without, and standard deviations of fitted
 # length, width and crown by them, metres. None; a label of another line, which biases the size of 1 in 50 frames with
 # good cameras; and, in pictures, an edge beside the paint: of 600 rendered ones (`data_tools.pitches`) a tenth of the
-# lengths and widths that are told, and a sixth of the crowns, are off by this beside their covariance.
+# lengths and widths that are told, and a sixth of the crowns, are off by this (on soccer pitches).
 MISTAKEN, BY_MISTAKE = np.array([1.0, 0.02, 0.11]), np.array([[0.0, 0.0, 0.0], [30.0, 30.0, 3.0], [2.5, 2.5, 0.15]])
 LEAST_ROOM = 1.0  # m: the given size is always possible, even if it is illegal
 
@@ -70,6 +71,7 @@ class SizeEvidence:
         shift: Array | float = 0.0,
         *,
         are_lines: bool = False,
+        scale: float = SOCCER_SCALE,
     ) -> SizeEvidence:
         """Estimate the quantities of a frame.
 
@@ -89,6 +91,8 @@ class SizeEvidence:
             Given quantities minus those around which the prior is.
         are_lines : bool
             Whether the labels are lines that were found in a picture.
+        scale : float
+            Size of the part of the field that is usually in view, metres: mistakes about smaller fields are smaller.
 
         Examples
         --------
@@ -105,7 +109,8 @@ class SizeEvidence:
         inverse = np.linalg.inv(information + FAINT * np.eye(count))
         offset = shift - inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
-        off = np.square(BY_MISTAKE[:kinds, :count] if count > 1 else BY_MISTAKE[:kinds, 2:])
+        by_mistake = BY_MISTAKE[:kinds] * (scale / SOCCER_SCALE, scale / SOCCER_SCALE, 1.0)
+        off = np.square(by_mistake[:, :count] if count > 1 else by_mistake[:, 2:])
         mistaken = np.repeat(V + off[:, :, None] * np.eye(count), len(weights), axis=0)
         shares, every = np.outer(MISTAKEN[:kinds], weights).ravel(), np.tile(sigmas, (kinds, 1))
         found = possible_values(offset, mistaken, shares, every)

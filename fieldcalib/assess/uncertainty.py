@@ -386,7 +386,9 @@ def _size_evidence(problem: Problem, kept: _Kept) -> Sequence[SizeEvidence | Non
     c, room = len(index), None if size.is_known else size.limits - size.given + size.shift[:2]
     some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
     prior, are_lines = (probability, sigma[:, index]), problem.paint > 0.0
-    return [SizeEvidence.of(*one, prior, room, size.shift[index], are_lines=are_lines) for one in some]
+    return [
+        SizeEvidence.of(*one, prior, room, size.shift[index], are_lines=are_lines, scale=problem.scale) for one in some
+    ]
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

@@ -70,7 +70,7 @@ def test_files_that_are_skipped_are_named(annotated_folder, tmp_path, capsys):
 
 
 def test_a_frame_that_takes_too_much_memory_is_broken(annotated_folder, tmp_path, monkeypatch, capsys):
-    def parse(content, size):
+    def parse(content, size, *, unknown=False):
         if len(content) > 5000:
             raise MemoryError
         return {}
