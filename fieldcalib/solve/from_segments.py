@@ -47,7 +47,7 @@ from fieldcalib.solve.likelier_shape import with_border_complaint, with_likely_a
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
 from fieldcalib.solve.misreadings import with_other_names
 from fieldcalib.solve.request import GivenCamera, Options, Task, as_fixed
-from fieldcalib.solve.search import find_cameras, is_against_convention, other_side, repeats
+from fieldcalib.solve.search import find_cameras, fits_other_side, is_against_convention, repeats
 from fieldcalib.solve.solver_options import DEFAULT_CRITERIA, CalibrationFlags, Criteria, Prior
 
 NOISY = 4.0  # times the usual noise: none of 755 good cameras of annotated frames misses its labels by more than 2.7
@@ -355,14 +355,14 @@ def _judged(frames: _Frames) -> list[Calibration]:
     """
     options, relabelled, evaluation, given = frames.options, frames.relabelled, frames.evaluation, frames.observations
     cameras = options.layout.cameras(evaluation.theta)
-    other = other_side(evaluation.problem.observations, evaluation.theta, options)
+    both_sides = fits_other_side(evaluation.problem.observations, evaluation.theta, options)
     errors_as_given = rms_by_label(frames.as_given)
     calibrations, solved = [], [Solved(evaluation, relabelled.prior.sigma, t) for t in range(len(cameras))]
     for t, evidence in enumerate(_evidence(frames, solved)):
         errors = given.by_name(t, errors_as_given[t])
         suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
         status, message, *advice = verdict(evidence, options.task.tau)
-        is_open = options.task.side is None and bool(other.fits[t])
+        is_open = options.task.side is None and bool(both_sides[t])
         is_turned = not is_open and is_against_convention(cameras[t].C, options)
         alternatives = (turned_camera(cameras[t]),) if is_open or is_turned else ()
         sides = [Finding(What.OTHER_SIDE)] * is_open + [Finding(What.SEEN_FROM_OPPOSITE)] * is_turned

@@ -35,6 +35,7 @@ SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # in units of the scale: length of short
 LEAST_SPREAD = 1e-3  # of the image's diagonal, and of the depth: added to spreads, which may be 0
 ON_GROUND = 1e-9  # metres
 MOST_MEMBERS = 1_000_000  # pixels, of all frames, times labels whose lines are fitted at a time: some 60 MB
+Z = CENTER.stop - 1
 FOCAL_LENGTHS = np.array([-1.0, 0.0, 1.0])  # tried by the DLT, in standard deviations
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
@@ -96,10 +97,9 @@ def cameras_elsewhere(
     observations: Observations, stands: GaussianPrior, known: Array, scale: float, found: Array
 ) -> InitialCameras:
     """Initial cameras of T frames, higher and lower than the middles of the stands, and those (T, n) found before."""
-    height = np.zeros(stands.mean.shape[-1])
-    height[CENTER.stop - 1] = 1.0
-    moved = np.concatenate([stands.mean + stands.sigma * height, stands.mean - stands.sigma * height])
-    sigma, T, K = np.tile(stands.sigma, (2, 1)), len(observations), len(stands.mean)
+    T, K = len(observations), len(stands.mean)
+    moved, sigma = np.tile(stands.mean, (2, 1)), np.tile(stands.sigma, (2, 1))
+    moved[:, Z] += np.repeat((1.0, -1.0), K) * sigma[:, Z]
     theta = np.stack([*pointed_camera(observations, GaussianPrior(moved, sigma), known, scale), found], axis=1)
     member = np.column_stack([np.tile(np.arange(K), (T, 2)), _nearest_stand(found, stands)])
     return InitialCameras(

@@ -33,47 +33,31 @@ RIVALS_TOLERANCE = 0.01  # smaller if several cameras are compared, which is pos
 POOR = 1.0  # cost a pixel: right cameras of trusted labels cost 0.1 to 0.8, wrong ones 1.7 and more
 
 
-@dataclass(frozen=True)
-class OtherSide:
-    """B cameras turned by 180 degrees about the centre mark."""
+def fits_other_side(observations: Observations, theta: Array, options: Options) -> BoolArray:
+    """Mask (B,) of the cameras (B, n) that explain their frames as well if turned by 180 degrees about the centre mark.
 
-    theta: Array
-    """Parameters of the turned cameras, (B, n)."""
-    prior: GaussianPrior
-    """Prior of the stands where the turned cameras are, (B, n); meaningless if none fits."""
-    fits: BoolArray
-    """Whether labels do not contradict the turned cameras, and the prior hardly more than the others, (B,)."""
-
-
-def other_side(observations: Observations, theta: Array, options: Options) -> OtherSide:
-    """The cameras (B, n) on the other side of the field, and whether they explain B frames as well."""
-    turned, prior, free = turned_around(theta), options.stands, options.layout.free
+    Labels do not contradict the turned camera, and the prior hardly more than the other one.
+    """
+    stands, free = options.stands, options.layout.free
     fits = _look_alike(options.field, observations) & bool(np.all(free[CENTER]) and free[PAN])
-    if not np.any(fits):
-        return OtherSide(turned, prior.take(np.zeros(len(theta), dtype=np.intp)), fits)
-    here, there = (
-        np.sum(np.square(prior.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1) for camera in (theta, turned)
-    )
-    if options.use_prior:
+    if options.use_prior and np.any(fits):
+        here, there = (
+            np.sum(np.square(stands.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1)
+            for camera in (theta, turned_around(theta))
+        )
         fits &= 0.5 * (there.min(axis=1) - here.min(axis=1)) < CERTAIN
-    return OtherSide(turned, prior.take(np.argmin(there, axis=1)), fits)
+    return fits
 
 
-def on_main_side(
-    observations: Observations, theta: Array, prior: GaussianPrior, options: Options
-) -> tuple[Array, GaussianPrior]:
-    """Cameras (B, n) and their priors; those that fit equally well on the main side, the usual one, are turned to it.
+def on_main_side(observations: Observations, theta: Array, options: Options) -> Array:
+    """Cameras (B, n), of which those that fit equally well on the main side, the usual one, are turned to it.
 
     Cameras are not turned if the position is given, or if they are known to be on the other side.
     """
     if options.task.side == OPPOSITE or not np.isnan(options.known[CENTER]).any():
-        return theta, prior
-    other = other_side(observations, theta, options)
-    turn = (other.fits & (theta[:, CENTER][:, 1] < 0.0))[:, None]
-    if not np.any(turn):
-        return theta, prior
-    mean, sigma = np.where(turn, other.prior.mean, prior.mean), np.where(turn, other.prior.sigma, prior.sigma)
-    return np.where(turn, other.theta, theta), GaussianPrior(mean, sigma)
+        return theta
+    turn = fits_other_side(observations, theta, options) & (theta[:, CENTER][:, 1] < 0.0)
+    return np.where(turn[:, None], turned_around(theta), theta) if np.any(turn) else theta
 
 
 def is_against_convention(C: Array, options: Options) -> bool:
@@ -143,13 +127,12 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
             evaluation = evaluation.replaced(poor[is_right], right.theta, right.points)
     else:  # cameras that are close already are kept
         evaluation = _approached(evaluation, WIDE_ITERATIONS, ~_fits_most(evaluation, options.wide_loss.scale))
-    prior = given_cameras(evaluation.theta, options.stands).prior  # stands are near one another: it may have come by
-    if given is None:
-        prior = _around_known_lens(prior, options)
-    theta, prior = on_main_side(observations, evaluation.theta, prior, options)
+    theta = on_main_side(observations, evaluation.theta, options)
     if only_turned:
         theta = _turned_as_known(theta, options.known[ANGLES])
-        prior = _around_known_lens(given_cameras(theta, options.stands).prior, options)
+    prior = given_cameras(theta, options.stands).prior  # of the nearest stand: the search may have left the first one
+    if given is None:
+        prior = _around_known_lens(prior, options)
     problem = options.problem(observations, prior if options.use_prior else None)
     found = evaluation.of(problem) if theta is evaluation.theta else evaluate(problem, theta)
     return Found(found, prior)
@@ -161,7 +144,7 @@ def _wide(
     """Evaluate the problem of the wide loss at initial cameras."""
     wide = Problem(observations.take(start.frame), layout, options.wide_loss, options.noise, scale=options.scale)
     if several or options.use_prior:  # initial cameras far from the data need the prior to converge
-        wide = replace(wide, prior=_around_known_lens(start.prior, options))
+        wide = replace(wide, prior=start.prior)
     return evaluate(wide, start.theta)
 
 
