@@ -27,7 +27,7 @@ from data_tools.pictures_in_pictures import SUFFIXES
 from data_tools.synthetic.film import PAINTED, Scene, clip_frames, filmed
 from data_tools.synthetic.paths import with_displaced_lines
 from fieldcalib.assess.findings import Verdict
-from fieldcalib.assess.paint_in_view import paint_is_too_wide, paint_width
+from fieldcalib.assess.paint_in_view import TOO_WIDE, paint_width
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import count
 from fieldcalib.console.program import run_command
@@ -61,7 +61,7 @@ def summary(share: float, found: Sequence[Calibration]) -> dict[str, object]:
         "share": share,
         "count": len(found),
         "good": sum(one.verdict is Verdict.GOOD for one in found),
-        "too wide": sum(paint_is_too_wide(one.markings) for one in found),
+        "too wide": sum((paint_width(one.markings) > TOO_WIDE) for one in found),
         "measured": len(widths),
         "widths": np.round(np.quantile(widths, QUANTILES), 2).tolist() if widths else [],
     }

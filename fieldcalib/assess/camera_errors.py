@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
@@ -31,7 +31,7 @@ from fieldcalib.assess.probability import (
     surprises,
 )
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, tolerance_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import PixelTable
@@ -162,13 +162,10 @@ def score_above(least: float, uncertainty: Uncertainty, found: PrincipalPoint, p
     """
     roll = float(uncertainty.theta[ROLL]), float(uncertainty.covariance[ROLL, ROLL])
     score = partial(score_of_part, probability, found.log_ratio_of_part, roll)
-    return score(_error_of_part(uncertainty)) if score(np.inf) > least else -np.inf
-
-
-def _error_of_part(uncertainty: Uncertainty) -> float:
-    """Largest error of the ground in view if the picture is a part, in units of the field's tolerance; 1 if unknown."""
-    error = 1.0 if uncertainty.field is None else largest_error_of_part(uncertainty) / uncertainty.field.tolerance
-    return float(np.nan_to_num(error, nan=1.0))
+    if not score(np.inf) > least:
+        return -np.inf
+    error = largest_error_of_part(uncertainty) / tolerance_of(uncertainty.field)
+    return score(float(np.nan_to_num(error, nan=1.0)))  # that of the tolerance, if no field is in view
 
 
 def seems_part(
@@ -218,10 +215,6 @@ class CameraErrors(Protocol):
     def are_known(self) -> bool:
         """Whether there is an estimate with a covariance."""
 
-    @property
-    def are_computed(self) -> bool:
-        """Whether all errors are computed already."""
-
     def on(self, field: Field | None) -> Estimate:
         """The estimate with this field in view."""
 
@@ -242,7 +235,7 @@ class CameraErrors(Protocol):
 class NoErrors:
     """The unknown errors of a camera that does not come from labelled pixels."""
 
-    are_known, are_computed = False, True
+    are_known = False
 
     def on(self, field: Field | None) -> NoReturn:
         """Raise a ValueError: there is no estimate."""
@@ -297,7 +290,6 @@ class KnownErrors(Estimate):
         self, layout: Layout, theta: Array, covariance: Array, dof: float = np.inf, field: Field | None = None
     ) -> None:
         self._layout, self._theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
-        self._in_view: ErrorsInView | None = None  # cached: of the field
 
     @staticmethod
     def compute(several: Sequence[KnownErrors]) -> None:
@@ -306,20 +298,18 @@ class KnownErrors(Estimate):
         assert field is not None
         theta, covariance = (np.array([getattr(one, name) for one in several]) for name in ("_theta", "_covariance"))
         for one, in_view in zip(several, ErrorsInView.of(theta, covariance, layout, field), strict=True):
-            one._in_view = in_view
+            one.in_view = in_view
 
     @property
     def are_computed(self) -> bool:
         """Whether the errors in view are cached, if there is a field."""
-        return self.field is None or self._in_view is not None
+        return self.field is None or "in_view" in vars(self)
 
-    @property
+    @cached_property
     def in_view(self) -> ErrorsInView:
         """Errors of the points of the field in view."""
-        if self._in_view is None:
-            self.compute([self])
-        assert self._in_view is not None
-        return self._in_view
+        assert self.field is not None
+        return ErrorsInView.of(self._theta[None], self._covariance[None], self._layout, self.field)[0]
 
     @property
     def layout(self) -> Layout:
@@ -355,7 +345,7 @@ class KnownErrors(Estimate):
     @cached_property
     def motion_of_markings(self) -> Array:
         """Derivatives (2, n) by theta of the common motion of the markings in view."""
-        return super().motion_of_markings if self._in_view is None else self._in_view.motion
+        return self.in_view.motion if "in_view" in vars(self) else super().motion_of_markings
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """No doubts: the evidence of the labels is not kept."""
@@ -409,13 +399,11 @@ class Solved:
 
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
-        # cached: the uncertainty, the one on the last field that was asked for, the terms of the log odds there, what
-        # is unusual, and what the labels said of a part when they were last asked
-        self._uncertainty: Uncertainty | None = None
+        # cached: the estimate on the last field that was asked for, the terms of the log odds there, and what the
+        # labels said of a part when they were last asked
         self._on: Uncertainty | None = None
         self._terms: tuple[Field, OddsTerms] | None = None
-        self._unusual: tuple[Finding, ...] | None = None
-        self._part: tuple[Uncertainty, tuple[float, float, Declared, float], tuple[Finding, ...]] | None = None
+        self._seems_part = lru_cache(maxsize=1)(seems_part)
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
@@ -426,7 +414,7 @@ class Solved:
         first, index = several[0], np.array([one.frame for one in several])
         found = uncertainties(first.evaluation.take(index).trimmed, first.unit[index])
         for one, uncertainty in zip(several, found, strict=True):
-            one._uncertainty = uncertainty
+            one.uncertainty = uncertainty
         if field is not None and field.probability is not None:
             for one, terms in zip(several, odds_terms(found, field), strict=True):
                 one._terms = field, terms
@@ -450,15 +438,17 @@ class Solved:
     @property
     def are_computed(self) -> bool:
         """Whether the uncertainty is cached."""
-        return self._uncertainty is not None
+        return "uncertainty" in vars(self)
 
-    @property
+    @cached_property
     def uncertainty(self) -> Uncertainty:
         """The estimate of the frame with no field in view: its errors are relative to the centre mark."""
-        if self._uncertainty is None:
-            self.compute([self])
-        assert self._uncertainty is not None
-        return self._uncertainty
+        alone = self.alone
+        return uncertainties(alone.evaluation, alone.unit)[0]
+
+    @cached_property
+    def _unusual(self) -> tuple[Finding, ...]:
+        return surprises(self.uncertainty)
 
     def on(self, field: Field | None) -> Uncertainty:
         """The estimate of the frame with this field in view."""
@@ -481,16 +471,11 @@ class Solved:
 
     def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
         """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
-        if self._unusual is None:
-            self._unusual = surprises(self.uncertainty)
         if picture is None:
             return self._unusual
         log_ratio = picture.log_ratio_of_part(self.uncertainty.camera, self.pixels)
         asked = picture.probability, log_ratio, picture.declared, picture.sure
-        on = self.on(picture.field)
-        if self._part is None or self._part[0] is not on or self._part[1] != asked:
-            self._part = on, asked, seems_part(on, *asked)
-        return (*self._part[2], *self._unusual)
+        return (*self._seems_part(self.on(picture.field), *asked), *self._unusual)
 
     def to_record(self) -> dict[str, Any]:
         """The keys of `Calibration.to_dict` that hold it."""

@@ -27,12 +27,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, NamedTuple, Self, TypeAlias
+from typing import Literal, NamedTuple, Self, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, BoolArray, is_number
+from fieldcalib._types import Array, BoolArray, is_number, one_of
 from fieldcalib.assess.ground import ground_derivatives, pixels_of_points, projection_on
 from fieldcalib.assess.observability import Direction
 from fieldcalib.fields.field import Field, terrain_of
@@ -120,22 +120,12 @@ def by_parameters(projection: Projection, field: Field | None) -> Array:
     return moved
 
 
-def relative_to_markings(
-    derivatives: Array, projection: Projection, field: Field | None, some: BoolArray | None = None
-) -> Array:
+def relative_to_markings(derivatives: Array, projection: Projection, field: Field | None, some: BoolArray) -> Array:
     """Derivatives (B, N, 2, P) of ground points by some parameters (n,), less the motion of the markings in view."""
     layout = projection.layout
-    some = np.ones(layout.size, dtype=bool) if some is None else some
     if field is None or not np.any(some[layout.field_size_block]):
         return derivatives
     return derivatives - by_parameters(projection, field)[:, None, :, some]
-
-
-def checked(relative_to: RelativeTo) -> RelativeTo:
-    """Return `relative_to`, or raise a ValueError if it is neither of the two."""
-    if not isinstance(relative_to, str) or relative_to not in (MARKINGS_IN_VIEW, CENTRE_MARK):
-        raise ValueError(f"relative_to must be {MARKINGS_IN_VIEW!r} or {CENTRE_MARK!r}, got {relative_to!r}")
-    return relative_to
 
 
 def in_words(motion: Array, standard_deviations: Array) -> str:
@@ -153,11 +143,9 @@ def in_words(motion: Array, standard_deviations: Array) -> str:
     >>> print(in_words(np.diag([0.5, -0.5]), np.array([2.5, 0.1])))
     the length is not visible: positions are relative to the right end; the known length gives metres from the centre
     """
-    found = []
-    for axis, (name, sides) in enumerate(SIDES):
-        if abs(motion[axis, axis]) * standard_deviations[axis] > APART:
-            side = sides[int(motion[axis, axis] > 0.0)]
-            found.append((name, side))
+    along = np.diagonal(motion)
+    is_open = np.abs(along) * standard_deviations > APART
+    found = [(name, sides[int(along[k] > 0.0)]) for k, (name, sides) in enumerate(SIDES) if is_open[k]]
     if not found:
         return ""
     names, sides_in_view = (" and ".join(one) for one in zip(*found, strict=True))
@@ -293,7 +281,8 @@ class Estimate(ABC):
         X = np.asarray(X, dtype=float)
         if X.shape[-1:] != (3,):
             raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
-        on_ground = self._raised(X)
+        terrain, on_ground = terrain_of(self.field), X * (1.0, 1.0, 0.0)
+        on_ground = on_ground if terrain is None else terrain.raised(on_ground)
         if np.any(np.minimum(np.abs(X[..., 2]), np.abs(X[..., 2] - on_ground[..., 2])) > OFF_GROUND):
             raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}")
         X, seen = on_ground, np.isfinite(self.camera.project(on_ground)).all(axis=-1, keepdims=True)
@@ -310,19 +299,13 @@ class Estimate(ABC):
         if not np.any(self.motion_of_markings):
             return ""
         block = self.layout.field_size_block
-        return in_words(
-            self.motion_of_markings[:, block], self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
-        )
-
-    def _raised(self, X: Array) -> Array:
-        """Points (..., 3) on the ground above or below places (x, y)."""
-        level, terrain = X * (1.0, 1.0, 0.0), terrain_of(self.field)
-        return level if terrain is None else terrain.raised(level)
+        deviations = self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
+        return in_words(self.motion_of_markings[:, block], deviations)
 
     def _at(self, X: Array, relative_to: RelativeTo) -> GroundError:
         """Errors at ground points (..., 3); NaN there gives NaN."""
         dX_dtheta, known = self.ground_jacobian(X)
-        if checked(relative_to) == MARKINGS_IN_VIEW:
+        if one_of(relative_to, get_args(RelativeTo), "relative_to") == MARKINGS_IN_VIEW:
             dX_dtheta = dX_dtheta - self.motion_of_markings
         return GroundError(np.where(known[..., None, None], self.propagated(dX_dtheta), np.nan), self.dof)
 

@@ -545,6 +545,37 @@ CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
     }
 )
 """Remedies of what was typed wrong, the most certain first."""
+QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
+    {
+        **dict.fromkeys((What.OFF_PAINT, What.NO_PAINT, What.LITTLE_PAINT), OFF_PAINT),
+        What.SEVERAL_VIEWS: ONE_VIEW,
+        What.WIDE_PAINT: SMALLER,
+        What.SHAPE: NOT_WHOLE,
+        **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),
+        What.GROUND_ONLY: MORE_THAN_GROUND,
+    }
+)
+"""Remedies of what is open about an accepted camera, the most important first."""
+
+
+def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: bool, may_be_resized: bool) -> Remedy:
+    """The remedy of a camera with a status and findings.
+
+    It depends on whether a person labelled the picture, and on whether the field may have another size.
+
+    Examples
+    --------
+    >>> remedy_of(Status.ACCEPTED, [CUT], are_annotated=True, may_be_resized=False).text
+    'say which part of a frame the picture is, or that nothing is cut off'
+    """
+    found, accepted = {one.what for one in findings}, status is Status.ACCEPTED
+    of_findings = {**CAUSE_REMEDIES, **(QUESTIONS if accepted else {})}
+    first = next((remedy for what, remedy in of_findings.items() if what in found), NOTHING)
+    if first is not NOTHING or accepted:
+        return OFF_PAINT_OF_KNOWN_SIZE if first is OFF_PAINT and not may_be_resized else first
+    sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
+    remedy = OF_LABELS.get(status, REMEDIES[status]) if are_annotated else REMEDIES[status]
+    return remedy.and_also(*(sport for what, sport in sports.items() if what in found))
 
 
 @dataclass(frozen=True)

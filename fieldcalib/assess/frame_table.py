@@ -92,20 +92,19 @@ class FrameTable:
     def without_cameras(cls, count: int, layout: Layout, labels: tuple[str, ...], message: str) -> FrameTable:
         """A table of frames without cameras; `message` is the reason."""
         o, S = np.count_nonzero(layout.free), np.count_nonzero(layout.considered)
+        unknown: dict[str, Any] = {name: np.full(count, np.nan) for name in ("rms", "ground_error", "misfit")}
         return cls(
+            **unknown,
             theta=np.full((count, layout.size), np.nan),
             own=np.full((count, o, o), np.nan),
             following=np.full((count, o, S), np.nan),
             status=np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS)),
             basis=np.zeros(count, dtype=np.intp),
-            rms=np.full(count, np.nan),
-            ground_error=np.full(count, np.nan),
             labels=labels,
             label_errors=np.zeros((count, len(labels)), np.float32),
             label_counts=np.zeros((count, len(labels)), np.uint16),
             notes=dict.fromkeys(range(count), message),
             suspects={},
-            misfit=np.full(count, np.nan),
         )
 
     @classmethod
@@ -192,16 +191,12 @@ class FrameTable:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""
-
-        def suspects(found: tuple[SuspectLabel, ...]) -> list[Any]:
-            return [[one.label, one.fits, to_json(one.error_px)] for one in found]
-
         arrays = {name: value for name, value in self._columns.items() if isinstance(value, np.ndarray)}
         return {
             **{name: array_to_record(value) for name, value in arrays.items()},
             "labels": list(self.labels),
             "notes": [[t, note] for t, note in self.notes.items()],
-            "suspects": [[t, suspects(found)] for t, found in self.suspects.items()],
+            "suspects": [[t, [_suspect_to_record(one) for one in found]] for t, found in self.suspects.items()],
             "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
             "doubts": [[t, [one.to_dict() for one in found]] for t, found in self.doubts.items()],
         }
@@ -215,9 +210,10 @@ class FrameTable:
         shapes = {"theta": (T, n), "own": (T, o, o), "following": (T, o, S)}
         shapes |= dict.fromkeys(("label_errors", "label_counts"), (T, len(labels)))
         shapes |= dict.fromkeys(("status", "basis", "rms", "ground_error", "misfit"), (T,))
-        arrays: dict[str, Any] = {
-            name: named_array_from_record(record[name], name, shape) for name, shape in shapes.items()
-        }
+        arrays: dict[str, Any] = {name: array_from_record(record[name]) for name in shapes}
+        for name, shape in shapes.items():
+            if arrays[name].shape != shape:
+                raise ValueError(f"{name!r}: expected shape {shape}, got {arrays[name].shape}")
         for name, words in (("status", STATUSES), ("basis", BASES)):
             check_indices(arrays[name], len(words), name)
 
@@ -227,7 +223,7 @@ class FrameTable:
         return cls(
             **arrays,
             labels=labels,
-            notes=by_frame("notes", _text),
+            notes=by_frame("notes", lambda note: expect(note, str, '"no labelled pixels"')),
             suspects=by_frame("suspects", lambda found: tuple(_suspect(*one) for one in found)),
             markings=by_frame("markings", lambda found: tuple(MarkingInView(**one) for one in found)),
             doubts=by_frame("doubts", lambda found: findings_from_json([found] if isinstance(found, str) else found)),
@@ -238,8 +234,8 @@ class FrameTable:
         return {one.name: getattr(self, one.name) for one in fields(self)}
 
 
-def _text(value: Any) -> str:
-    return expect(value, str, '"no labelled pixels"')  # type: ignore[no-any-return]
+def _suspect_to_record(one: SuspectLabel) -> list[Any]:
+    return [one.label, one.fits, to_json(one.error_px)]
 
 
 def _suspect(label: Any, fits: Any, error_px: Any) -> SuspectLabel:
@@ -260,14 +256,6 @@ def array_from_record(record: Mapping[str, Any]) -> NDArray[Any]:
     if np.any(np.abs(values[np.isfinite(values)]) > LARGEST):
         raise ValueError(f"expected numbers up to {LARGEST:g}, got {np.max(np.abs(values[np.isfinite(values)])):g}")
     return values.astype(kind).reshape(record["shape"])
-
-
-def named_array_from_record(record: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An array of a record; a ValueError with its name if it is of another shape."""
-    array = array_from_record(record)
-    if array.shape != shape:
-        raise ValueError(f"{name!r}: expected shape {shape}, got {array.shape}")
-    return array
 
 
 def check_indices(index: NDArray[Any], count: int, name: str, least: int = 0) -> None:

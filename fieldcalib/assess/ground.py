@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ def given_crown(covariance: Array, of_crown: BoolArray) -> Array:
     return np.asarray(covariance - by_crown @ by_crown.T / variance) if variance > 0.0 else covariance
 
 
-@dataclass(frozen=True, eq=False)
-class Considered:
+class Considered(NamedTuple):
     """The parameters that a layout considers, with their joint covariance."""
 
     layout: Layout

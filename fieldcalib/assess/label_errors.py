@@ -10,7 +10,7 @@ The noise has a size, relative to the weights of the pixels, and a share that is
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Any
 
@@ -61,23 +61,13 @@ def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     return observations.by_label(np.where(is_counted, np.square(evaluation.r), 0.0)), observations.pixels_by_label
 
 
-@dataclass(frozen=True, eq=False)
-class Misfit:
-    """Root mean square distances, pixels, of the labels of B frames from two fits; NaN without labels."""
-
-    together: Array
-    """Distances (B,) from the cameras with shared parameters."""
-    alone: Array
-    """Distances (B,) from cameras with their own positions and zooms."""
-
-    @property
-    def excess(self) -> Array:
-        """Distance due to the model, pixels, (B,)."""
-        return np.asarray(np.sqrt(np.maximum(np.square(self.together) - np.square(self.alone), 0.0)))
+def excess(together: Array, alone: Array) -> Array:
+    """Distance due to a model of B frames, pixels, (B,), from the distances of their labels with and without it."""
+    return np.asarray(np.sqrt(np.maximum(np.square(together) - np.square(alone), 0.0)))
 
 
-def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Mask (B,) of the frames that the model does not explain, from `Misfit.excess`, pixels.
+def is_contradicted(misfit: Array, image_size: tuple[int, int]) -> BoolArray:
+    """Mask (B,) of the frames that the model does not explain, from their `misfit`, pixels.
 
     Examples
     --------
@@ -85,11 +75,11 @@ def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
     array([False,  True, False])
     """
     with np.errstate(invalid="ignore"):
-        return np.asarray(excess > LARGEST_EXCESS * np.hypot(*image_size))
+        return np.asarray(misfit > LARGEST_EXCESS * np.hypot(*image_size))
 
 
-def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
-    """Whether a model does not hold, from `Misfit.excess`, pixels.
+def is_of_wrong_model(misfit: Array, image_size: tuple[int, int]) -> bool:
+    """Whether a model does not hold, from the `misfit` of frames, pixels.
 
     That is if it contradicts many frames, or more than half of them to a smaller extent; NaN does not count.
 
@@ -98,15 +88,15 @@ def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
     >>> is_of_wrong_model(np.array([0.5, 0.9, 0.4, 9.0, 8.0]), (960, 540))
     True
     """
-    known = excess[np.isfinite(excess)]
+    known = misfit[np.isfinite(misfit)]
     if len(known) < LEAST_FRAMES:
         return False
     many = np.count_nonzero(is_contradicted(known, image_size)) >= LEAST_SHARE * len(known)
     return bool(many or np.any(is_contradicted(np.array([np.median(known) / SOMEWHAT]), image_size)))
 
 
-def misfit(evaluation: Evaluation) -> Misfit:
-    """Misfit of frames at their common solution: each is fitted again by itself.
+def misfit(evaluation: Evaluation) -> Array:
+    """Misfit (B,), pixels, of frames at their common solution: each is fitted again by itself. NaN without labels.
 
     Lens, principal point and size of the field are kept, so that they cannot compensate for a wrong position.
     """
@@ -122,7 +112,7 @@ def misfit(evaluation: Evaluation) -> Misfit:
     problem = replace(evaluation.problem, observations=observations, layout=own, **nothing)
     start = evaluate(problem, evaluation.theta)
     alone = levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
-    return Misfit(rms_of_labels(evaluation), rms_of_labels(alone))
+    return excess(rms_of_labels(evaluation), rms_of_labels(alone))
 
 
 class Noise:

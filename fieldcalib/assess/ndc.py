@@ -14,13 +14,13 @@ circle is not split.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, IntArray, one_of
 from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
@@ -67,8 +67,7 @@ def ndc_loss(
     >>> ndc_loss([camera], soccer(), [{"Side line top": moved}]).round(3)
     array([0.01])
     """
-    if kind not in get_args(NdcLoss):
-        raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
+    one_of(kind, get_args(NdcLoss), "kind")
     if not cameras:
         return np.zeros(0)
     pixels = PixelTable.of(object_segments, frames)
@@ -97,22 +96,6 @@ def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: Nd
             pixels = np.bincount(frame, minlength=T)
             total += np.bincount(frame, distance, minlength=T) / np.maximum(pixels, 1)
     return np.asarray(total / np.maximum(count, 1.0))
-
-
-@dataclass(eq=False)
-class NdcLosses:
-    """`ndc_losses` of T frames, computed when the first one is asked for."""
-
-    evaluation: Evaluation
-    object_segments: ObjectSegments
-
-    def __call__(self, frame: int) -> float:
-        """The loss of a frame."""
-        return float(self._values[frame])
-
-    @cached_property
-    def _values(self) -> Array:
-        return ndc_losses(self.evaluation, self.object_segments)
 
 
 class _Labels(NamedTuple):

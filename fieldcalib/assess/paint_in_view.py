@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import accumulate
 from math import inf
 
-from fieldcalib._types import expect, number, truth, whole_number
-from fieldcalib.assess.findings import Finding, What
+from fieldcalib._types import expect, listed, number, truth, whole_number
+from fieldcalib.assess.findings import Finding, What, in_words
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
 LONG = 15  # number of places from which on a marking is long
@@ -18,7 +18,8 @@ CONFIRMED = (
 LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera; places that each needs
 
 LEAST_WIDTHS = 6  # places where the width of paint must be measured
-# Times the projected width: from here on the paint is too wide. In 60 right pictures it is 0.8 to 1.26 times.
+# Times the projected width: from here on the paint is so wide that the field may be a smaller one. In 60 right pictures
+# it is 0.8 to 1.26 times.
 TOO_WIDE = 1.4
 
 
@@ -94,6 +95,12 @@ class MarkingInView:
         return self.is_beside or self.is_unseen
 
 
+def checked_markings(markings: Sequence[MarkingInView]) -> tuple[MarkingInView, ...]:
+    """The markings if they are some; else a ValueError."""
+    example = 'MarkingInView("Middle line", 300.0, 25, share=0.9, offset=0.0)'
+    return tuple(expect(one, MarkingInView, example) for one in listed(markings, "markings in view"))
+
+
 def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
     """Find markings whose paint lies beside them or is missing, farthest first, and paint that is too wide.
 
@@ -109,8 +116,8 @@ def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
     beside = sorted((one for one in markings if one.is_beside), key=lambda one: -one.offset)
     found = [Finding(What.OFF_PAINT, one.label, (one.offset,)) for one in beside]
     found += [Finding(What.NO_PAINT, one.label) for one in _unseen(markings)]
-    found += [Finding(What.WIDE_PAINT, numbers=(paint_width(markings),))] if paint_is_too_wide(markings) else []
-    return tuple(found)
+    width = paint_width(markings)
+    return (*found, *([Finding(What.WIDE_PAINT, numbers=(width,))] if width > TOO_WIDE else []))
 
 
 def _unseen(markings: Sequence[MarkingInView]) -> list[MarkingInView]:
@@ -135,18 +142,16 @@ def paint_width(markings: Sequence[MarkingInView]) -> float:
     return next(width for (width, _), places in zip(measured, up_to, strict=True) if 2 * places >= up_to[-1])
 
 
-def paint_is_too_wide(markings: Sequence[MarkingInView]) -> bool:
-    """Whether the paint in view is so much wider than it should be that the field may be a smaller one."""
-    return paint_width(markings) > TOO_WIDE
-
-
-def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
-    """Whether more of the paint in view lies beside the markings than on them.
+def contradiction(markings: Sequence[MarkingInView]) -> str:
+    """Reason to reject a camera if more of the paint in view lies beside the markings than on them; else empty.
 
     Paint that bends away does not count: no camera would project its marking there.
     """
     on = sum(one.share * one.places for one in markings)
-    return sum((1.0 - one.share) * one.places for one in markings if one.is_beside and not one.is_bent) > on
+    beside = sum((1.0 - one.share) * one.places for one in markings if one.is_beside and not one.is_bent)
+    if not beside > on:
+        return ""
+    return f"most of the paint lies beside the markings: {in_words(*paint_findings(markings))}"
 
 
 def paint_confirms(markings: Sequence[MarkingInView]) -> bool:

@@ -17,8 +17,7 @@ Unusual estimates: parameters far from their prior, or fixed at values that the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -131,7 +130,7 @@ def _by_labels(uncertainty: Uncertainty) -> BoolArray:
     """
     prior, problem = uncertainty.evaluation.prior, uncertainty.problem
     assert prior is not None
-    deviation = np.sqrt(np.diagonal(uncertainty.propagated(np.eye(problem.layout.size)))[problem.free])
+    deviation = np.sqrt(np.diagonal(uncertainty.covariance)[problem.free])
     names, by_labels = problem.layout.names, deviation <= DETERMINED * prior.effective_sigma[0]
     is_strong = "b2" in names and abs(uncertainty.theta[names.index("a1")]) > K1_SUFFICES
     if is_strong and not problem.free[names.index("b2")]:
@@ -243,9 +242,15 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsT
     if not uncertainties:
         return []
     found = []
-    for one, (determined, by_considered) in zip(uncertainties, _squares_in_view(uncertainties, field), strict=True):
-        problem, (weights, moments) = one.problem, one.possibilities
-        of_field = np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
+    J, seen, _ = _derivatives_in_view(np.array([one.theta for one in uncertainties]), uncertainties[0].layout, field)
+    for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
+        problem, (weights, moments), dX_dtheta = one.problem, one.possibilities, dX_dtheta[is_seen]
+        determined = np.sum((dX_dtheta @ one.determined) * dX_dtheta, axis=(-2, -1))  # mean squares of errors, (N,)
+        if one.open.shape[1]:
+            determined[np.any(one.is_open(dX_dtheta), axis=-1)] = np.inf
+        considered = dX_dtheta @ one.by_considered
+        by_moment = np.swapaxes(considered, 1, 2) @ considered  # derivatives of the mean squares, (N, c, c)
+        of_field = np.tensordot(moments, by_moment, axes=((1, 2), (1, 2)))  # (K, N)
         squares = determined + np.concatenate([np.zeros_like(of_field[:1]), of_field])
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
         rows = np.ones((len(squares), 5))
@@ -253,22 +258,6 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[OddsT
         rows[:, 2:] = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
         found.append(OddsTerms(rows, np.append(0.0, weights)))
     return found
-
-
-def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
-    """For each estimate, mean squares (N,) of the errors of its N ground points in view, and their derivatives.
-
-    Mean squares are infinite where nothing determines the point. The derivatives (N, c, c) are by the second moments
-    (c, c) of the considered parameters.
-    """
-    J, seen, _ = _derivatives_in_view(np.array([one.theta for one in uncertainties]), uncertainties[0].layout, field)
-    for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
-        rows = dX_dtheta[is_seen]  # (N, 2, n)
-        determined = np.sum((rows @ one.determined) * rows, axis=(-2, -1))
-        if one.open.shape[1]:
-            determined[np.any(one.is_open(rows), axis=-1)] = np.inf
-        of_considered = rows @ one.by_considered
-        yield determined, np.swapaxes(of_considered, 1, 2) @ of_considered
 
 
 def _derivatives_in_view(theta: Array, layout: Layout, field: Field) -> tuple[Array, BoolArray, Array]:
@@ -284,8 +273,7 @@ def _derivatives_in_view(theta: Array, layout: Layout, field: Field) -> tuple[Ar
     return J - motion[:, None], seen, motion
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorsInView:
+class ErrorsInView(NamedTuple):
     """Errors, from a covariance, of the ground points that a camera sees, relative to the markings in view."""
 
     largest: float

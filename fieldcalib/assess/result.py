@@ -18,23 +18,11 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._html import table
 from fieldcalib._json import from_json, reading, to_json
-from fieldcalib._types import Array, ReadOnlyDict, expect, is_number, listed, number, truth, whole_number
+from fieldcalib._types import Array, ReadOnlyDict, expect, number, positive, truth, whole_number
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Picture, Solved
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
-    CAUSE_REMEDIES,
-    MORE_THAN_GROUND,
-    NOT_SOCCER,
-    NOT_WHOLE,
     NOTHING,
-    OF_LABELS,
-    OFF_PAINT,
-    OFF_PAINT_OF_KNOWN_SIZE,
-    ONE_VIEW,
-    OTHER_SPORT,
-    REMEDIES,
-    SMALLER,
-    WHICH_PART,
     Advice,
     Finding,
     NoCameraError,
@@ -45,9 +33,10 @@ from fieldcalib.assess.findings import (
     What,
     findings_from_json,
     in_words,
+    remedy_of,
 )
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.paint_in_view import MarkingInView, paint_contradicts, paint_findings, paint_share
+from fieldcalib.assess.paint_in_view import MarkingInView, checked_markings, contradiction, paint_findings, paint_share
 from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.fields.field import Field, terrain_of
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -295,27 +284,10 @@ class Calibration:
 
     @property
     def _remedy(self) -> Remedy:
-        for what, remedy in CAUSE_REMEDIES.items():
-            if self.has_finding(what):
-                return remedy
-        if not self.accepted:
-            sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
-            noted = [advice for what, advice in sports.items() if any(one.what is what for one in self._found)]
-            remedy = REMEDIES[self.status]
-            return (OF_LABELS.get(self.status, remedy) if self.are_annotated else remedy).and_also(*noted)
-        if self.has_finding(What.OFF_PAINT, What.NO_PAINT, What.LITTLE_PAINT):
-            may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
-            return OFF_PAINT if may_be_resized else OFF_PAINT_OF_KNOWN_SIZE
-        if self.has_finding(What.SEVERAL_VIEWS):
-            return ONE_VIEW
-        if self.has_finding(What.WIDE_PAINT):
-            return SMALLER
-        if self.has_finding(What.SHAPE):
-            return NOT_WHOLE
-        if self.has_finding(What.PART, What.ENLARGED, What.IN_WINDOW):
-            return WHICH_PART
-        if self.has_finding(What.GROUND_ONLY):
-            return MORE_THAN_GROUND
+        may_be_resized = self.field is not None and self.field.moves_with_size and not self.field.size_known
+        found = remedy_of(self.status, self.findings, are_annotated=self.are_annotated, may_be_resized=may_be_resized)
+        if found is not NOTHING or not self.accepted:
+            return found
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
         return Remedy(said, (Advice.FIELD_SIZE,)) if said else NOTHING
 
@@ -323,11 +295,6 @@ class Calibration:
     def knows_errors(self) -> bool:
         """Whether `uncertainty` is known."""
         return self.errors.are_known
-
-    @property
-    def has_errors(self) -> bool:
-        """Whether the errors are computed already."""
-        return self.errors.are_computed
 
     @property
     def has_probability(self) -> bool:
@@ -412,9 +379,7 @@ class Calibration:
         >>> calibration.probability(0.1) < 0.5 < calibration.probability(2.0)
         True
         """
-        if metres is not None and not (is_number(metres) and metres > 0.0):
-            raise ValueError(f"metres must be a positive number, got {metres!r}")
-        metres = None if metres is None else float(metres)
+        metres = None if metres is None else float(positive(metres, "metres"))
         size_known = truth(size_known, "size_known")
         if self.camera is None or not self.knows_errors:
             return 0.0 if self.camera is None else float("nan")
@@ -451,13 +416,9 @@ class Calibration:
         >>> found.seen_in_image([MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)]).message
         "most of the paint lies beside the markings: 'Middle line' lies 21 px beside its paint"
         """
-        for one in listed(markings, "markings in view"):
-            expect(one, MarkingInView, 'MarkingInView("Middle line", 300.0, 25, share=0.9, offset=0.0)')
-        seen = replace(self, markings=tuple(markings))
-        if not self.accepted or not paint_contradicts(markings):
-            return seen
-        reason = in_words(*paint_findings(markings))
-        return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")
+        seen = replace(self, markings=checked_markings(markings))
+        reason = contradiction(markings)
+        return replace(seen, status=Status.IMPROBABLE, message=reason) if self.accepted and reason else seen
 
     def __repr__(self) -> str:
         if self.camera is None:
@@ -485,7 +446,27 @@ class Calibration:
         >>> Calibration.from_dict(json.loads(json.dumps(nothing.to_dict()))) == nothing
         True
         """
-        return calibration_to_record(self, self._found)
+        camera, field = self.camera, self.field
+        errors, suspects = self.per_segment_errors, self.suspect_labels
+        return {
+            "status": str(self.status),
+            "message": self.message,
+            **({} if camera is None else _without_size(camera)),
+            **({} if np.isnan(self.rms) else {"rms_px": to_json(self.rms)}),
+            "segment_errors_px": {label: to_json(error) for label, error in errors.items()},
+            "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in suspects],
+            **({} if np.isnan(self.loss_ndc) else {"loss_ndc": to_json(self.loss_ndc)}),
+            "alternatives": [_without_size(other) for other in self.alternatives],
+            "found": [one.to_dict() for one in self._found],
+            "pixel_counts": dict(self.pixel_counts),
+            "image_size": None if camera is None else list(camera.image_size),
+            "field": None if field is None else field_to_record(field),
+            **self.errors.to_record(),
+            **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
+            **({} if not self.are_annotated else {"are_annotated": True}),
+            **({} if self.declared == Declared.NOTHING else {"declared": str(self.declared)}),
+            "version": VERSION,
+        }
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Calibration:
@@ -496,7 +477,29 @@ class Calibration:
         ValueError
             If the version is another one, a key is missing, or a value is invalid.
         """
-        return cls(**calibration_from_record(record))
+        with reading(record, "calibration", VERSION):
+            size = record["image_size"]
+            field = None if record["field"] is None else field_from_record(record["field"])
+            return cls(
+                camera=None if size is None else Camera.from_dict(record),
+                status=Status(record["status"]),
+                message=expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
+                rms=float(from_json(record.get("rms_px"))),
+                loss_ndc=float(from_json(record.get("loss_ndc"))),
+                per_segment_errors={label: float(from_json(px)) for label, px in record["segment_errors_px"].items()},
+                suspect_labels=tuple(
+                    SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
+                    for one in record["suspect_labels"]
+                ),
+                alternatives=tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
+                _found=findings_from_json(record["found"] if "found" in record else record["complaints"]),
+                pixel_counts=_pixel_counts_from_record(record),
+                field=field,
+                errors=_errors_from_record(record, field),
+                markings=tuple(MarkingInView(**one) for one in record.get("markings", ())),
+                are_annotated=bool(record.get("are_annotated", False)),
+                declared=Declared(record.get("declared", Declared.NOTHING)),
+            )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Calibration):
@@ -574,60 +577,6 @@ def in_picture(calibration: Calibration, placement: Placement, *findings: Findin
     said = (calibration.message, placement.borders, *(str(one) for one in findings if not one.what.is_against))
     message = "; ".join(filter(None, said))
     return with_findings(replace(calibration, camera=camera, alternatives=tuple(others), message=message), *findings)
-
-
-def calibration_to_record(calibration: Calibration, found: Sequence[Finding]) -> dict[str, Any]:
-    """`Calibration.to_dict`."""
-    camera, field = calibration.camera, calibration.field
-    errors, suspects = calibration.per_segment_errors, calibration.suspect_labels
-    return {
-        "status": str(calibration.status),
-        "message": calibration.message,
-        **({} if camera is None else _without_size(camera)),
-        **({} if np.isnan(calibration.rms) else {"rms_px": to_json(calibration.rms)}),
-        "segment_errors_px": {label: to_json(error) for label, error in errors.items()},
-        "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in suspects],
-        **({} if np.isnan(calibration.loss_ndc) else {"loss_ndc": to_json(calibration.loss_ndc)}),
-        "alternatives": [_without_size(other) for other in calibration.alternatives],
-        "found": [one.to_dict() for one in found],
-        "pixel_counts": dict(calibration.pixel_counts),
-        "image_size": None if camera is None else list(camera.image_size),
-        "field": None if field is None else field_to_record(field),
-        **calibration.errors.to_record(),
-        **({} if not calibration.markings else {"markings": [asdict(one) for one in calibration.markings]}),
-        **({} if not calibration.are_annotated else {"are_annotated": True}),
-        **({} if calibration.declared == Declared.NOTHING else {"declared": str(calibration.declared)}),
-        "version": VERSION,
-    }
-
-
-def calibration_from_record(record: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments of the `Calibration` of a record; a ValueError as that of `Calibration.from_dict`."""
-    with reading(record, "calibration", VERSION):
-        size = record["image_size"]
-        field = None if record["field"] is None else field_from_record(record["field"])
-        return {
-            "camera": None if size is None else Camera.from_dict(record),
-            "status": Status(record["status"]),
-            "message": expect(record["message"], str, '"rms 1.00 px over 5 segments"'),
-            "rms": float(from_json(record.get("rms_px"))),
-            "loss_ndc": float(from_json(record.get("loss_ndc"))),
-            "per_segment_errors": {
-                label: float(from_json(error)) for label, error in record["segment_errors_px"].items()
-            },
-            "suspect_labels": tuple(
-                SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
-                for one in record["suspect_labels"]
-            ),
-            "alternatives": tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
-            "_found": findings_from_json(record["found"] if "found" in record else record["complaints"]),
-            "pixel_counts": _pixel_counts_from_record(record),
-            "field": field,
-            "errors": _errors_from_record(record, field),
-            "markings": tuple(MarkingInView(**one) for one in record.get("markings", ())),
-            "are_annotated": bool(record.get("are_annotated", False)),
-            "declared": Declared(record.get("declared", Declared.NOTHING)),
-        }
 
 
 def _without_size(camera: Camera) -> dict[str, Any]:

@@ -18,9 +18,9 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread
 from fieldcalib._json import from_json, reading, texts_from_json, to_json
-from fieldcalib._types import Array, BoolArray, IntArray, expect, listed, real_array, whole_number
+from fieldcalib._types import Array, BoolArray, IntArray, expect, real_array, whole_number
 from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
-from fieldcalib.assess.findings import Finding, What, in_words
+from fieldcalib.assess.findings import Finding, What
 from fieldcalib.assess.frame_table import (
     ACCEPTED,
     BASES,
@@ -34,7 +34,7 @@ from fieldcalib.assess.frame_table import (
 )
 from fieldcalib.assess.ground import Considered
 from fieldcalib.assess.label_errors import is_contradicted
-from fieldcalib.assess.paint_in_view import MarkingInView, paint_confirms, paint_contradicts, paint_findings
+from fieldcalib.assess.paint_in_view import MarkingInView, checked_markings, contradiction, paint_confirms
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import whole_covariance
 from fieldcalib.fields.field import Field, tolerance_of
@@ -144,10 +144,7 @@ class FrameSequence(Sequence[Calibration]):
         cameras = [frame.camera for frame in frames.values() if frame.camera is not None]
         field = next((frame.field for frame in frames.values() if frame.field is not None), None)
         picture = "" if field is None else field.as_svg(cameras)
-        rows = [
-            [str(index), str(frame.verdict), *camera_cells(frame.camera), frame.reason]
-            for index, frame in frames.items()
-        ]
+        rows = [[str(t), str(one.verdict), *camera_cells(one.camera), one.reason] for t, one in frames.items()]
         return picture + long_table(["frame", "verdict", *CAMERA_TITLES, "reason"], rows, len(self))
 
     @property
@@ -295,12 +292,9 @@ class SequenceCalibration(FrameSequence):
         for t, seen in expect(markings, Mapping, "{0: calibration.markings}").items():
             if whole_number(t, "the number of a frame") >= len(self):
                 raise ValueError(f"expected the number of a frame from 0 to {len(self) - 1}, got {t}")
-            for one in listed(seen, "markings in view"):
-                expect(one, MarkingInView, "a member of calibration.markings")
-            if self.accepted[t] and paint_contradicts(seen):
-                status[t] = IMPROBABLE
-                words = "; ".join([in_words(*paint_findings(seen)), *([notes[t]] if t in notes else [])])
-                notes[t] = f"most of the paint lies beside the markings: {words}"
+            reason = contradiction(checked_markings(seen))
+            if self.accepted[t] and reason:
+                status[t], notes[t] = IMPROBABLE, "; ".join([reason, *([notes[t]] if t in notes else [])])
         return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
 
     @property

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, expect, is_number, listed, number, real_array
+from fieldcalib._types import Array, expect, listed, number, positive, real_array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import terrain_of
 from fieldcalib.geometry.camera import Camera
@@ -71,8 +71,7 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
         raise ValueError(
             f"expected two calibrations or more, and a pixel (x, y) of each, got {len(seen)} and {xy.shape}"
         )
-    if not (is_number(pixel_sd) and 0.0 < pixel_sd < np.inf):
-        raise ValueError(f"pixel_sd must be a standard deviation in pixels, above 0, got {pixel_sd!r}")
+    positive(pixel_sd, "pixel_sd")
     C = np.array([camera.C for camera in cameras])
     rays = np.array([homogenize(camera.normalized(one)) @ camera.R for camera, one in zip(cameras, xy, strict=True)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -146,11 +146,19 @@ class Uncertainty(Estimate):
 
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
-        return _propagated(J, self.determined + self._covariance_by_considered, self.open, self.unit)
+        covariance = J @ (self.determined + self._covariance_by_considered) @ np.swapaxes(J, -2, -1)
+        if not self.open.shape[1]:
+            return np.asarray(covariance)
+        is_open = self.is_open(J)  # their variance is infinite, and NaN off the diagonal
+        covariance = np.where(is_open[..., :, None] | is_open[..., None, :], np.nan, covariance)
+        diagonal = np.arange(J.shape[-2])
+        covariance[..., diagonal, diagonal] = np.where(is_open, np.inf, covariance[..., diagonal, diagonal])
+        return covariance
 
     def is_open(self, J: Array) -> BoolArray:
         """Mask (...) of the quantities, with derivatives J (..., n), that nothing determines."""
-        return _touched(J, self.open, self.unit)
+        along = np.linalg.norm(J @ self.open, axis=-1)
+        return np.asarray(along > TOUCHED * np.linalg.norm(J * self.unit, axis=-1))
 
     def distance(self, camera: Camera) -> float:
         """Distance of another camera from the estimate, in standard deviations: Rao's score.
@@ -362,17 +370,13 @@ def _off_given(
     """`Uncertainty.off_given` of each frame; `tested` are the parameters of `kept` behind the first `sizes`."""
     if not np.any(is_given):
         return [{}] * len(is_given)
-    names, S = evaluation.problem.layout.names, _prior_moment(evaluation.problem)
+    problem = evaluation.problem
+    names, S = problem.layout.names, problem.layout.prior_moment if problem.considered is None else problem.considered
     columns = {name: i for i, name in enumerate(tested, sizes)}
     return [
         {names[k]: kept.offset_with(t, columns[names[k]], S) for k in np.flatnonzero(is_given[t]).tolist()}
         for t in range(len(is_given))
     ]
-
-
-def _prior_moment(problem: Problem) -> Array:
-    """Covariance (c, c) of the considered parameters a priori."""
-    return problem.layout.prior_moment if problem.considered is None else problem.considered
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> Sequence[SizeEvidence | None]:
@@ -397,22 +401,3 @@ def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
     whole = np.zeros((len(map_), len(free), len(free)))
     whole[:, index[:, None], index] = map_ @ inner @ np.swapaxes(map_, 1, 2)
     return whole
-
-
-def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:
-    """Covariance (..., m, m) of quantities with derivatives J (..., m, n); of open ones infinite, NaN off the
-    diagonal."""
-    covariance = J @ determined @ np.swapaxes(J, -2, -1)
-    if not open_directions.shape[1]:
-        return np.asarray(covariance)
-    touched = _touched(J, open_directions, unit)
-    covariance = np.where(touched[..., :, None] | touched[..., None, :], np.nan, covariance)
-    diagonal = np.arange(J.shape[-2])
-    covariance[..., diagonal, diagonal] = np.where(touched, np.inf, covariance[..., diagonal, diagonal])
-    return covariance
-
-
-def _touched(J: Array, open_directions: Array, unit: Array) -> BoolArray:
-    """Whether quantities with derivatives J (..., n) change along open directions (n, k)."""
-    along = np.linalg.norm(J @ open_directions, axis=-1)
-    return np.asarray(along > TOUCHED * np.linalg.norm(J * unit, axis=-1))

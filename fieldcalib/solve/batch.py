@@ -61,10 +61,10 @@ def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     for one in listed(calibrations, "calibrations"):
         expect(one, Calibration, "fieldcalib.calibrate_from_segments(...)")
     fields = {id(one.field): one.field for one in calibrations}
-    for errors, field in [(one.errors, id(one.field)) for one in calibrations if not one.has_errors]:
-        if isinstance(errors, Solved):
+    for errors, field in [(one.errors, id(one.field)) for one in calibrations]:
+        if isinstance(errors, Solved) and not errors.are_computed:
             solved.setdefault((id(errors.evaluation), field), []).append(errors)
-        elif isinstance(errors, KnownErrors):
+        elif isinstance(errors, KnownErrors) and not errors.are_computed:
             known.setdefault((id(errors.layout), id(errors.field)), []).append(errors)
     for (_, field), members in solved.items():
         Solved.compute(members, fields[field])

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,7 @@ from fieldcalib._types import Array, BoolArray, IntArray, truth
 from fieldcalib.assess.camera_errors import Solved
 from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What
 from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
-from fieldcalib.assess.ndc import NdcLosses
+from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import OPEN_DIRECTION, Information
 from fieldcalib.assess.probability import UNUSUAL, largest_error
 from fieldcalib.assess.result import Calibration, found_of
@@ -397,7 +397,8 @@ def _evidence(frames: _Frames, solved: Sequence[Solved]) -> list[Evidence]:
     """The evidence for the verdict on each frame."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
     far, sigma = options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
-    losses, fitted = NdcLosses(evaluation, options.object_segments), evaluation.problem.observations
+    losses = cache(partial(ndc_losses, evaluation, options.object_segments))  # of all frames, when one is asked for
+    fitted = evaluation.problem.observations
     errors, rms = rms_by_label(evaluation), rms_of_labels(evaluation)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, sigma)
@@ -411,7 +412,7 @@ def _evidence(frames: _Frames, solved: Sequence[Solved]) -> list[Evidence]:
     return [
         Evidence(
             rms=float(rms[t]),
-            loss_ndc=partial(losses, t),
+            loss_ndc=lambda t=t: float(losses()[t]),  # type: ignore[misc]
             errors=fitted.by_name(t, errors[t]),
             labels=fitted.labels_in(t),
             given=as_given.labels_in(t),

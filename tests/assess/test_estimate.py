@@ -123,7 +123,7 @@ def test_relative_derivatives_are_those_of_places_less_the_markings(pan, xy):
     X = camera.image_to_field(xy)[None]
     every = np.ones(layout.size, dtype=bool)
     J = ground_derivatives(projection, X, np.isfinite(X).all(axis=-1), every)
-    found = relative_to_markings(J, projection, FIELD)[0]
+    found = relative_to_markings(J, projection, FIELD, np.ones(projection.layout.size, dtype=bool))[0]
     np.testing.assert_allclose(found, numeric, rtol=1e-4, atol=1e-6)
     some = layout.with_roles(Role.FIXED, "lens").free
     part = ground_derivatives(projection, X, np.isfinite(X).all(axis=-1), some)

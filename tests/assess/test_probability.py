@@ -212,7 +212,7 @@ def test_errors_of_many_calibrations_at_once_are_those_of_each():
         assert one.verdict == other.verdict
         assert one.reason == other.reason
         if one.camera is not None:
-            assert other.has_errors
+            assert other.errors.are_computed
             np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-12)
             np.testing.assert_allclose(other.probability(0.5), one.probability(0.5), rtol=1e-7)
             assert [d.parameters for d in other.observability] == [d.parameters for d in one.observability]

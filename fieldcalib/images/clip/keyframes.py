@@ -267,7 +267,7 @@ def _excess(
     labelled = np.isfinite(rms)
     explained = np.sum(labelled & (rms < EXPLAINED * pixel_unit(layout.image_size)), axis=1)
     off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(rms, axis=1), 0.0)
-    return np.where([one.accepted for one in keyframes], misfit(evaluation).excess, off)
+    return np.where([one.accepted for one in keyframes], misfit(evaluation), off)
 
 
 def _confirmed(excess: Array) -> Array:

@@ -20,7 +20,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.frame_table import STEP, Basis, FrameTable
 from fieldcalib.assess.label_errors import is_contradicted, misfit
-from fieldcalib.assess.paint_in_view import MarkingInView, paint_confirms, paint_contradicts
+from fieldcalib.assess.paint_in_view import MarkingInView, contradiction, paint_confirms
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.sequence_errors import OwnErrors, ground_errors
@@ -177,7 +177,7 @@ def _on_tripod(problem: ClipProblem, new: int, earlier: SolvedShot) -> SolvedSho
     if solved is None:
         return None
     evaluation = solved.evaluation.take(np.array([solved.frame]))
-    if not are_consistent(evaluation) or is_contradicted(misfit(evaluation).excess, problem.image_size)[0]:
+    if not are_consistent(evaluation) or is_contradicted(misfit(evaluation), problem.image_size)[0]:
         return None
     frames = with_frames_alone(table_without_cameras(shared, 1), shared, alone, None)
     sequence = replace(earlier.sequence, frames=frames)
@@ -377,7 +377,7 @@ class LiveShot:
             shot = replace(shot, widths=(*self.widths[1 - MOST_WIDTHS :], measured))
         markings = with_widths(markings, pooled_widths([one for _, one in shot.widths]))
         shot = replace(shot, paint=(index, markings), is_new=False)
-        if paint_contradicts(markings):
+        if contradiction(markings):
             return replace(shot, doubts=self.doubts + 1)
         return replace(shot, doubts=0, sure=index if any(one.is_confirmed for one in markings) else self.sure)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ground import Considered, given_crown
-from fieldcalib.assess.label_errors import Misfit, misfit, pooled_noise
+from fieldcalib.assess.label_errors import misfit, pooled_noise
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_errors import ReducedSystem
 from fieldcalib.assess.size_evidence import possible_values
@@ -289,8 +289,8 @@ class JointSolution:
     """Misfit, pixels, of the frames whose labels contradict the others."""
     crown: CrownEstimate | None = None
     """The crown that the frames tell; None where it is no parameter."""
-    excess_if_level: Array | None = None
-    """Excess of each frame's labels on level ground, pixels (B,), from which the crown was estimated."""
+    misfit_if_level: Array | None = None
+    """Misfit of each frame's labels on level ground, pixels (B,), from which the crown was estimated."""
     alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Other centres that explain the labels equally well, (A, 3)."""
 
@@ -300,8 +300,8 @@ class JointSolution:
         return self.evaluation.problem.layout
 
     @cached_property
-    def misfit(self) -> Misfit:
-        """Misfit of the labels."""
+    def misfit(self) -> Array:
+        """Misfit of the labels of each frame, pixels, (B,)."""
         return misfit(self.evaluation)
 
     @property
@@ -394,7 +394,7 @@ def solved_on_its_ground(problem: SequenceProblem, start: Start, fixed_sizes: Ma
     cameras = dict(zip(level.index.tolist(), level.evaluation.theta, strict=True))
     found = solved_together(problem, Start(level.layout, cameras, start.labels), estimated)
     is_better = found.crown is not None and found.crown.is_determined
-    return replace(found, excess_if_level=level.misfit.excess) if is_better else level
+    return replace(found, misfit_if_level=level.misfit) if is_better else level
 
 
 def crown_of(system: ReducedSystem, layout: Layout, theta: Array) -> CrownEstimate | None:

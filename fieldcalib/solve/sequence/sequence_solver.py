@@ -186,7 +186,7 @@ def best_of_other_starts(
         return joint
     before = Start(joint.layout, _cameras(JointStart(joint.index, joint.evaluation)), voters.labels)
     found = [_solved(problem, before, ())]
-    is_raised = joint.excess_if_level is not None  # then the frames see so much that one size is enough to start from
+    is_raised = joint.misfit_if_level is not None  # then the frames see so much that one size is enough to start from
     sizes = OTHER_SIZES if problem.estimates_size and not is_raised else (GIVEN_SIZE,)
     for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
         found += [_solved(problem, voters.moved(centre, size), WIDTHS) for size in sizes]
@@ -196,7 +196,7 @@ def best_of_other_starts(
     most = max(len(one.frames) for one in found)
     alike = [one for one in found if len(one.frames) == most]
     best = min(alike, key=lambda one: _cost(one.evaluation))
-    excess = misfit(best.evaluation).excess
+    excess = misfit(best.evaluation)
     wrong = is_contradicted(excess, problem.options.layout.image_size)
     left_out = dict(zip(best.frames[wrong].tolist(), excess[wrong].tolist(), strict=True))
     labels = {t: one for t, one in voters.labels.items() if t not in left_out}
@@ -307,7 +307,7 @@ def solve_sequence(problem: SequenceProblem, before: SequenceCalibration | None 
         return SolvedSequence(calibrate_one_by_one(problem), None)
     joint = solved_with_known_sizes(problem, start)
     # a crown may hide that frames are at a wrong place, as mislabelled segments of some of them would have it
-    excess = joint.misfit.excess if joint.excess_if_level is None else joint.excess_if_level
+    excess = joint.misfit if joint.misfit_if_level is None else joint.misfit_if_level
     if problem.finds_centre and is_of_wrong_model(excess, problem.options.layout.image_size):
         joint = best_of_other_starts(problem, joint, alone)
     return _finished(problem, _with_more_labels(problem, joint))
@@ -449,7 +449,7 @@ def with_remaining_frames(
         for part in np.array_split(layer, -(-len(layer) // CHUNK)):
             table = table.replaced(part, _followed(problem, shared, table, done, initial, part))
         done = done | np.isin(np.arange(len(done)), layer)
-    excess = dict(zip(joint.index.tolist(), joint.misfit.excess.tolist(), strict=True))
+    excess = dict(zip(joint.index.tolist(), joint.misfit.tolist(), strict=True))
     return table.with_misfit({**excess, **joint.left_out})
 
 

@@ -14,7 +14,7 @@ from synthetic import observe, whole_circle_markings
 from views import camera
 
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
-from fieldcalib.assess.paint_in_view import MarkingInView, paint_contradicts, paint_findings
+from fieldcalib.assess.paint_in_view import MarkingInView, contradiction, paint_findings
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
@@ -83,7 +83,7 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
     assert 0.4 < front.share < 0.8
     assert front.offset == pytest.approx(end, abs=1.0)
     assert front.is_bent
-    assert not paint_contradicts([front])
+    assert not contradiction([front])
     assert not any(one.is_beside for one in found.values())
 
 
@@ -160,7 +160,7 @@ def test_the_tape_of_a_net_is_no_paint_of_the_line_behind_it():
 @given(side=st.sampled_from((-1.0, 1.0)), pixels=numbers(8.0, 22.0))
 def test_camera_that_looks_aside_paint_contradicts(side, pixels):
     found = evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)
-    assert paint_contradicts(found.markings)
+    assert contradiction(found.markings)
 
 
 def test_refinement_uses_paint_beyond_its_search_range():

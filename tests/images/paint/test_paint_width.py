@@ -11,7 +11,7 @@ from data_tools.smaller_pitches import SIZE, frames
 from data_tools.synthetic.film import clip_frames
 from fieldcalib import Camera, Tracker, calibrate_from_segments, calibrate_video, soccer
 from fieldcalib.assess.findings import SMALLER, Verdict
-from fieldcalib.assess.paint_in_view import MarkingInView, paint_findings, paint_is_too_wide, paint_width
+from fieldcalib.assess.paint_in_view import TOO_WIDE, MarkingInView, paint_findings, paint_width
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images import refine_on_image
 from fieldcalib.images.paint.line_profiles import Markings, profiles_along
@@ -38,7 +38,7 @@ def seen(image, camera=CAMERA):
 @pytest.mark.parametrize("share", [1.0, 0.5, *(pytest.param(share, marks=pytest.mark.slow) for share in (0.8, 0.6))])
 def test_the_width_is_that_of_the_paint(share):
     assert paint_width(seen(picture(share))) == pytest.approx(1.0 / share, rel=0.1)
-    assert paint_is_too_wide(seen(picture(share))) == (share < 0.7)
+    assert (paint_width(seen(picture(share))) > TOO_WIDE) == (share < 0.7)
 
 
 @pytest.mark.parametrize("times", [1.6, 2.4])
@@ -49,7 +49,7 @@ def test_a_moving_camera_widens_no_paint(times):
     upright = np.abs(profiles.normal[:, 0]) > 0.7
     length = round(times * width * float(np.median(profiles.width[upright])))
     moved = cv2.blur(picture(1.0), (length, 1))
-    assert not paint_is_too_wide(seen(moved))
+    assert not (paint_width(seen(moved)) > TOO_WIDE)
     across = profiles.take(np.flatnonzero(upright & (profiles.width > 3.0) & (profiles.width < length / 1.4)))
     assert len(across) > 5
     assert np.all(np.isnan(paint_widths(moved, across)))
@@ -95,7 +95,7 @@ def test_clips_of_smaller_pitches_are_doubted(share):
         one_by_one = [tracker.update(image) for image in images]
     for found in (list(together), [one for one in one_by_one if one.camera is not None]):
         assert len(found) > 5
-        assert all(paint_is_too_wide(one.markings) == (share < 1.0) for one in found)
+        assert all((paint_width(one.markings) > TOO_WIDE) == (share < 1.0) for one in found)
         assert share == 1.0 or not any(one.verdict is Verdict.GOOD for one in found)
 
 

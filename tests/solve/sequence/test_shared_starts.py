@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, calibrate_sequence, soccer
-from fieldcalib.assess.label_errors import LARGEST_EXCESS, Misfit, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.label_errors import LARGEST_EXCESS, excess, is_contradicted, is_of_wrong_model
 from fieldcalib.fields import Ground
 from fieldcalib.solve.sequence.tripod_position import voted_centres
 
@@ -75,8 +75,8 @@ def test_centres_are_voted_for_one_after_the_other():
 
 
 def test_excess_is_what_the_model_adds():
-    misfit = Misfit(np.array([5.0, 1.0, np.nan]), np.array([3.0, 1.2, np.nan]))
-    np.testing.assert_allclose(misfit.excess, [4.0, 0.0, np.nan])
+    together, alone = np.array([5.0, 1.0, np.nan]), np.array([3.0, 1.2, np.nan])
+    np.testing.assert_allclose(excess(together, alone), [4.0, 0.0, np.nan])
     size = (960, 540)
     assert is_of_wrong_model(np.array([0.3] * 8 + [9.0, 9.0]), size)
     assert is_of_wrong_model(np.array([0.3] * 4 + [1.3] * 6), size)  # somewhat, but in most of them
