@@ -183,7 +183,7 @@ def test_of_what_is_no_field_errors_are_those_from_its_origin():
     np.testing.assert_allclose(errors.at_field(X).rms, 1.0, rtol=1e-6)
     np.testing.assert_allclose(errors.on(FIELD).at_field(X).rms, 0.0, atol=2e-3)
     np.testing.assert_allclose(errors.on(FIELD).at_field(X, relative_to="centre mark").rms, 1.0, rtol=1e-6)
-    with pytest.raises(ValueError, match="'centre mark', got 'the centre mark'"):
+    with pytest.raises(ValueError, match="one of markings in view, centre mark, got 'the centre mark'"):
         errors.at_field(X, relative_to="the centre mark")
 
 
