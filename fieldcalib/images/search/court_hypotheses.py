@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -176,16 +175,23 @@ def hypotheses(
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
     quads = quads.take(quads.are_rectangles) if from_above else quads
-    parts = []
+    across, along = (_pairs(len(one)) for one in (on_field.across, on_field.along))
+    found = [(np.zeros(0, dtype=np.intp), np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp))]
     for step in ways(field):
-        for i in combinations(range(len(on_field.across)), 2):
-            for j in combinations(range(len(on_field.along)), 2):
-                at = list(i[::step]), list(j[::step])
-                x, y = on_field.across[at[0]], on_field.along[at[1]]
-                own = quads.take(quads.are_within(x, y, on_field.across_reach[at[0]], on_field.along_reach[at[1]]))
-                solve = own.from_above if from_above else own.cameras
-                parts.append(solve(x, y) if row is None else own.cut_out(x, y))
-    return plausible(parts, field, size, from_above=from_above)
+        for i in across[:, ::step]:
+            pairs = along[:, ::step]
+            reach = on_field.across_reach[i], on_field.along_reach[pairs]
+            j, those = np.nonzero(quads.are_within(on_field.across[i], on_field.along[pairs], *reach))
+            found.append((those, np.broadcast_to(i, (len(j), 2)), pairs[j]))
+    chosen, i, j = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    own, x, y = quads.take(chosen), on_field.across[i], on_field.along[j]
+    solve = own.from_above if from_above else own.cameras
+    return plausible([solve(x, y) if row is None else own.cut_out(x, y)], field, size, from_above=from_above)
+
+
+def _pairs(count: int) -> IntArray:
+    """Pairs (N, 2) of different indices below a count, in ascending order."""
+    return np.column_stack(np.triu_indices(count, 1))
 
 
 def ways(field: Field) -> tuple[int, ...]:
@@ -305,19 +311,21 @@ class _Quads:
         places = np.stack([_places(start, along, ends[own]) for start, along, own in sides], axis=1)
         return cls(h1, h2, h3, np.sort(places, axis=2), c, size)
 
-    def take(self, index: BoolArray) -> _Quads:
-        """Select quadrilaterals by mask."""
+    def take(self, index: BoolArray | IntArray) -> _Quads:
+        """Select quadrilaterals by mask or by index."""
         return replace(self, h1=self.h1[index], h2=self.h2[index], h3=self.h3[index], ends=self.ends[index])
 
     def are_within(self, x: Array, y: Array, x_reach: Array, y_reach: Array) -> BoolArray:
-        """Whether the lines of each quadrilateral end within the markings of the rectangle between two x and two y.
+        """Whether the lines of N quadrilaterals end within the markings of M rectangles, (M, N).
 
-        The two x and the two y are both in ascending or both in descending order. `x_reach` (2, 2) has the least and
-        largest y of the markings at each x, `y_reach` the least and largest x of those at each y.
+        The two x (2,) and the two y (M, 2) of a rectangle are both in ascending or both in descending order.
+        `x_reach` (2, 2) has the least and largest y of the markings at each x, `y_reach` (M, 2, 2) the least and
+        largest x of those at each y.
         """
         ends = self.ends if x[1] > x[0] else self.ends[:, :, ::-1]
-        of_x, of_y = y[0] + ends[:, :2] * (y[1] - y[0]), x[0] + ends[:, 2:] * (x[1] - x[0])
-        return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach), axis=1))
+        first, step = y[:, 0, None, None, None], np.diff(y)[..., None, None]
+        of_x, of_y = first + ends[:, :2] * step, x[0] + ends[:, 2:] * (x[1] - x[0])
+        return np.asarray(np.all(are_within(of_x, x_reach) & are_within(of_y, y_reach[:, None]), axis=2))
 
     @property
     def are_rectangles(self) -> BoolArray:
@@ -328,7 +336,7 @@ class _Quads:
         return np.asarray((np.abs(dot) < SKEW * h1 * h2) & (perspective < PERSPECTIVE))
 
     def from_above(self, x: Array, y: Array) -> Cameras:
-        """Cameras with a usual focal length if the quadrilaterals are the rectangle between two x and two y."""
+        """Cameras with a usual focal length if each is the rectangle between two x (N, 2) and two y (N, 2)."""
         h1, h2, h3 = self.homographies(x, y)
         of_x, of_y = (h * (1.0 / FOCAL_LENGTH_ABOVE, 1.0 / FOCAL_LENGTH_ABOVE, 1.0) for h in (h1, h2))
         squares = np.sum(np.square(of_x), axis=1), np.sum(np.square(of_y), axis=1)
@@ -338,9 +346,9 @@ class _Quads:
         return self._with_focal_lengths(f, np.zeros_like(f), h1[good], h2[good], h3[good])
 
     def homographies(self, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Columns of the homographies from metres if the quadrilaterals are the rectangle between two x and two y."""
-        h1, h2 = self.h1 / (x[1] - x[0]), self.h2 / (y[1] - y[0])
-        return h1, h2, self.h3 - h1 * x[0] - h2 * y[0]
+        """Columns of the homographies from metres if each is the rectangle between two x (N, 2) and two y (N, 2)."""
+        h1, h2 = self.h1 / np.diff(x), self.h2 / np.diff(y)
+        return h1, h2, self.h3 - h1 * x[:, :1] - h2 * y[:, :1]
 
     def cut_out(self, x: Array, y: Array) -> Cameras:
         """Solve as `cameras` does, but also for the column of the principal point, anywhere near the picture."""
@@ -358,7 +366,7 @@ class _Quads:
         return self._with_focal_lengths(f, c, h1[good], h2[good], h3[good])
 
     def cameras(self, x: Array, y: Array) -> Cameras:
-        """Solve for the cameras if the quadrilaterals are the rectangle between two x and two y."""
+        """Solve for the cameras if each is the rectangle between two x (N, 2) and two y (N, 2)."""
         h1, h2, h3 = self.homographies(x, y)
         # Zhang's equations A + B f^2 = 0 and D + E f^2 = 0, in least squares; what remains of both must be small
         A, B = 2.0 * np.sum(h1[:, :2] * h2[:, :2], axis=1), 2.0 * h1[:, 2] * h2[:, 2]
