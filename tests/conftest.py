@@ -27,7 +27,7 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no property of the code
     print_blob=True,
 )
-settings.register_profile("same", parent=settings.get_profile("random"), derandomize=True, max_examples=8)
+settings.register_profile("same", parent=settings.get_profile("random"), derandomize=True, max_examples=5)
 
 # Hypothesis also draws numbers that it reads in the modules of the checkout imported so far: the cases of a test would
 # depend on the tests before it, and a seed would not repeat them. There is no setting for it; older versions read none.

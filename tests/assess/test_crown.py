@@ -138,7 +138,10 @@ def test_frames_of_a_tripod_estimate_the_crown_of_their_pitch(crown):
     assert back == found
 
 
-@pytest.mark.parametrize("field", [rugby_union(), american_football(), field_hockey()])
+@pytest.mark.parametrize(
+    "field",
+    [rugby_union(), *(pytest.param(one, marks=pytest.mark.slow) for one in (american_football(), field_hockey()))],
+)
 def test_fields_of_other_sports_are_crowned_like_a_pitch(field):
     found, path = clip(0.3, field)
     height, sigma = found.shared["crown"]
@@ -148,6 +151,7 @@ def test_fields_of_other_sports_are_crowned_like_a_pitch(field):
     assert max(largest_true_error(one.camera, true, one.field, field, crown=0.3) for one, true in pairs) < 0.5
 
 
+@pytest.mark.slow
 def test_frames_of_a_field_of_exact_size_tell_its_crown():
     field = american_football()
     frames = labelled_path(0.4, every=20, seed=5, field=field)[0]
@@ -191,6 +195,7 @@ def test_a_clip_of_a_level_pitch_comes_back_level():
     assert found.crown < 0.04
 
 
+@pytest.mark.slow
 def test_the_crown_of_a_pitch_of_known_size_is_estimated():
     found, path = clip(0.3, soccer(size_known=True))
     assert abs(found.field.ground.crown - 0.3) < 0.05
@@ -213,6 +218,7 @@ def test_a_known_crown_is_not_estimated():
     assert np.max(errors_of(found, path, 0.3)) < 0.6
 
 
+@pytest.mark.slow
 def test_stills_of_one_crowned_pitch_share_its_ground():
     found = estimate_field_size(FIELD, labelled_path(0.4, every=6, seed=5)[0], SIZE)
     assert found.crown is not None

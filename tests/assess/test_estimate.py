@@ -195,6 +195,7 @@ def one_end(count=12, dl=-5.0):
     return tripod, frames, matched(tripod, chain(count, 1, 3), rng)
 
 
+@pytest.mark.slow
 def test_frames_of_one_end_are_accepted():
     _, frames, matches = one_end()
     found = calibrate_sequence(FIELD, frames, SIZE, matches=matches)

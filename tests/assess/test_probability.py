@@ -160,6 +160,7 @@ def test_the_fit_finds_the_coefficients_that_made_the_errors():
     np.testing.assert_allclose(fitted_coefficients(features, np.exp(log_error), 1.0), truth, atol=0.1)
 
 
+@pytest.mark.slow
 def test_reliability_counts():
     found, errors = random_calibrations(60)
     known = [i for i, c in enumerate(found) if np.isfinite(c.probability()) and np.isfinite(errors[i])]

@@ -289,6 +289,7 @@ def test_a_squashed_picture():
     assert better >= 0.5 * asked
 
 
+@pytest.mark.slow
 @follows(findings.ONE_VIEW)
 def test_one_view_that_is_cut_out():
     views = [View(picture(camera, KNOWN_PITCH), camera, KNOWN_PITCH) for camera in (LEFT, BOTH)]
@@ -343,6 +344,7 @@ def test_markings_by_hand_where_a_field_has_one_size():
     assert is_better(with_paint(labels), before)
 
 
+@pytest.mark.slow
 @follows(findings.SMALLER)
 def test_a_smaller_field_by_its_name():
     small = scaled_pitch(0.5)

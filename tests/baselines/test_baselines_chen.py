@@ -204,9 +204,8 @@ def test_no_line_no_homography(database):
     assert homography(database, np.zeros((180, 320), np.uint8), IMAGE_SIZE) is None
 
 
-@pytest.mark.parametrize(
-    "extract", [pytest.param(None, marks=pytest.mark.slow), Siamese.shipped()], ids=["hog", "siamese"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("extract", [None, Siamese.shipped()], ids=["hog", "siamese"])
 def test_a_database_is_read_back(extract, tmp_path):
     made = Database.made(FIELD, "uniform", DRAWS["uniform"], extract, count=700, seed=2)
     made.write(tmp_path / "some.npz")
@@ -320,6 +319,7 @@ def test_a_database_is_made_by_a_command(tmp_path, capsys):
     assert database.features.shape == (600, 64)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not HAS_TORCH, reason="training needs torch: pip install 'fieldcalib[train]'")
 def test_a_trained_network_gives_features(tmp_path):
     model = tmp_path / "siamese.onnx"

@@ -109,6 +109,7 @@ def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, t
         np.testing.assert_allclose(found.C, camera.C, atol=1e-2)
 
 
+@pytest.mark.slow
 def test_homographies_are_decomposed_by_other_processes(truth, folder, tmp_path):
     assert run(dlt_lines.main, folder, *SIZED, "--out", tmp_path) == 0
     cameras, options = tmp_path / "cameras", ("--homographies", *SIZED, "--jobs", "2")
@@ -209,6 +210,7 @@ def test_tau_rejects(folder, tmp_path):
     assert statuses == {"rejected by tau"}
 
 
+@pytest.mark.slow
 @one_quickly
 def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(work_units, "SMALLEST_UNIT", 1)

@@ -241,6 +241,7 @@ def main_frames(count, seed, noise=0.0):
     return random_frames(count, seed, noise, stands=("main center",))
 
 
+@pytest.mark.slow
 def test_it_finds_cameras():
     """Weight decay and the samples' spacing leave the loss a little above zero; some starts end elsewhere."""
     frames, cameras = main_frames(20, 0)

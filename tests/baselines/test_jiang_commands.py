@@ -106,6 +106,7 @@ def test_a_run_writes_homographies_that_others_read(cost, frames, weights, tmp_p
     np.testing.assert_allclose(found / found[2, 2], expected / expected[2, 2], rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_score_and_figure(frames, weights, tmp_path, capsys):
     trace = tmp_path / "trace.json"
     more = ("--weights", weights, "--steps", 10, "--trace", trace)

@@ -73,7 +73,8 @@ def test_real_frames(shared_data, tmp_path):
     np.testing.assert_allclose(rms[1], rms[0], rtol=1e-6)
 
 
-@pytest.mark.parametrize("tool", ["labelme", pytest.param("coco", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tool", ["labelme", "coco"])
 def test_jobs_shards_and_resuming_give_the_same(tool, annotations, tmp_path, monkeypatch):
     monkeypatch.setattr(work_units, "SMALLEST_UNIT", 2)
     monkeypatch.setattr(work_units, "LARGEST_UNIT", 2)

@@ -259,7 +259,7 @@ atexit.register(lambda: os.kill(os.getpid(), signal.{signal}))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("number", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow)])
 def test_an_interrupt_after_the_work_changes_nothing(annotated_folder, tmp_path, number):
     code, out = LATE.format(signal=number), tmp_path / "out"
     done = in_a_process(code, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", out)

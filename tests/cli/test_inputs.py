@@ -93,6 +93,7 @@ def test_lists_that_are_none(tmp_path, capsys):
 # --- several ---
 
 
+@pytest.mark.slow
 def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capfd):
     know([None] * 20)
     write_video(tmp_path / "a.mp4", [SMALL] * 2)

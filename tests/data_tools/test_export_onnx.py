@@ -108,6 +108,7 @@ def test_other_networks_are_refused(shallow):
         network_from_checkpoint({"model": 3})
 
 
+@pytest.mark.slow
 def test_networks_of_other_fields_have_their_classes(shallow, tmp_path):
     classes = game_named("padel").classes
     state = deeplab.DeepLabV3(1 + len(classes)).state_dict()

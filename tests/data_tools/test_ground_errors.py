@@ -17,6 +17,7 @@ def frames(count, noise, seed=0):
     return random_frames(count, seed=seed, noise=noise, least_segments=7, stands=("main center",))[0]
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_expected():
     found = list(left_out_on_ground(soccer(), frames(8, noise=1.0), SIZE))
     assert len(found) > 30

@@ -30,7 +30,7 @@ def hard_frames():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("data_tools.synthetic.frames.HARD_SHARE", 1.0)
         patch.setattr("data_tools.synthetic.frames.EMPTY_SHARE", 0.0)
-        return [frame(seed) for seed in range(100, 140)]
+        return [frame(seed) for seed in range(100, 120)]
 
 
 @pytest.fixture(scope="module")

@@ -47,7 +47,7 @@ def frames():
     return {name: [frame(seed, SMALL, name) for seed in (1, 2)] for name in OTHERS}
 
 
-def views(name, count=3):
+def views(name, count=2):
     """Cameras of a field, and the ground that they see."""
     game, rng = game_named(name), np.random.default_rng(5)
     for _ in range(count):

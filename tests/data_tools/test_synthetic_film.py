@@ -146,6 +146,7 @@ def test_a_clip_is_written_with_its_cameras(tmp_path):
         np.testing.assert_allclose(frame.camera.project(X), truth.camera.project(X), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_samples_are_what_is_rendered(tmp_path, monkeypatch):
     monkeypatch.setattr("data_tools.synthetic.samples.STRETCHES", ((0, 1), (60, 61)))
     assert main(["--samples", str(tmp_path)]) == 0

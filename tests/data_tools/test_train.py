@@ -62,6 +62,7 @@ def test_steps_lower_the_loss():
     assert losses[-1] < losses[0]
 
 
+@pytest.mark.slow
 def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path):
     batches = [Batches(3, 2, SMALL)[step] for step in range(STEPS)]
     straight = Training.begin(0, CPU)
@@ -78,6 +79,7 @@ def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path):
         assert all(torch.equal(expected[key], found[key]) for key in expected)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_in_half_precision_is_small_and_nearly_the_same(tmp_path):
     first = Training.begin(0, CPU)
     first.rate = 0.5 * LEARNING_RATE
@@ -146,6 +148,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert np.abs(logits - expected).max() < 1e-4 * max(1.0, np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
     """From synthetic frames to annotations by the command line."""
     monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", range(1_000_000_000, 1_000_000_002))

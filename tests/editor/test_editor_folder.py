@@ -551,6 +551,7 @@ def test_a_mark_is_added_to_the_labels_of_a_good_camera(tmp_path):
     assert np.linalg.norm(found.camera.C - before.camera.C) < 1.0
 
 
+@pytest.mark.slow
 def test_a_court_that_was_searched_for_has_marks_to_add_to():
     field = tennis()
     camera = Camera.from_angles(0.0, 1.2, 0.0, 1150.0, (0.0, 24.0, -8.0), SIZE)

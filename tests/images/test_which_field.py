@@ -50,6 +50,7 @@ def test_no_field_is_found_where_there_is_none():
     assert which_field([nonsense(0)], FEW).alternatives == ()
 
 
+@pytest.mark.slow
 def test_a_field_of_pictures_is_found(few, tmp_path, capsys):
     picture = render_field(BEHIND, tennis())
     found = fieldcalib.calibrate(picture, field="auto", progress=False)

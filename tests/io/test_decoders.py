@@ -189,6 +189,7 @@ def test_colours_are_those_of_the_standard_that_the_file_names(tmp_path, space):
     assert np.abs(found.astype(int) - image).max() <= 3  # the other standard is off by 15
 
 
+@pytest.mark.slow
 def test_interlaced_videos_are_left_as_they_are_and_that_is_said_once(tmp_path, know, capfd):
     fields = np.where(np.arange(96)[:, None, None] % 2, picture(1), picture(0)).astype(np.uint8)
     path = write(tmp_path / "a.mp4", [fields] * 8, options={"x264-params": "interlaced=1", "crf": "1"})

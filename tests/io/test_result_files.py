@@ -121,6 +121,7 @@ def test_lines_of_a_field_of_ones_own_are_short(tmp_path):
     assert read(tmp_path / "out")["000000"].field == own
 
 
+@pytest.mark.slow
 def test_lines_of_real_frames_are_short(shared_data, tmp_path):
     """Annotated frames, among them some that are doubted for several reasons."""
     (tmp_path / "in").mkdir()

@@ -267,7 +267,8 @@ def test_planar_equals_soccernets_evaluation_without_goals_on_real_frames(real):
     assert_equals_referee(records, annotations, planar=True)
 
 
-@pytest.mark.parametrize(("t", "threshold"), [pytest.param(0, 5.0, marks=pytest.mark.slow), (2, 20.0)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("t", "threshold"), [(0, 5.0), (2, 20.0)])
 def test_equals_what_soccernets_evaluation_reports(synthetic, tmp_path, t, threshold):
     """Means over the frames and the table of classes, of its own program on zips."""
     from SoccerNet.Evaluation import CameraCalibration as program

@@ -290,6 +290,7 @@ def test_numba_is_loaded_when_a_frame_is_solved_and_not_before():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_the_command_line_says_that_it_compiles(tmp_path):
     """Once, where something is not in the cache. A small function stands in."""
     code = (

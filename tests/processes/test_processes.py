@@ -229,11 +229,8 @@ def localized_here(images):
     return localize(FIELD, images, Seeing())
 
 
-@pytest.mark.parametrize(
-    "make",
-    [pytest.param(partial(ThreadPoolExecutor, 2), marks=pytest.mark.slow), partial(Processes, 2)],
-    ids=["threads", "processes"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [partial(ThreadPoolExecutor, 2), partial(Processes, 2)], ids=["threads", "processes"])
 def test_images_are_calibrated_the_same_by_any_executor(images, calibrated_here, localized_here, make):
     assert calibrated_here[0].accepted
     with make() as executor:

@@ -37,6 +37,7 @@ def _in_an_empty_folder(tmp_path_factory, monkeypatch):
     monkeypatch.chdir(tmp_path_factory.mktemp("empty"))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # names that are private now are called too
 def test_right_calls_work():
     """Otherwise odd ones would be refused for another reason."""

@@ -171,6 +171,7 @@ def test_a_video_frame_by_frame(rendered, knows, tmp_path):
     assert (tmp_path / "out" / "overlay.mp4").exists()
 
 
+@pytest.mark.slow
 def test_arrays(rendered, knows, tmp_path):
     for source, ids in (
         (rendered[0], ["000000"]),
@@ -200,9 +201,8 @@ def test_arrays_in_red_green_blue(rendered, given):
             seen.extend(map(np.array, images))
             return super().__call__(images)
 
-    coloured = [image.copy() for image in rendered[:2]]
-    for image in coloured:
-        image[..., 0] //= 2
+    coloured = [rendered[0].copy()]
+    coloured[0][..., 0] //= 2
     calibrate(given([image[..., ::-1] for image in coloured]), rgb=True, network=Seeing(), progress=False)
     np.testing.assert_array_equal(seen[0], coloured[0])
 
@@ -310,6 +310,7 @@ def test_several_videos_are_calibrated_one_by_one(rendered, tmp_path):
         calibrate(tmp_path, progress=False)
 
 
+@pytest.mark.slow
 def test_progress_is_told_to_a_function_of_the_caller(rendered, knows, tmp_path):
     seen = []
     knows(TRUTHS)

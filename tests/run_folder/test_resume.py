@@ -363,6 +363,7 @@ def worked(tmp_path, function):
     return results, [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_only_the_frame_that_ends_its_process_is_lost(tmp_path, capsys):
     results, lines = worked(tmp_path, ends_on_seven)
     assert [line["id"] for line in lines] == [str(number) for number in range(12)]

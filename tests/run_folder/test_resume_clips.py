@@ -114,16 +114,9 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
-@pytest.mark.parametrize(
-    ("clip", "lines"),
-    [
-        ("--clip", 0),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("--clip", 3), ("--independent", 0), ("--independent", 3))
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", [0, 3])
+@pytest.mark.parametrize("clip", ["--clip", "--independent"])
 def test_a_finished_video_whose_lines_are_gone_is_calibrated_again(short, know, tmp_path, clip, lines):
     def calibrated(*options):
         know(TRUTHS[:12] if clip == "--independent" else [TRUTHS[0]] * 12)
@@ -220,6 +213,7 @@ def test_a_run_by_processes_that_is_killed_goes_on(video, tmp_path):
     assert content_of(out) == content_of(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_shards_of_a_clip_are_joined(video, whole, network, tmp_path, monkeypatch):
     shards = [tmp_path / "1", tmp_path / "2"]
     for number, out in enumerate(shards, 1):

@@ -65,7 +65,7 @@ def test_opencv_shapes_are_one_view():
         assert calibrate_from_points(given_as, images, SIZE).camera == expected.camera
 
 
-@pytest.mark.parametrize("prior", ["all", None])
+@pytest.mark.parametrize("prior", ["all", pytest.param(None, marks=pytest.mark.slow)])
 def test_gross_errors_are_named_and_do_no_harm(prior):
     rng = np.random.default_rng(4)
     X, xy = seen(CAMERA)
@@ -120,7 +120,7 @@ def test_points_alone_do_not_say_where_the_touch_line_is():
     assert calibrate_from_points(X, truth.project(X), SIZE).accepted
 
 
-@pytest.mark.parametrize("size", [(640, 640), (480, 270)])
+@pytest.mark.parametrize("size", [(640, 640), pytest.param((480, 270), marks=pytest.mark.slow)])
 def test_points_of_a_resized_image_are_spoken_of(size):
     X, xy = seen(CAMERA)
     shrunk = xy * np.divide(size, SIZE)
@@ -130,6 +130,7 @@ def test_points_of_a_resized_image_are_spoken_of(size):
     assert "another size" not in calibrate_from_points(X, 2.0 * xy, given).reason
 
 
+@pytest.mark.slow
 def test_points_past_the_image_are_spoken_of():
     """Of a frame of 16:9 that was squashed to a square, given with the height of the frame."""
     X, xy = seen(CAMERA)
@@ -332,6 +333,7 @@ def test_points_of_another_court_need_no_prior(origin):
     np.testing.assert_allclose(found.camera.C, camera.C, atol=0.01)
 
 
+@pytest.mark.slow
 def test_points_of_another_camera_everywhere_are_implausible():
     rng = np.random.default_rng(0)
     X, _ = seen(CAMERA)
@@ -424,6 +426,7 @@ def test_without_a_prior_only_the_ratio_of_the_weights_matters(scale):
     assert one.camera == none.camera
 
 
+@pytest.mark.slow
 def test_doubted_points_do_little_harm():
     """Four gross errors of eleven: more than a robust loss takes among equals."""
     X, xy = seen(CAMERA)

@@ -77,6 +77,7 @@ def test_dlt_needs_four_lines_on_the_ground():
     assert found.tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_square_of_the_number_of_lines(monkeypatch):
     rng = np.random.default_rng(0)
     lines = {f"{k}": Line((*rng.uniform(-40, 40, 2), 0.0), (*rng.uniform(-40, 40, 2), 0.0)) for k in range(1000)}

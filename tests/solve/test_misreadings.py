@@ -97,7 +97,7 @@ def test_volleyball_is_good_at_its_shape_and_squashed_at_another(reported):
     assert (squashed.verdict, causes(squashed), blamed(squashed)) == (Verdict.CHECK, [What.NOT_SQUARE], set())
 
 
-@pytest.mark.parametrize("signs", [Z_OVER, Y_OVER, X_OVER])
+@pytest.mark.parametrize("signs", [Z_OVER, *(pytest.param(one, marks=pytest.mark.slow) for one in (Y_OVER, X_OVER))])
 def test_axes_of_reported_points_that_are_turned_over(reported, signs):
     goal = reported["goal seen from the side"]
     for X, xy, size in (
@@ -124,7 +124,7 @@ def test_four_measured_cameras_with_a_known_lens(reported):
         np.testing.assert_allclose(one, other * (1, -1, 1), atol=0.25)  # the hall is symmetric
 
 
-@pytest.mark.parametrize("prior", [None, "all"])
+@pytest.mark.parametrize("prior", [None, pytest.param("all", marks=pytest.mark.slow)])
 def test_of_six_points_none_is_blamed_and_of_twelve_the_two_that_are_off(reported, prior):
     X, xy, size = of_penalty_area(reported["penalty area of a screenshot that was resized to another shape"])
     six = calibrate_from_points(X[:6], xy[:6], size, prior=prior)
@@ -181,7 +181,7 @@ def test_distances_of_a_guessed_rectangle_are_checked_by_nothing(reported):
     "name", ["left", *(pytest.param(name, marks=pytest.mark.slow) for name in CAMERAS if name != "left")]
 )
 @pytest.mark.parametrize("signs", [Z_OVER, *(pytest.param(one, marks=pytest.mark.slow) for one in (Y_OVER, X_OVER))])
-@pytest.mark.parametrize("prior", [None, "all"])
+@pytest.mark.parametrize("prior", [None, pytest.param("all", marks=pytest.mark.slow)])
 def test_points_of_a_field_with_an_axis_turned_over(name, signs, prior):
     X, xy = seen(CAMERAS[name])
     assert calibrate_from_points(X, xy, SIZE, prior=prior).verdict == Verdict.GOOD
@@ -191,7 +191,7 @@ def test_points_of_a_field_with_an_axis_turned_over(name, signs, prior):
     assert "xyz".index(axes.about) == (2 if prior is None else np.argmin(signs))  # without a field any axis does
 
 
-@pytest.mark.parametrize(("signs", "axis"), [(Y_OVER, "y"), (X_OVER, "x")])
+@pytest.mark.parametrize(("signs", "axis"), [(Y_OVER, "y"), pytest.param(X_OVER, "x", marks=pytest.mark.slow)])
 def test_points_of_the_ground_tell_handedness_on_a_field(signs, axis):
     X, xy = seen(CAMERAS["left"], POINTS[POINTS[:, 2] == 0.0])
     found = calibrate_from_points(X * signs, xy, SIZE)
@@ -199,6 +199,7 @@ def test_points_of_the_ground_tell_handedness_on_a_field(signs, axis):
     assert found.findings[0].about == axis
 
 
+@pytest.mark.slow
 def test_axes_of_another_system_of_the_same_hand():
     X, xy = seen(CAMERAS["left"])
     found = calibrate_from_points(X * (1, -1, -1), xy, SIZE)

@@ -401,6 +401,7 @@ def test_a_label_is_never_markup(client):
     assert "unknown label" in answer.json()["error"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
 def test_names_that_are_not_utf8(picture, tmp_path):
     """Two of them that differ in such a byte alone: they are shown, edited and saved, and stay two."""

@@ -200,6 +200,7 @@ def test_labels_without_sense_are_no_witnesses_where_others_tell_the_camera():
     assert is_contradicted(together(few, clip.accepted).frames.misfit, SIZE)[5:8].any()
 
 
+@pytest.mark.slow
 def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
     clip = clip_of(panned(12, -0.4, 0.4))
     (tripod,) = solved(clip).tripods

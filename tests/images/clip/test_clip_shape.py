@@ -223,6 +223,7 @@ def test_a_live_video_begins_anew_where_borders_are_none(clip):
     assert not any("without borders" in one.message for one in found[12:])
 
 
+@pytest.mark.slow
 def test_live_pictures_of_another_shape_are_to_be_checked_until_it_is_told(clip, often, monkeypatch):
     cameras, pictures = clip
     monkeypatch.setattr(ShapeEstimator, "log_odds", lambda asked, images: 1.0 if len(images) < 8 else 9.0)

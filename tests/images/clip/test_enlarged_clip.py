@@ -88,6 +88,7 @@ def test_a_shot_that_does_not_show_its_middle_is_not_trusted_if_it_looks_enlarge
     assert len(VideoCalibration.from_dict(found.to_dict())[0].reason) == len(found[0].reason)
 
 
+@pytest.mark.slow
 def test_an_enlarged_shot_is_right_with_a_free_principal_point_if_it_is_sure():
     (cameras, trusted), (_, found) = (short_shot(-0.5, 1350.0, (0, 135), is_soft=one) for one in (False, True))
     assert not trusted.notes

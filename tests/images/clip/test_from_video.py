@@ -174,6 +174,7 @@ def test_a_long_close_up_is_glanced_at(one_tripod):
     assert network.seen < 20  # every keyframe, and six frames more, would be 18 of the close-up alone
 
 
+@pytest.mark.slow
 def test_a_keyframe_that_the_network_mistakes_is_voted_out(one_tripod):
     """It is told the other penalty area, in the middle of three shots' keyframes."""
     pictures = one_tripod[:SHOT]
@@ -184,6 +185,7 @@ def test_a_keyframe_that_the_network_mistakes_is_voted_out(one_tripod):
     assert max(off(found, cameras)) < 1.0
 
 
+@pytest.mark.slow
 def test_more_frames_are_looked_at_where_a_keyframe_tells_nothing(one_tripod):
     cameras = cameras_of(LEFT)
     network = KnownCameras([None, cameras[EXTRA_OFFSETS[0]]])

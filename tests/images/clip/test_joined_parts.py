@@ -22,6 +22,8 @@ from fieldcalib.io.samples import TrueFrame
 from fieldcalib.problem.layout import LOG_F, Layout, ZoomLaw
 from fieldcalib.solve.request import Task
 
+pytestmark = pytest.mark.slow  # its video of three parts takes ten seconds
+
 SIZE, CENTRE = (480, 270), (1.0, 64.0, -16.0)
 PITCH = {"length": 103.0, "width": 66.0}
 SHOT = 9  # frames

@@ -148,6 +148,7 @@ def test_what_else_is_shared_is_no_matter():
     assert grouped_by_tripod({0: one, 1: two}) == [[0, 1]]
 
 
+@pytest.mark.slow
 def test_shots_that_do_not_tell_the_size_of_the_pitch_take_it_from_others():
     """One of two cameras sees a penalty area and the middle of a pitch of 98 m, the other one only a penalty area."""
     views = [(0.2 + 0.04 * k, (0.0, 60.0, -14.0)) for k in range(5)]

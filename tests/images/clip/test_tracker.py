@@ -152,6 +152,7 @@ def test_what_is_never_calibrated_has_no_camera(clip):
     assert [one.status for one, _ in found] == [Status.TOO_FEW_SEGMENTS] * 3
 
 
+@pytest.mark.slow
 def test_another_process_calibrates_keyframes(clip):
     """The frames do not wait; the camera comes when it comes."""
     cameras, pictures = clip
@@ -220,6 +221,7 @@ def test_frames_that_contradict_their_keyframes_are_found_again(clip, monkeypatc
     assert off(found[-1], cameras[-1]) < 2.0
 
 
+@pytest.mark.slow
 def test_a_shot_from_a_known_tripod_is_recognised(clip):
     """One of its keyframes, with few lines, is enough: place, lens and field are those of the shot before."""
     cameras, pictures = clip
@@ -237,6 +239,7 @@ def test_a_shot_from_a_known_tripod_is_recognised(clip):
     assert tracker._shot.solved.shared.object_segments == before.solved.shared.object_segments
 
 
+@pytest.mark.slow
 def test_cameras_that_the_paint_contradicts_are_found_again(clip, monkeypatch):
     cameras, pictures = clip
     beside = PaintEvidence((MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4),), NO_PIXELS)

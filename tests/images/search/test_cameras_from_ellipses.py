@@ -135,6 +135,7 @@ def test_without_ellipses_circles_or_lines_there_are_no_cameras():
     assert len(circle_hypotheses([ellipse], long_lines(find_stripes(shown()), 1), RINK, SIZE)) == 0
 
 
+@pytest.mark.slow
 def test_a_rink_is_found_of_which_no_two_lines_across_show():
     """One end: the goal line and two face-off circles."""
     found = find_courts(render_field(END, RINK), RINK)

@@ -81,6 +81,7 @@ def test_there_is_no_place_without_a_court():
     assert place_of([]) is None
 
 
+@pytest.mark.slow
 def test_keyframes_that_were_refused_are_searched_again(monkeypatch):
     close, whole = on_court(94.0, 1900.0), on_court(90.0, 1300.0)
     nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing was found")
@@ -106,6 +107,7 @@ def test_names_of_points_of_rinks():
     assert point_named(RINK, "left_goal_D_near") is None
 
 
+@pytest.mark.slow
 def test_the_camera_on_the_other_side_of_a_court_is_an_alternative():
     """Nothing tells the ends of a court apart: the camera behind the left one is given, and as good as it was."""
     (found,) = calibrate_from_images(COURT, [render_field(on_court(90.0, 1400.0), COURT)])

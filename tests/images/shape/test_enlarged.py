@@ -38,6 +38,7 @@ def test_an_enlarged_part_is_not_good_with_a_wrong_camera():
     assert not (found.verdict is Verdict.GOOD and is_wrong(found.camera, PART))
 
 
+@pytest.mark.slow
 def test_a_part_that_was_cut_out_undeclared_is_found_with_its_principal_point():
     whole = Camera.from_angles(np.radians(-20), np.radians(78), 0.0, 1400.0, (0.0, 68.0, -17.0), (1280, 720))
     truth, part = whole.cropped((0, 180), (960, 540)), np.ascontiguousarray(picture(whole)[180:, :960])

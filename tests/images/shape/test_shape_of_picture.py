@@ -12,7 +12,9 @@ from fieldcalib.images.from_images import calibrate_from_images
 COURT = tennis()
 
 
-@pytest.mark.parametrize(("size", "y"), [((960, 640), 14.0), ((960, 720), 16.0)], ids=["3:2", "4:3"])
+@pytest.mark.parametrize(
+    ("size", "y"), [((960, 640), 14.0), pytest.param((960, 720), 16.0, marks=pytest.mark.slow)], ids=["3:2", "4:3"]
+)
 def test_a_court_is_good_if_its_shape_moves_no_place(size, y):
     truth = Camera.from_angles(0.2, 1.25, 0.0, 1100.0, (0.0, y, -4.2), size)
     shown = picture(truth, COURT)

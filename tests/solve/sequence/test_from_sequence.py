@@ -112,6 +112,7 @@ def test_more_frames_tell_more_until_paint_is_left():
     assert np.linalg.norm(centre(many) - cameras[0].C) < 3.0 * sigma[1]
 
 
+@pytest.mark.slow
 def test_wrong_labels_and_empty_frames_do_not_move_the_tripod():
     _, right = clip(6, count=20)
     cameras, frames = clip(6, count=20, wrong_share=0.3, empty_share=0.2)

@@ -133,6 +133,7 @@ def test_a_path_goes_on_between_frames_with_cameras(cameras, frames, matches):
         assert np.all(sigma > before)
 
 
+@pytest.mark.slow
 def test_frames_between_share_the_misfit_of_those_around_them(cameras, frames, matches):
     """Interpolated cameras were good between frames that what is shared does not explain."""
     known = calibrate_sequence(FIELD, frames, SIZE, shared=SHARED_IN_MOTION, matches=matches)
