@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, truth
-from fieldcalib.assess.findings import Finding, Status, What, in_words
+from fieldcalib.assess.findings import SHAPE, Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.fields.sports.soccer import with_painted_lines
@@ -50,7 +50,7 @@ from fieldcalib.images.shape.shape_of_picture import (
 )
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
 from fieldcalib.localize import Localization, Network, localize
-from fieldcalib.localize.network import SegmentationNetwork, check_network
+from fieldcalib.localize.network import Padded, SegmentationNetwork, check_network
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.labelled_pixels import PixelTable
 from fieldcalib.problem.picture_shape import Declared
@@ -305,7 +305,8 @@ def calibrate_from_images(
     list of Calibration
         One per image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
         wrong" if the image has no lines at its projected markings. Before an image is rejected, cameras from subsets of
-        its segments are tried (`calibrate_from_consensus`).
+        its segments are tried (`calibrate_from_consensus`), and what the network finds in it padded to 4:3, if it is
+        narrower and its shape is not known: such a camera is "check".
 
     Raises
     ------
@@ -355,6 +356,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
         (how.take_off_borders and without_matrix, without_borders),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
+        (how.estimate_aspect and is_open and without_matrix, partial(with_narrow_padded, how=how)),
         (how.estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
         (how.estimate_aspect and not by_network and task.prior is not None, partial(with_shape_compared, task=task)),
     )
@@ -536,6 +538,22 @@ def with_second_opinion(calibrate: Method, images: Sequence[Image], *, how: How)
     for index, one in zip(refused, searched, strict=True):
         if one.accepted:
             found[index] = replace(one, message=f"{NOTE}; {one.message}")
+    return found
+
+
+def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) -> list[Calibration]:
+    """Calibrate pictures; narrow ones whose camera is rejected once more, as the network sees them padded.
+
+    Cameras found so are "check": of 16 in upright parts of frames 3 are wrong, one of which would be good.
+    """
+    found = calibrate(images)
+    assert how.network is not None
+    how = replace(how, network=Padded(how.network))
+    for index, image in enumerate(images):
+        if not found[index].accepted and Padded.missing(size_of(image)):
+            (again,) = calibrate_alone(how, [image])
+            if again.accepted:
+                found[index] = with_findings(again, SHAPE)
     return found
 
 

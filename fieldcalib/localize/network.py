@@ -371,10 +371,15 @@ class Padded:
         """Class of each probability map."""
         return self.network.classes
 
+    @staticmethod
+    def missing(size: tuple[int, int]) -> int:
+        """Columns that are added to a picture of a width and height; 0 unless it is narrow."""
+        return max(round(SHAPE * size[1]) - size[0], 0)
+
     def __call__(self, images: Sequence[Image]) -> Float32:
         """Class probabilities of images of one size, on a grid that covers each of them."""
-        height, width = images[0].shape[:2]
-        missing = max(round(SHAPE * height) - width, 0)
+        width = images[0].shape[1]
+        missing = self.missing(size_of(images[0]))
         if not missing:
             return self.network(images)
         left, whole = missing // 2, width + missing
