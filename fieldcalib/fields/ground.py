@@ -113,8 +113,8 @@ class Terrain(NamedTuple):
         hx, hy = self.slopes(x, y)
         return np.asarray(-hx * x / self.length), np.asarray(-hy * y / self.width)
 
-    def lift(self, X: tuple[Any, Any], dX: tuple[Any, Any], ddX: tuple[Any, Any]) -> Lift:
-        """The lift along a curve, from x and y of its point and of its first two derivatives."""
+    def lift(self, X: Array, dX: Array, ddX: Array) -> Lift:
+        """The lift along a curve, from x and y of its point and of its first two derivatives, (2, ...) each."""
         z, dz, ddz = (np.asarray(0.0) for _ in range(3))
         sections = (self.fall, 2.0 / self.length), (self.crown, 2.0 / self.width)
         for (height, scale), p, dp, ddp in zip(sections, X, dX, ddX, strict=True):

@@ -56,9 +56,10 @@ class CostTerm(Protocol):
 
 def prior_costs(squared: Array, layout: Layout) -> tuple[Array, Array]:
     """Twice the cost of squared z-scores (..., P) of the free parameters, and its derivative by them."""
-    cost, slope = squared.copy(), np.ones_like(squared)
+    cost, slope = squared.copy(), np.ones(squared.shape)
     is_lens = layout.is_lens[layout.free]
-    cost[..., is_lens], slope[..., is_lens] = LENS_TAILS.evaluate(squared[..., is_lens])
+    if is_lens.any():
+        cost[..., is_lens], slope[..., is_lens] = LENS_TAILS.evaluate(squared[..., is_lens])
     return cost, slope
 
 

@@ -168,7 +168,7 @@ class Evaluation:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
         is_size = np.arange(len(free)) >= self.problem.layout.field_size_block.start  # length, width and crown
         by_camera = self._by_camera(free & ~is_size)
-        if not np.any(free & is_size):
+        if not (free & is_size).any():
             return by_camera
         # moving a segment is equivalent to moving the camera the other way
         moving = self.motion_of_points[..., free[is_size]]

@@ -414,7 +414,7 @@ class Layout:
         has_crown = self.crown_block.start < self.size
         crown = theta[:, self.crown_block] if has_crown else 0.0 if given is None else given.crown
         fall = 0.0 if given is None else given.fall
-        if not (np.any(crown) or fall):
+        if not (np.count_nonzero(crown) or fall):  # `any` of a number is slow
             return None
         return given if self.field_size is None else self.level(theta)._replace(crown=crown, fall=fall)
 
@@ -489,8 +489,8 @@ class GaussianPrior:
     def z_scores(self, theta: Array) -> Array:
         """``(theta - mean) / sigma``; pan and roll differ by less than half a turn."""
         difference = theta - self.mean
-        turns = difference[..., [PAN, ROLL]]
-        difference[..., [PAN, ROLL]] = turns - 2.0 * np.pi * np.round(turns / (2.0 * np.pi))
+        turns = difference[..., ANGLES][..., :: ROLL - PAN]
+        turns -= 2.0 * np.pi * np.round(turns / (2.0 * np.pi))
         return np.asarray(difference / self.sigma)
 
     def take(self, index: IntArray | slice) -> GaussianPrior:

@@ -145,7 +145,7 @@ def levenberg_marquardt(
         settled = batch.running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * batch.cost)
         converged[batch.frames(settled)] = True
         batch = batch.without(settled)
-        if not np.any(batch.running):
+        if not batch.running.any():
             break
         batch, step, predicted = batch.compacted(step, predicted)
         moved = batch.theta.copy()
@@ -156,13 +156,13 @@ def levenberg_marquardt(
         small = np.maximum(batch.cost - np.where(better, trial_cost, batch.cost), np.abs(predicted))
         done = batch.running & ((small <= tolerance * batch.cost) | ~better & (batch.damping > LARGEST_DAMPING))
         taken = batch.groups.spread(better)
-        if np.all(taken) and len(taken) == len(best.theta):
+        if taken.all() and len(taken) == len(best.theta):
             best = trial
-        elif np.any(taken):
+        elif taken.any():
             best = best.replaced(batch.index[taken], trial.theta[taken], trial.points.take(taken))
         iterations[batch.frames(batch.running)] += 1
         converged[batch.frames(done)] = True
-        if not (left and np.any(batch.running & ~done)):
+        if not (left and (batch.running & ~done).any()):
             break
         batch = batch.after(trial, better, predicted).without(done)
     return Solution(best, converged, iterations)
@@ -260,7 +260,7 @@ class _Batch:
             gradient=np.where(taken[:, None], trial.gradient, self.gradient),
             hessian=np.where(taken[:, None, None], trial.hessian, self.hessian),
             # coupled frames are one group
-            coupling=trial.coupling if np.any(taken) else self.coupling,
+            coupling=trial.coupling if taken.any() else self.coupling,
             cost=np.where(better, trial_cost, self.cost),
             damping=np.where(better, less, np.where(failed, more, self.damping)),
             growth=np.where(better, 2.0, np.where(failed, 2.0 * self.growth, self.growth)),
@@ -335,14 +335,14 @@ def block_arrow_steps(
     damped = hessian.copy()
     damped[:, diagonal, diagonal] += damping[:, None] * (hessian[:, diagonal, diagonal] + LEAST_DIAGONAL)
     downhill = np.where(held, 0.0, -gradient)
-    if np.any(held):
+    if held.any():
         damped = np.where(held[:, :, None] | held[:, None, :], 0.0, damped)
         damped[:, diagonal, diagonal] += held
     if coupling is not None:
         moves = ~held[:, ~shared]
         blocks = coupling.blocks * moves[coupling.first][:, :, None] * moves[coupling.second][:, None]
         coupling = coupling._replace(blocks=blocks)
-    elif not np.any(shared):
+    elif not shared.any():
         return np.asarray(np.linalg.solve(damped, downhill[..., None])[..., 0])
     own = ~shared
     H_st = damped[:, shared][:, :, own]

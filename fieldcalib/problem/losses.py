@@ -42,7 +42,7 @@ class RobustLoss:
         """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2, the weight of a residual."""
         C2 = self.scale**2
         squared = real_array(squared)
-        if np.any(squared < 0.0):
+        if (squared < 0.0).any():
             raise ValueError(f"squared residuals must not be negative, got {np.min(squared)}")
         z = squared / C2
         match self.name:

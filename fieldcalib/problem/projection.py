@@ -37,7 +37,8 @@ class Projection:
         self.aspect = exp_of(theta, LOG_ASPECT)[:, None]
         self.lens = layout.lens.at_focal_length(np.ascontiguousarray(theta[:, layout.lens_block].T)[..., None], self.f)
         # without lens and aspect real offsets are ideal ones, which halves the work
-        self.is_pinhole = layout.lens.is_identity(self.lens) and not np.any(theta[:, LOG_ASPECT])
+        self._is_square = not theta[:, LOG_ASPECT].any()
+        self.is_pinhole = self._is_square and layout.lens.is_identity(self.lens)
         self._scaled_R = self.R.copy()
         self._scaled_R[:, :2] *= self.f[:, :, None]
 
@@ -61,7 +62,7 @@ class Projection:
 
     def directions(self, d: Array) -> Array:
         """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
-        return np.ascontiguousarray(np.swapaxes(self._scaled_R @ np.swapaxes(d, 1, 2), 0, 1))
+        return np.ascontiguousarray((self._scaled_R @ d.swapaxes(1, 2)).swapaxes(0, 1))
 
     def points(self, X: Array) -> Array:
         """World points (B, N, 3) in scaled camera coordinates, (3, B, N)."""
@@ -78,11 +79,19 @@ class Projection:
         cx, cy = self.theta[:, PRINCIPAL_POINT].T
         return np.array([xy[..., 0] - cx[:, None], xy[..., 1] - cy[:, None]])
 
+    def _stretched(self, v: Array) -> Array:
+        """Vectors (2, B, N) with their second components times the aspect."""
+        return v if self._is_square else np.array([v[0], self.aspect * v[1]])
+
+    def _isotropic(self, d: Array) -> Array:
+        """Real offsets (2, B, N) without the aspect."""
+        return d if self._is_square else np.array([d[0], d[1] / self.aspect])
+
     def ideal_offset(self, d: Array) -> Array:
         """Ideal offsets of real ones (2, B, N); unchanged where no ray of the lens reaches them."""
         if self.is_pinhole:
             return d
-        isotropic = np.array([d[0], d[1] / self.aspect])
+        isotropic = self._isotropic(d)
         s = self.layout.lens.undistort(isotropic, self.lens)
         return np.where(np.isfinite(s), s, isotropic)
 
@@ -90,31 +99,31 @@ class Projection:
         """Approximate ideal offsets of real ones, to begin a search for closest points."""
         if self.is_pinhole:
             return d
-        return self.layout.lens.nearly_undistort(np.array([d[0], d[1] / self.aspect]), self.lens)
+        return self.layout.lens.nearly_undistort(self._isotropic(d), self.lens)
 
     def real_offset(self, s: Array) -> Array:
         """Real offsets of ideal ones (2, B, N): the lens, then the pixels' aspect."""
         if self.is_pinhole:
             return s
-        x, y = self.layout.lens.distort(s, self.lens)
-        return np.array([x, self.aspect * y])
+        return self._stretched(self.layout.lens.distort(s, self.lens))
 
     def push(self, s: Array, *steps: Array) -> tuple[Array, ...]:
         """Real offsets of ideal ones s, and the images ``dd_ds step`` of small steps there, (2, B, N) each."""
         if self.is_pinhole:
             return s, *steps
-        return tuple(np.array([x, self.aspect * y]) for x, y in self.layout.lens.push(s, self.lens, *steps))
+        return tuple(map(self._stretched, self.layout.lens.push(s, self.lens, *steps)))
 
-    def bend(self, s: Array, step: Array) -> Array:
-        """Second derivatives (2, B, N) of the real offsets of s along `step`."""
-        x, y = self.layout.lens.bend(s, self.lens, step)
-        return np.array([x, self.aspect * y])
+    def follow(self, s: Array, ds: Array, dds: Array) -> tuple[Array, ...]:
+        """Real offsets of points s of curves, and the first two derivatives there, from those of s, (2, B, N) each."""
+        if self.is_pinhole:
+            return s, ds, dds
+        return tuple(map(self._stretched, self.layout.lens.follow(s, self.lens, ds, dds)))
 
     def pull(self, s: Array, n: Array) -> Array:
         """Real normals n (2, B, N) as derivatives by ideal offsets: ``n dd_ds``, the transpose of `push`."""
         if self.is_pinhole:
             return n
-        return self.layout.lens.pull(s, self.lens, np.array([n[0], self.aspect * n[1]]))
+        return self.layout.lens.pull(s, self.lens, self._stretched(n))
 
     def derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:
         """Derivatives of the images of points by the parameters, along directions of the image.
@@ -140,7 +149,7 @@ class Projection:
         (B, P, N) array
             One row for each free parameter, in the order of theta.
         """
-        if not np.any(free):
+        if not free.any():
             return np.zeros((n.shape[1], 0, n.shape[2]))
         if self.layout.zoom_law is None:
             return self._derivatives(s, inverse_depth, n, free)
@@ -159,10 +168,10 @@ class Projection:
         J[:, PRINCIPAL_POINT] = np.swapaxes(n, 0, 1)
         if free[LOG_ASPECT]:
             J[:, LOG_ASPECT] = n[1] * self.real_offset(s)[1]
-        through = np.array([n[0], self.aspect * n[1]])
+        through = self._stretched(n)
         if layout.lens.follows_zoom:
             J[:, LOG_F] += layout.lens.pull_zoom(s, self.lens, through)
-        if np.any(free[layout.lens_block]):
+        if free[layout.lens_block].any():
             J[:, layout.lens_block] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through), 0, 1)
         return J[:, free]
 

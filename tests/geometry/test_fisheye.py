@@ -62,7 +62,7 @@ def test_it_is_cv2_fisheye(drawn):
 
 
 @given(seen(), angle(np.pi))
-def test_push_pull_and_bend_are_derivatives(drawn, turn):
+def test_push_pull_and_follow_are_derivatives(drawn, turn):
     b, s = drawn
     h = 1e-3 * (b[4] + np.hypot(*s))
     steps = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -73,7 +73,9 @@ def test_push_pull_and_bend_are_derivatives(drawn, turn):
     for n in steps:
         np.testing.assert_allclose(LENS.pull(s, b, n), n @ J, rtol=0.0, atol=1e-8)
     second = central_differences(lambda t: LENS.push(s + t * steps[0], b, steps[0])[1], np.zeros(1), h)[:, 0]
-    np.testing.assert_allclose(LENS.bend(s, b, steps[0]), second, rtol=0.0, atol=1e-9)  # of up to 1e-3 / px
+    found, T, dT = LENS.follow(s, b, steps[0], steps[1])
+    np.testing.assert_allclose([found, T], [d, images[0]], rtol=1e-14, atol=1e-12)
+    np.testing.assert_allclose(dT - images[1], second, rtol=0.0, atol=1e-9)  # of up to 1e-3 / px
 
 
 @given(seen(), angle(np.pi))

@@ -78,10 +78,14 @@ def test_push_and_pull_are_the_derivative_and_its_transpose(lens, data, s, turn)
 
 @members
 @given(data=st.data(), s=offsets(), turn=angle(np.pi))
-def test_bend_is_the_second_derivative_along_a_step(lens, data, s, turn):
-    b, step = data.draw(drawn(lens)), np.array([np.cos(turn), np.sin(turn)])
-    expected = central_differences(lambda t: lens.push(s + t * step, b, step)[1], np.zeros(1), RHO * 1e-3)[:, 0]
-    np.testing.assert_allclose(lens.bend(s, b, step), expected, rtol=0.0, atol=1e-10)  # of up to 1e-2 / px
+def test_follow_has_the_derivatives_along_a_curve(lens, data, s, turn):
+    b, ds = data.draw(drawn(lens)), np.array([np.cos(turn), np.sin(turn)])
+    dds = np.array([-0.01, 0.02])
+    d, T, dT = lens.follow(s, b, ds, dds)
+    np.testing.assert_allclose([d, T], lens.push(s, b, ds), rtol=1e-14, atol=1e-12)
+    bend = central_differences(lambda t: lens.push(s + t * ds, b, ds)[1], np.zeros(1), RHO * 1e-3)[:, 0]
+    expected = bend + lens.push(s, b, dds)[1]
+    np.testing.assert_allclose(dT, expected, rtol=0.0, atol=1e-10)  # of up to 1e-2 / px
 
 
 @members

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, IntArray, number, positive, real_array, whole_number
-from fieldcalib.fields.ground import Lift, Terrain
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
 from fieldcalib.fields.segments.segment import (
@@ -36,8 +35,8 @@ class ArcRows(Rows):
         """Points on whole circles ``A + cos(phi) U + sin(phi) V``, found by Newton's method on phi.
 
         The search starts at the angle under which the pixel's ray meets the circle's plane, at the height of the
-        ground at its centre. The angle is kept as (c, s) = (cos(phi), sin(phi)), which a step rotates without
-        trigonometric functions.
+        ground at its centre. The angle is kept as radius and tangent, which a step rotates without trigonometric
+        functions; behind their scaled camera coordinates are x and y in the world, where the ground is not level.
         """
         A = middle = view.points(self.geometry[:, :, 0])
         if view.terrain is not None:
@@ -50,23 +49,16 @@ class ArcRows(Rows):
         side = np.where(dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
         c, s = unit(side * np.array([dot(VA[:2], p) + VA[2], dot(AU[:2], p) + AU[2]]))
 
+        if view.terrain is not None:
+            ground = np.moveaxis(self.geometry[:, :, :3, :2], (2, 3), (0, 1))
+            A, U, V = (np.concatenate([one, xy]) for one, xy in zip((A, U, V), ground, strict=True))
+        radius, tangent = c * U + s * V, c * V - s * U
         search = CurveSearch(view, d, self.label >= 0)
         for _ in search.iterations:
-            radius, tangent = c * U + s * V, c * V - s * U
-            curve = A + radius, tangent, -radius
-            if view.terrain is None:
-                step = search.step(*curve, largest=LARGEST_TURN)
-            else:
-                step = search.raised_step(self._lift(view.terrain, c, s), *curve, largest=LARGEST_TURN)
-            c, s = unit(np.array([c - step * s, s + step * c]))
+            step = search.step(A + radius, tangent, -radius, LARGEST_TURN)
+            turn = 1.0 / np.sqrt(1.0 + step * step)
+            radius, tangent = turn * (radius + step * tangent), turn * (tangent - step * radius)
         return [search.found]
-
-    def _lift(self, terrain: Terrain, c: Array, s: Array) -> Lift:
-        """The lift of the ground at angles whose cosine is c and whose sine is s, (B, N)."""
-        (x, y), (ux, uy), (vx, vy) = (np.moveaxis(self.geometry[:, :, k, :2], -1, 0) for k in (0, 1, 2))
-        radius = c * ux + s * vx, c * uy + s * vy
-        place = x + radius[0], y + radius[1]
-        return terrain.lift(place, (c * vx - s * ux, c * vy - s * uy), (-radius[0], -radius[1]))
 
     def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the whole circles lie past an end of the arc."""

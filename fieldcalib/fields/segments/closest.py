@@ -13,15 +13,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.ground import Lift, Terrain
+from fieldcalib.fields.ground import Terrain
 from fieldcalib.geometry.lens.model import dot
 
 LEAST_LENGTH = 1e-300  # added to the length of a vector: no division by zero
 LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not raise an error
 # A batch iterates until all of its frames have converged. Further steps must be within rounding: otherwise a camera
 # would depend on the other frames of its batch.
-LINE_STEPS, LINE_STEP = 20, 1e-9  # px; five steps at 50 px and a broadcast lens, up to 20 near the fold of a strong one
-CURVE_STEPS, CURVE_STEP = 20, 1e-8  # of the curve's parameter
+# After a last step as small as these, the error of Newton's method, and terms of third order, are that small.
+LINE_STEPS, LINE_STEP = 20, 1e-4  # px; five steps at 50 px and a broadcast lens, up to 20 near the fold of a strong one
+CURVE_STEPS, CURVE_STEP = 20, 1e-5  # of the curve's parameter
 LEAST_BEND = 0.1  # of the second derivative of half the squared distance, in squared lengths of the tangent
 LARGEST_TURN = 0.5  # of a step on a circle, radians
 
@@ -56,11 +57,8 @@ class View(Protocol):
     def real_offset(self, s: Array, /) -> Array:
         """Real offsets of ideal ones."""
 
-    def push(self, s: Array, /, *steps: Array) -> tuple[Array, ...]:
-        """Real offsets of ideal ones, and derivatives of the real offsets along `steps`."""
-
-    def bend(self, s: Array, step: Array, /) -> Array:
-        """Second derivatives of the real offsets along `step`."""
+    def follow(self, s: Array, ds: Array, dds: Array, /) -> tuple[Array, ...]:
+        """Real offsets of points of curves, and their first two derivatives from those of the ideal ones."""
 
 
 class ClosestPoints(NamedTuple):
@@ -102,7 +100,8 @@ class CurveSearch:
     """Newton's method for the points of parametrised curves whose real images are closest to observed pixels.
 
     For each of `iterations`, the caller passes a curve's point and its first two derivatives, in scaled camera
-    coordinates, to `step` and adds the result to the curve's parameter; then `found` are the closest points.
+    coordinates, to `step` and adds the result to the curve's parameter; then `found` are the closest points. A curve
+    that the ground lifts, where that is not level, has x and y in the world behind these coordinates, (5, B, N).
     """
 
     def __init__(self, view: View, observed: Array, seen: BoolArray) -> None:
@@ -121,22 +120,21 @@ class CurveSearch:
 
     def step(self, point: Array, tangent: Array, curvature: Array, largest: float) -> Array:
         """Change of the curve's parameter (B, N) towards the closest point, at most `largest`."""
+        if self.view.terrain is not None and len(point) > 3:
+            down, lift = self.view.down, self.view.terrain.lift(point[3:], tangent[3:], curvature[3:])
+            point, tangent, curvature = (
+                of_level[:3] + of_ground * down
+                for of_level, of_ground in zip((point, tangent, curvature), lift, strict=True)
+            )
         inverse_depth = 1.0 / away_from_zero(point[2])
         s = point[:2] * inverse_depth
         ds = (tangent[:2] - s * tangent[2]) * inverse_depth
         dds = (curvature[:2] - s * curvature[2] - 2.0 * ds * tangent[2]) * inverse_depth
-        real, T, dT = self.view.push(s, ds, dds)
-        if not self.view.is_pinhole:
-            dT = dT + self.view.bend(s, ds)
+        real, T, dT = self.view.follow(s, ds, dds)
         step = newton_step(self.observed - real, T, dT, largest)
         self.moved = float((np.abs(step) * self.seen).max(initial=0.0))
         self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], curvature[2], step
         return step
-
-    def raised_step(self, lift: Lift, point: Array, tangent: Array, curvature: Array, largest: float) -> Array:
-        """`step` along a curve that the ground lifts."""
-        down = self.view.down
-        return self.step(point + lift.z * down, tangent + lift.dz * down, curvature + lift.ddz * down, largest)
 
     @property
     def found(self) -> ClosestPoints:
@@ -191,4 +189,5 @@ def left_normal(T: Array) -> Array:
 
 def away_from_zero(depth: Array) -> Array:
     """Depths without an exact zero."""
-    return np.where(np.abs(depth) < LEAST_DEPTH, LEAST_DEPTH, depth)
+    is_least = np.abs(depth) < LEAST_DEPTH
+    return np.where(is_least, LEAST_DEPTH, depth) if is_least.any() else depth

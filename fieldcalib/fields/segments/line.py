@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, whole_number
-from fieldcalib.fields.ground import Terrain
 from fieldcalib.fields.segments.closest import (
     LEAST_LENGTH,
     LINE_STEP,
@@ -45,31 +44,32 @@ class LineRows(Rows):
         s = p - r * n
         along = n[0] * p[1] - n[1] * p[0]  # the closest point's coordinate on the image line
         if not view.is_pinhole:
-            tangent = np.array([-n[1], n[0]])
-            seen, reach = self.label >= 0, view.reach
+            tangent, straight = np.array([-n[1], n[0]]), np.zeros_like(n)
+            seen, reach, step = self.label >= 0, view.reach, np.zeros_like(r)
             for _ in range(LINE_STEPS):
-                real, T = view.push(s, tangent)
-                step = newton_step(d - real, T, view.bend(s, tangent), reach)  # bounded where the lens folds back
                 s, along = s + step * tangent, along + step
+                real, T, dT = view.follow(s, tangent, straight)
+                step = newton_step(d - real, T, dT, reach)  # bounded where the lens folds back
                 if (np.abs(step) * seen).max(initial=0.0) < LINE_STEP:
                     break
-            real, T = view.push(s, tangent)
-            normal = left_normal(T)
-            r = dot(normal, d - real)
+            step = np.where(np.abs(step) < LINE_STEP, step, 0.0)  # points that have not converged stay on the image
+            s, along = s + step * tangent, along + step
+            normal = left_normal(T + step * dT)
+            r = dot(normal, d - real - step * (T + 0.5 * step * dT))
         denominator = along * D[2] - n[0] * D[1] + n[1] * D[0]
         if view.terrain is not None:
             share = (n[0] * A[1] - n[1] * A[0] - along * A[2]) / np.where(denominator, denominator, LEAST_LENGTH)
-            return [self._on_ground(view, view.terrain, A, D, d, share)]
+            return [self._on_ground(view, A, D, d, share)]
         return [ClosestPoints(r, s, denominator * scale, normal)]
 
-    def _on_ground(self, view: View, terrain: Terrain, A: Array, D: Array, d: Array, share: Array) -> ClosestPoints:
+    def _on_ground(self, view: View, A: Array, D: Array, d: Array, share: Array) -> ClosestPoints:
         """Points on lines that follow the ground, from those on level ground: shares (B, N) of the way from A by D."""
-        (x, y), (dx, dy) = (np.moveaxis(self.geometry[:, :, k, :2], -1, 0) for k in (0, 1))
+        ground = np.moveaxis(self.geometry[:, :, :2, :2], (2, 3), (0, 1))
+        A, D = (np.concatenate([one, xy]) for one, xy in zip((A, D), ground, strict=True))
         t = np.clip(share, -FARTHEST, FARTHEST)
         search, zero = CurveSearch(view, d, self.label >= 0), np.zeros_like(D)
         for _ in search.iterations:
-            lift = terrain.lift((x + t * dx, y + t * dy), (dx, dy), (0.0, 0.0))
-            t = t + search.raised_step(lift, A + t * D, D, zero, LARGEST_SHARE)
+            t = t + search.step(A + t * D, D, zero, LARGEST_SHARE)
         found = search.found
         return found._replace(r=-found.r, normal=-found.normal)  # on the side that the normal of ``A x D`` has
 

@@ -128,9 +128,11 @@ class Lens(ABC):
     def push(self, s: Array, b: Array, *steps: Array) -> tuple[Array, ...]:
         """`distort`, and the images ``J step`` of small steps (2, ...) from s."""
 
-    def bend(self, s: Array, b: Array, step: Array) -> Array:
-        """Second derivatives (2, ...) of `distort` along `step`: those of `push`, by a complex step."""
-        return np.asarray(np.imag(self.push(s + TINY * 1j * step, b, step)[1]) / TINY)
+    def follow(self, s: Array, b: Array, ds: Array, dds: Array) -> tuple[Array, Array, Array]:
+        """The distorted image of a curve through s whose derivatives there are ds and dds: its point and its
+        derivatives, (2, ...) each; the second one by a complex step."""
+        d, T = self.push(s + TINY * 1j * ds, b, ds + TINY * 1j * dds)
+        return np.real(d), np.real(T), np.imag(T) / TINY
 
     @abstractmethod
     def pull(self, s: Array, b: Array, n: Array) -> Array:
@@ -157,7 +159,7 @@ class Lens(ABC):
 
     def is_identity(self, b: Array) -> bool:
         """Whether the coefficients give no distortion."""
-        return not np.any(b)
+        return not b.any()
 
     def corner(self, b: Array) -> Array:
         """Corner-normalised coefficients (n, ...), with a2 instead of b2."""
@@ -249,7 +251,8 @@ def da2_da1(b: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Inner products (...) of plane vectors (2, ...)."""
-    return np.asarray(a[0] * b[0] + a[1] * b[1])
+    xx, yy = a * b
+    return np.asarray(xx + yy)
 
 
 def constant(*values: float) -> Array:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.geometry.lens.model import SymmetricLens, constant, da2_da1, dot
+from fieldcalib.geometry.lens.model import SymmetricLens, a2_of_a1, constant, da2_da1, dot
 
 # Broadcast lenses displace the corner outwards: on annotated frames a1 has its median at 2.8 %, 95 % are below 5.5 %.
 RADIAL_MEAN, RADIAL_SIGMA = (0.025, 0.0), (0.02, 0.005)  # a1, b2
@@ -34,15 +34,16 @@ class RadialLens(SymmetricLens):
 
     def distort(self, s: Array, b: Array) -> Array:
         """``gain s`` with ``gain = 1 + a1 q + a2 q^2``."""
-        q, (a1, a2) = dot(s, s) / self.rho**2, self.corner(b)
+        q, (a1, a2) = dot(s, s) / self.rho**2, _a1_a2(b)
         return np.asarray((1.0 + q * (a1 + q * a2)) * s)
 
-    def bend(self, s: Array, b: Array, step: Array) -> Array:
-        """``(slope |step|^2 + 8 a2 / rho^4 (s . step)^2) s + 2 slope (s . step) step``."""
-        _, slope = self.gain(s, b)
-        along = dot(s, step)
-        by_slope = (8.0 / self.rho**4 * self.corner(b)[1]) * along * along
-        return np.asarray((slope * dot(step, step) + by_slope) * s + (2.0 * slope * along) * step)
+    def follow(self, s: Array, b: Array, ds: Array, dds: Array) -> tuple[Array, Array, Array]:
+        """``gain s``, and its derivatives, of which that of gain is ``slope (s . ds)``."""
+        gain, slope, bend = self._gain(s, b)
+        along = dot(s, ds)
+        dgain = slope * along
+        ddgain = slope * (dot(ds, ds) + dot(s, dds)) + bend * along * along
+        return gain * s, gain * ds + dgain * s, gain * dds + ddgain * s + 2.0 * dgain * ds
 
     def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
         """``n . s dgain/db``; a2 depends on a1."""
@@ -53,18 +54,28 @@ class RadialLens(SymmetricLens):
 
     def undistort(self, d: Array, b: Array) -> Array:
         """Newton's method on the radius."""
-        a1, a2 = self.corner(b)
+        a1, a2 = _a1_a2(b)
         return np.asarray(d * _inverse_gain(np.sqrt(dot(d, d)) / self.rho, a1, a2))
 
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
         """``1 + 3 a1 q + 5 a2 q^2 > 0`` up to the q of s."""
-        return _is_monotone(dot(s, s) / self.rho**2, *self.corner(b))
+        return _is_monotone(dot(s, s) / self.rho**2, *_a1_a2(b))
 
     def gain(self, s: Array, b: Array) -> tuple[Array, Array]:
         """``1 + a1 q + a2 q^2``, and ``2 / rho^2`` times its derivative by q."""
-        q, (a1, a2) = dot(s, s) / self.rho**2, self.corner(b)
+        return self._gain(s, b)[:2]
+
+    def _gain(self, s: Array, b: Array) -> tuple[Array, Array, Array]:
+        """`gain`, and ``2 / rho^2`` times the derivative of the slope by q."""
+        q, (a1, a2) = dot(s, s) / self.rho**2, _a1_a2(b)
+        of_a2 = q * a2
         c = 2.0 / self.rho**2
-        return 1.0 + q * (a1 + q * a2), c * a1 + (2.0 * c * a2) * q
+        return 1.0 + q * (a1 + of_a2), c * (a1 + 2.0 * of_a2), 2.0 * c * c * a2
+
+
+def _a1_a2(b: Array) -> tuple[Array, Array]:
+    """`Lens.corner` as a pair, without a copy: lenses are evaluated several times for a step of the solver."""
+    return b[0], b[1] + a2_of_a1(b)
 
 
 def _is_monotone(q: Array, a1: Array, a2: Array) -> BoolArray:
