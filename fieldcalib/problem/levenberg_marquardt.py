@@ -143,8 +143,9 @@ def levenberg_marquardt(
         step, predicted = batch.step(bounds)
         # a step that was cut at a bound may be predicted to raise the cost: a shorter one is not
         settled = batch.running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * batch.cost)
-        converged[batch.frames(settled)] = True
-        batch = batch.without(settled)
+        if settled.any():
+            converged[batch.frames(settled)] = True
+            batch = batch.without(settled)
         if not batch.running.any():
             break
         batch, step, predicted = batch.compacted(step, predicted)
