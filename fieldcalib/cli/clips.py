@@ -13,7 +13,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
 from io import StringIO
@@ -32,7 +32,7 @@ from fieldcalib.images.clip.tracker import Tracker
 from fieldcalib.io.clips import Reading
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.io.formats import VIDEOS
-from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.io.streams import Receiver, Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
@@ -145,24 +145,29 @@ def run_stream(request: RunRequest) -> int:
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
     check_of_clip(request.known.flags)
+    receivers = [Receiver(address) for address in request.send or ()]
     with (
+        ExitStack() as opened,
         reader,
         open_camera_folder(request.run, record, began) as results,
         VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
     ):
+        for receiver in receivers:
+            opened.enter_context(receiver)
         results.notes = request.notes
         with live_tracker(request.how(network), stream, reader, request.placement) as (frames, tracker):
             try:
                 for frame in frames:
-                    _add(request, frame, tracker, results, video)
+                    _add(request, frame, tracker, results, video, receivers)
             except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
     if lateness := frames.lateness():
         say(lateness)
     if isinstance(end, KeyboardInterrupt):
         raise end
-    if loss := reader.loss():
-        say(loss)
+    loss = reader.loss()
+    for said in filter(None, (loss, *(receiver.loss for receiver in receivers))):
+        say(said)
     if end or reader.end():
         say(str(end or reader.end()))
     return 1 if end or loss else 0
@@ -183,13 +188,24 @@ def _check(request: RunRequest, stream: Stream) -> None:
             raise ValueError(f"{name} is not of streams: each frame of {stream} is calibrated from those before it")
 
 
-def _add(request: RunRequest, frame: Frame, tracker: Tracker, results: ResultsWriter, video: VideoWriter) -> None:
-    """Calibrate the next frame, and write its results."""
+def _add(
+    request: RunRequest,
+    frame: Frame,
+    tracker: Tracker,
+    results: ResultsWriter,
+    video: VideoWriter,
+    receivers: Sequence[Receiver],
+) -> None:
+    """Calibrate the next frame, and send and write its results."""
     assert frame.image is not None
     start = time.perf_counter()
     calibration = tracked(tracker, frame, request.placement)
     results.calibrating += time.perf_counter() - start
-    results.add(request.outcome(frame.id, calibration, details={"basis": str(tracker.basis)}))
+    details = {"basis": str(tracker.basis), "time_s": frame.seconds}
+    outcome = request.outcome(frame.id, calibration, details=details)
+    for receiver in receivers:
+        receiver.send(outcome.line, calibration.camera if calibration or request.keep_rejected else None)
+    results.add(outcome)
     if request.draws:
         video.write(request.drawn(frame.image, calibration))
 

@@ -72,6 +72,12 @@ class RunRequest:
         "default) or opposite (beyond the far one or behind the right end)",
         choices=SIDES,
     )
+    send: Sequence[str] | None = option(
+        "send the camera of each frame of a stream by UDP, as it comes: json://HOST:PORT for lines of cameras.jsonl, "
+        "freed://HOST:PORT for FreeD (D1, a sensor 36 mm wide, no rejected cameras); may be given several times",
+        action="append",
+        metavar="ADDRESS",
+    )
     keep_rejected: bool = switch("count the best camera of every frame, whatever the verdict says")
     draws: bool = option(
         "draw nothing: no overlays, no plot, no sheet of the worst frames",
@@ -168,6 +174,8 @@ class RunRequest:
 
     def check(self) -> None:
         """Raise a ValueError if options do not fit the input."""
+        if self.send and not self.is_stream:
+            raise ValueError("--send is of streams; of files, fieldcalib export --to freed writes a file of packets")
         if self.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
         if self.same_camera and (self.is_clip or self.is_video):

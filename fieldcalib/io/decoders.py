@@ -51,6 +51,8 @@ class Decoder(ABC):
     """Width of a pixel as shown, in heights."""
     is_interlaced = False
     """Whether a frame that was decoded shows two fields."""
+    seconds: float | None = None
+    """Time stamp of the frame that was decoded last; None without one."""
 
     @abstractmethod
     def frames(self, start: int = 0) -> Iterator[tuple[int, Callable[[], Image]]]:
@@ -262,6 +264,7 @@ class AvDecoder(Decoder):
                 return
             for frame in found:
                 number = self._numbers.get(frame.pts, number) if self._shown else number + 1
+                self.seconds = None if frame.pts is None else frame.pts * self._unit
                 self.is_interlaced = self.is_interlaced or frame.interlaced_frame
                 yield number, partial(self._image, frame)
 

@@ -30,7 +30,7 @@ WITHOUT_SOLVER = 1
 OLD_FORMATS = (WITHOUT_SOLVER, 2)  # that are read too
 BROKEN = "broken file"  # status of a frame whose file could not be read
 MAIN_KEYS = (  # of cameras.jsonl, in this order; all others are in solver.jsonl
-    *("id", "status", "message", "verdict", "reason", "findings", "remedy", "advice", "basis", "version"),
+    *("id", "status", "message", "verdict", "reason", "findings", "remedy", "advice", "basis", "time_s", "version"),
     *("field", "image_size"),
     *("K", "dist", "lens", "R", "C", "angles_degrees", "rms_px", "loss_ndc", "standard_deviations"),
     *("probability_right_0.5m", "probability_right_1m"),

@@ -1,20 +1,26 @@
-"""Videos that can be read only once: standard input and URLs."""
+"""Videos that can be read only once, standard input and URLs, and receivers of their cameras."""
 
 from __future__ import annotations
 
+import json
 import re
 import socket
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from reprlib import repr as short
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, Self, TypeAlias
 from urllib.parse import urlsplit
 
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.decoders import NO_VIDEO, AvDecoder, check_av
+from fieldcalib.io.exports.freed import freed_packet
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.frame_range import WHOLE, Cut
 from fieldcalib.io.image_files import MOST_PIXELS
+from fieldcalib.io.results import split_line
 from fieldcalib.io.videos import FrameReader
 
 STDIN = "-"
@@ -29,6 +35,7 @@ NO_ANSWER = "is the address right, does the server run, and can this machine rea
 NO_STREAM = (
     "answers, but sends no video that can be read: are the path of the address, the user and the password right?"
 )
+LINES, FREED = "json", "freed"  # schemes of receivers
 STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 
@@ -142,3 +149,66 @@ class StreamReader(FrameReader):
     def end(self) -> str:
         """Message if the stream ended before its cut; empty otherwise."""
         return f"{self._stream}: no more frames after {self._read}" * (self._read < len(self.numbers))
+
+
+class Receiver:
+    """A program that gets the camera of each frame by UDP, and for which nothing waits; a context manager.
+
+    Parameters
+    ----------
+    address : str
+        ``json://HOST:PORT`` for lines of ``cameras.jsonl``, ``freed://HOST:PORT`` for FreeD packets
+        (`fieldcalib.io.exports.freed`).
+
+    Raises
+    ------
+    ValueError
+        If it is no such address, or its name is not known.
+
+    Examples
+    --------
+    >>> with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program:
+    ...     program.bind(("127.0.0.1", 0))
+    ...     with Receiver(f"json://127.0.0.1:{program.getsockname()[1]}") as receiver:
+    ...         receiver.send({"id": "000000", "verdict": "reject"}, None)
+    ...     program.recv(1000)
+    b'{"id": "000000", "verdict": "reject"}'
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            parts = urlsplit(address)
+            self._format, host, port = parts.scheme, parts.hostname, parts.port
+        except ValueError:
+            host = port = None
+        if not (host and port and self._format in (LINES, FREED)):
+            expected = f"{FREED}://192.168.1.20:40000 or {LINES}://192.168.1.20:40001"
+            raise ValueError(f"expected the address of a receiver as {expected}, got {short(address)}")
+        try:
+            family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        except socket.gaierror:
+            raise ValueError(f"the name {host} of the receiver {address} is not known") from None
+        self._address, self._to, self._lost = address, place, Counter[str]()
+        self._socket = socket.socket(family, kind, protocol)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._socket.close()
+
+    def send(self, line: Mapping[str, Any], camera: Camera | None) -> None:
+        """Send the line of a frame, or its camera, if there is one; what cannot be sent is lost."""
+        try:
+            if self._format == LINES:
+                self._socket.sendto(json.dumps(split_line(line)[0]).encode(), self._to)
+            elif camera is not None:
+                self._socket.sendto(freed_packet(camera), self._to)
+        except (OSError, ValueError) as error:  # of the network, or of a camera that FreeD cannot hold
+            self._lost[str(error)] += 1
+
+    @property
+    def loss(self) -> str:
+        """Message about frames that could not be sent; empty if there are none."""
+        count, reasons = self._lost.total(), "; ".join(self._lost)
+        return f"{count} frames could not be sent to {self._address}: {reasons}" if count else ""

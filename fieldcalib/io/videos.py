@@ -98,6 +98,11 @@ class FrameReader:
             self._frames = iter(())
             self._decoder.close()
 
+    @property
+    def seconds(self) -> float | None:
+        """Time stamp of the frame that was read last, as the video states it; None without one."""
+        return self._decoder.seconds
+
     def __iter__(self) -> Iterator[Image]:
         return (image for _, image in self.numbered())
 

@@ -580,7 +580,7 @@ class LiveStream:
             progress_bar(unit="frame", total=len(reader.numbers), progress=progress) as bar,
         ):
             for frame in frames:
-                collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis))
+                collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis), time_s=frame.seconds)
                 bar.update()
         _warn_of(reader.remark)
         _warn_of(reader.loss())

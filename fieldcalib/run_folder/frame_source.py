@@ -55,6 +55,8 @@ class Frame:
     is_of_video: bool = False
     line: Mapping[str, Any] | None = None
     """The image's results from an earlier part of the run, if any."""
+    seconds: float | None = None
+    """Time stamp of a frame of a video, if it is known."""
 
 
 def accepted(image: Image) -> None:
@@ -502,7 +504,7 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
             if image is None:
                 return
             check(image)
-            yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
+            yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True, seconds=reader.seconds)
 
 
 def whole_frame(image: Image) -> Placement:

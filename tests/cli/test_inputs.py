@@ -24,7 +24,7 @@ from fieldcalib.cli.clips import run_several
 from fieldcalib.cli.commands import command_parser
 from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.draw.scene import render_field
-from fieldcalib.io.streams import Stream
+from fieldcalib.io.streams import Receiver, Stream
 from fieldcalib.io.videos import VideoReader
 
 TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270))
@@ -218,6 +218,84 @@ def test_a_video_on_standard_input(know, film, tmp_path, on_stdin, capfd):
     assert json.loads((tmp_path / "summary.json").read_text())["cameras"] == 6
     with VideoReader(tmp_path / "overlay.mp4") as overlay:
         assert len(list(overlay)) == 6
+
+
+@pytest.fixture
+def programs():
+    """Two sockets that get packets by UDP, as an engine and a program of one's own."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as two,
+    ):
+        for program in (one, two):
+            program.bind(("127.0.0.1", 0))
+            program.settimeout(LONGEST)
+        yield one, two
+
+
+def at(program, scheme):
+    return f"--send={scheme}://127.0.0.1:{program.getsockname()[1]}"
+
+
+def test_cameras_of_a_stream_are_sent_as_they_come(know, film, tmp_path, on_stdin, programs):
+    know([TRUTH] * 6)
+    on_stdin(film)
+    sent = [at(program, scheme) for program, scheme in zip(programs, ("json", "freed"), strict=True)]
+    assert run("run", "-", "--out", tmp_path, "--line-width", "0", *sent) == 0
+    lines = lines_of(tmp_path)
+    for line in (tmp_path / "cameras.jsonl").read_text().splitlines():
+        assert programs[0].recv(65_535).decode() == line
+    np.testing.assert_allclose([line["time_s"] for line in lines], np.arange(6) / 25.0, atol=1e-3)  # 1 ms in Matroska
+    for line in lines:
+        packet = programs[1].recv(100)
+        pan, tilt = (int.from_bytes(packet[k : k + 3], "big", signed=True) / 32_768 for k in (2, 5))
+        assert (len(packet), packet[0]) == (29, 0xD1)
+        np.testing.assert_allclose(
+            [pan, tilt + 90.0], [line["angles_degrees"][name] for name in ("pan", "tilt")], atol=1e-3
+        )
+
+
+def test_without_a_camera_no_packet_is_sent(know, film, tmp_path, on_stdin, programs):
+    know([None] * 20)
+    on_stdin(film)
+    assert run("run", "-", "--out", tmp_path, at(programs[0], "json"), at(programs[1], "freed")) == 0
+    assert [json.loads(programs[0].recv(65_535))["verdict"] for _ in range(6)] == ["reject"] * 6
+    programs[1].settimeout(0.1)
+    with pytest.raises(TimeoutError):
+        programs[1].recv(100)
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:4000", "udp://127.0.0.1:4000", "json://127.0.0.1", "freed://:4000", "json://a:b"]
+)
+def test_addresses_of_no_receiver(know, film, tmp_path, on_stdin, capfd, address):
+    know([None] * 20)
+    on_stdin(film)
+    assert run("run", "-", "--out", tmp_path / "out", "--send", address) == 2
+    assert "expected the address of a receiver as freed://192.168.1.20:40000 or json" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_only_cameras_of_streams_are_sent(know, film, tmp_path, capfd):
+    know([None] * 20)
+    assert run("run", film, "--out", tmp_path / "out", "--send", "json://127.0.0.1:4000") == 2
+    assert "--send is of streams" in capfd.readouterr().err
+
+
+def test_what_cannot_be_sent_is_counted(programs):
+    far = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, 150.0, -16.0), (960, 540))
+    with Receiver(at(programs[0], "freed").partition("=")[2]) as receiver:
+        receiver.send({}, TRUTH)
+        assert receiver.loss == ""
+        receiver.send({}, far)
+        receiver.send({}, far)
+        assert receiver.loss.startswith(
+            f"2 frames could not be sent to freed://127.0.0.1:{programs[0].getsockname()[1]}: "
+        )
+        assert "FreeD holds positions of less than 131 m" in receiver.loss
+    with Receiver(at(programs[1], "json").partition("=")[2]) as receiver:
+        receiver.send({"id": 70_000 * "a"}, None)  # more than a packet holds
+        assert "1 frames could not be sent" in receiver.loss
 
 
 def test_a_stream_of_a_known_camera(know, film, tmp_path, on_stdin, capfd):

@@ -6,9 +6,9 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager
 from fractions import Fraction
-from itertools import islice
+from itertools import count, islice
 
 import av
 import cv2
@@ -17,6 +17,7 @@ import pytest
 from commands import run
 from hypothesis import given
 from hypothesis import strategies as st
+from killed import LONGEST
 from strategies import examples
 
 from fieldcalib.io import decoders
@@ -224,8 +225,11 @@ ANSWERS = {
 }
 
 
-def serve_rtsp(server, packets):
-    """Answer one reader, and hand it RTP packets that come by UDP, in its connection, until none come for a second."""
+def serve_rtsp(server, packets, is_lost):
+    """Answer one reader, and hand it RTP packets that come by UDP, but those that are lost, until none come for long.
+
+    They go through its connection; an empty packet ends them.
+    """
     connection, _ = server.accept()
     with connection, connection.makefile("rwb") as stream:
         method = ""
@@ -235,40 +239,98 @@ def serve_rtsp(server, packets):
             said = SDP if method == "DESCRIBE" else ""
             stream.write(f"RTSP/1.0 200 OK\r\n{number}{ANSWERS[method]}\r\n{said}".encode())
             stream.flush()
-        packets.settimeout(1.0)
-        with suppress(TimeoutError):
-            while packet := packets.recv(2000):
+        packets.settimeout(LONGEST)
+        for number in count():
+            packet = packets.recv(2000)
+            if not packet:
+                return
+            if not is_lost(number):
                 stream.write(b"$\0" + len(packet).to_bytes(2, "big") + packet)
                 stream.flush()
 
 
-def send_rtp(port, images):
+def send_rtp(port, images, stall=0.0):
+    """Send images as H.264 at 25 a second; before one half of them nothing comes for some seconds.
+
+    Images of another size than those before begin with a new encoder, as in a camera that is switched over.
+    """
     with av.open(f"rtp://127.0.0.1:{port}?pkt_size=1200", "w", format="rtp") as container:
-        options = {"tune": "zerolatency", "x264-params": "repeat-headers=1:keyint=10"}
-        stream = container.add_stream("libx264", rate=25, options=options)
+        stream, encoder = container.add_stream("libx264", rate=25), None
         stream.height, stream.width = images[0].shape[:2]
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+        container.start_encoding()
+        for number, image in enumerate(images):
+            time.sleep(stall * (number == len(images) // 2))
+            size = image.shape[1::-1]
+            if encoder is None or (encoder.width, encoder.height) != size:
+                encoder = av.CodecContext.create("libx264", "w")
+                encoder.width, encoder.height = size
+                encoder.pix_fmt, encoder.time_base, encoder.framerate = "yuv420p", Fraction(1, 25), 25
+                encoder.options = {"tune": "zerolatency", "x264-params": "repeat-headers=1:keyint=10"}
+            frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+            frame.pts, frame.time_base = number, encoder.time_base
+            for packet in encoder.encode(frame):
+                packet.stream = stream
+                container.mux(packet)
             time.sleep(0.04)
-        container.mux(stream.encode(None))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.sendto(b"", ("127.0.0.1", port))
 
 
-def test_a_camera_by_rtsp():
+@contextmanager
+def camera_by_rtsp(images, is_lost=lambda number: False, stall=0.0):
+    """The address of a camera on this machine that shows images once."""
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as packets,
         ThreadPoolExecutor(2) as pool,
     ):
         packets.bind(("127.0.0.1", 0))
-        pool.submit(serve_rtsp, server, packets)
-        pool.submit(send_rtp, packets.getsockname()[1], [picture(n) for n in range(40)])
-        address = f"rtsp://user:word@127.0.0.1:{server.getsockname()[1]}/live"
-        with StreamReader(Stream(address)) as stream:
-            assert (stream.size, stream.frames_per_second) == (SIZE, 25.0)
-            found = [shown(image) for image in stream]
-            assert stream.loss() == ""
+        ends = (
+            pool.submit(serve_rtsp, server, packets, is_lost),
+            pool.submit(send_rtp, packets.getsockname()[1], images, stall),
+        )
+        yield f"rtsp://user:word@127.0.0.1:{server.getsockname()[1]}/live"
+        for end in ends:
+            end.result()
+
+
+def numbers_by_rtsp(*arguments, **options):
+    """The numbers that frames show, and their time stamps in frames, NaN for the first one if it has none."""
+    with camera_by_rtsp(*arguments, **options) as address, StreamReader(Stream(address)) as stream:
+        assert (stream.size, stream.frames_per_second) == (SIZE, 25.0)
+        found = [(shown(image), stream.seconds) for image in stream]
+    numbers, seconds = zip(*found, strict=True)
+    assert None not in seconds[1:]
+    return list(numbers), 25.0 * np.array([np.nan if seconds[0] is None else seconds[0], *seconds[1:]])
+
+
+def check_all_after_the_first(found, times):
     assert found == list(range(found[0], 40))
     assert len(found) > 20  # a reader that comes late begins with the next keyframe
+    np.testing.assert_allclose(np.diff(times[1:]), 1.0, atol=1e-3)
+
+
+def test_a_camera_by_rtsp():
+    check_all_after_the_first(*numbers_by_rtsp([picture(n) for n in range(40)]))
+
+
+@pytest.mark.slow
+def test_a_camera_whose_packets_are_lost():
+    found, times = numbers_by_rtsp([picture(n) for n in range(60)], lambda number: number % 40 == 35)
+    assert found == sorted(found)  # until the next keyframe some show what was there before
+    assert found[-1] > 50
+    assert len(set(found)) > 30
+    assert np.diff(times[1:]).min() > 0.999
+
+
+def test_a_camera_that_sends_nothing_for_ten_seconds():
+    check_all_after_the_first(*numbers_by_rtsp([picture(n) for n in range(40)], stall=10.0))
+
+
+@pytest.mark.slow
+def test_a_camera_that_changes_its_size():
+    larger = [picture(n, (320, 192)) for n in range(20, 40)]
+    check_all_after_the_first(*numbers_by_rtsp([*(picture(n) for n in range(20)), *larger]))
 
 
 # --- without PyAV ---

@@ -54,7 +54,7 @@ def freed_files(frames: FrameCameras, sensor_width: float = 36.0) -> dict[str, b
     return {"camera.freed": bytes(stream)}
 
 
-def freed_packet(camera: Camera, sensor_width: float) -> bytes:
+def freed_packet(camera: Camera, sensor_width: float = 36.0) -> bytes:
     """The D1 packet of a camera, which cannot hold lens and principal point."""
     pan, tilt, roll = np.degrees(camera.angles)
     angles = np.array([pan, tilt - LOOKING_LEVEL, roll]) * COUNTS_PER_DEGREE
