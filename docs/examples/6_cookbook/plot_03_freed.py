@@ -2,8 +2,8 @@
 FreeD to a render engine
 ========================
 
-Engines for virtual graphics take the cameras of frames as FreeD packets (D1) by UDP: 29 bytes each. ``fieldcalib run STREAM --send
-freed://HOST:PORT`` sends them as they come; this is the same with `Tracker`.
+Engines for virtual graphics take the cameras of frames as FreeD packets (D1) by UDP: 29 bytes each.
+``fieldcalib run STREAM --send freed://HOST:PORT`` sends them as they come; here they come from a `Tracker`.
 """
 
 import socket
