@@ -1,6 +1,6 @@
-"""Errors of the camera of a calibration: a protocol, and its types.
+"""Errors of the camera of a calibration.
 
-Those of a frame that was solved by itself or in a batch (`Solved`) are computed from its problem at the solution; the
+Errors of a frame that was solved by itself or in a batch (`Solved`) are computed from its problem at the solution; the
 others are for frames of a sequence, and for homographies.
 
 What the labels of a solved frame say of its picture (`seems_part`): whole, or a part of a frame whose camera would be
@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -201,34 +201,6 @@ def seems_part(
     if is_square and probability >= sure:
         return ()
     return (SHAPE if declared == Declared.NOTHING else CUT,)
-
-
-class CameraErrors(Protocol):
-    """Errors of a camera, as `Calibration` uses them.
-
-    There are three types: `fieldcalib.assess.camera_errors.Solved` for a frame that was solved by itself, `KnownErrors`
-    for a frame of a sequence, `NoErrors` for a homography or a missing camera. A type raises a ValueError for values
-    that it does not have.
-    """
-
-    @property
-    def are_known(self) -> bool:
-        """Whether there is an estimate with a covariance."""
-
-    def on(self, field: Field | None) -> Estimate:
-        """The estimate with this field in view."""
-
-    def probability(self, field: Field, metres: float, *, size_known: bool) -> float:
-        """Probability that no point of the field in view is off by more than `metres`; NaN if it is unknown."""
-
-    def largest_error(self, field: Field) -> float:
-        """Largest root mean square error of the points of the field in view, metres; NaN if it is unknown."""
-
-    def doubts(self, picture: Picture | None) -> tuple[Finding, ...]:
-        """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
-
-    def to_record(self) -> dict[str, Any]:
-        """The keys of `Calibration.to_dict` that hold them."""
 
 
 @dataclass(frozen=True)
@@ -499,3 +471,10 @@ class Solved:
 
     def __reduce__(self) -> tuple[Callable[..., Solved], tuple[dict[str, Any]]]:
         return Solved.from_dict, (self.to_dict(),)
+
+
+CameraErrors: TypeAlias = Solved | KnownErrors | NoErrors
+"""Errors of the camera of a frame that was solved by itself, of one of a sequence, and of a homography or no camera.
+
+A type raises a ValueError for values that it does not have.
+"""
