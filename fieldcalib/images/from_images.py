@@ -523,11 +523,11 @@ def _explained(
 
 def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
     """The accepted calibration with the highest line support; the first one if none is accepted."""
-    share = [
-        line_support(image, one.required_camera, markings, max(SEARCH_RANGES)) if one.accepted else 0.0
-        for one in calibrations
-    ]
-    return calibrations[int(np.argmax(share))]
+
+    def support(one: Calibration) -> float:
+        return line_support(image, one.required_camera, markings, max(SEARCH_RANGES)) if one.accepted else 0.0
+
+    return max(calibrations, key=support)
 
 
 def with_second_opinion(calibrate: Method, images: Sequence[Image], *, how: How) -> list[Calibration]:
