@@ -261,7 +261,7 @@ def _stand(record: Any) -> CameraDistribution:
 
 def _lines(record: Any) -> LineLook:
     return _from_attributes(
-        LineLook, {name: _boolean(v) if name == "lighter" else _number(v) for name, v in record.items()}
+        LineLook, {name: _or_none(_boolean, v) if name == "lighter" else _number(v) for name, v in record.items()}
     )
 
 

@@ -54,8 +54,9 @@ class LineLook:
 
     width: float = 0.12
     """Metres."""
-    lighter: bool = True
-    """Whether they are lighter than the ground on both sides, else they are darker."""
+    lighter: bool | None = True
+    """Whether they are lighter than the ground on both sides, else they are darker; None if they may be either, or the
+    edges of painted areas."""
     contrast: float = 3.0
     """Least difference in brightness to both sides of a line, on the ground."""
     contrast_raised: float = 12.0

@@ -42,6 +42,7 @@ BLUR = 1.5  # px of any image: width added to lines by lens, motion and compress
 FLANK = 4
 # weights of blue, green, red (Rec. 601): video has less resolution in colour
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
+EDGE = np.float32(0.5)  # weight of the contrast on the edge of an area: less than that of a line along the edge
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
 OTHER_COLOUR = 4.0  # times the median colour difference of ground: what differs more is not ground; 99 % of ground less
 SAME_GROUND = 0.2  # of a line's contrast: smaller colour differences between both sides come from lossy compression
@@ -279,7 +280,8 @@ class Strips:
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
-    """Excess lightness of each sample over the lighter of its two sides, (n, m); if lines are dark, darkness."""
+    """Excess lightness of each sample over the lighter of its two sides, (n, m); if lines are dark, darkness. If they
+    may be either, that of the two, or on an edge a share of the smaller difference from both sides."""
     may_be_line: BoolArray
     """Whether both sides of each sample have the colour of ground, or the marking is above the ground, (n, m)."""
     is_black: BoolArray
@@ -297,8 +299,12 @@ class Strips:
         half = _half(profiles, spacing, unit, search_range, past_others)
         colour = colours_across(image, profiles, spacing, half + FLANK + 2)
         look = profiles.look
-        luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
-        contrast = luma[:, FLANK:-FLANK] - np.maximum(luma[:, : -2 * FLANK], luma[:, 2 * FLANK :])
+        luma = np.tensordot(-LUMA if look.lighter is False else LUMA, colour, axes=1)
+        sides = luma[:, : -2 * FLANK], luma[:, 2 * FLANK :]
+        contrast = luma[:, FLANK:-FLANK] - np.maximum(*sides)
+        if look.lighter is None:
+            stripe = np.maximum(contrast, np.minimum(*sides) - luma[:, FLANK:-FLANK])  # less than 0 on an edge
+            contrast = np.maximum(stripe, -EDGE * stripe)
         column, row = np.round(profiles.xy).astype(int).T
         return cls(
             profiles,

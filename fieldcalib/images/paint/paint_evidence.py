@@ -384,7 +384,7 @@ def paint_widths(image: Image, profiles: Profiles) -> Array:
         return np.zeros(0)
     half = round(REACH * STEPS)
     colour = colours_across(image, profiles, profiles.width / STEPS, half + 1)
-    level = np.tensordot(LUMA if profiles.look.lighter else -LUMA, colour, axes=1)
+    level = np.tensordot(-LUMA if profiles.look.lighter is False else LUMA, colour, axes=1)
     pixel = STEPS / profiles.width  # in samples
     near = np.abs(np.arange(-half, half + 1)) <= (NEAR * STEPS + NEAR_PX * pixel)[:, None]
     top = np.argmax(np.where(near, level, -np.inf), axis=1)

@@ -29,6 +29,7 @@ FARTHEST_CUT = 1.2  # picture widths from the middle to the principal point, if 
 LARGEST_MISFIT = 0.25  # of both equations for f^2, as a share of the squared columns: lens, principal point, noise
 FARTHEST_CORNER = 2.5  # picture widths from the middle: lines that cross further away are nearly parallel
 MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
+HIGHER = 2.0  # the factor above the highest stand: the upper tiers of arenas are 30 m above a court
 OVER, OVER_SHARE = (
     0.3,
     0.05,
@@ -240,7 +241,7 @@ def are_above(cameras: Cameras, field: Field) -> BoolArray:
 def heights(field: Field) -> tuple[float, float]:
     """Least and largest height of cameras above the ground, metres."""
     z = [height for stand in field.stands or field.named_stands.values() for height in stand.z]
-    return -max(z) / MARGIN_HEIGHT, -min(z) * MARGIN_HEIGHT
+    return -max(z) / MARGIN_HEIGHT, -min(z) * HIGHER
 
 
 def on_canonical_side(cameras: Cameras, field: Field) -> Cameras:

@@ -238,12 +238,13 @@ class PictureToSearch:
 
     image: Image
     """(height, width, 3), blue, green, red."""
-    _found: dict[bool, PictureStripes] = field(default_factory=dict, repr=False)
+    _found: dict[bool | None, PictureStripes] = field(default_factory=dict, repr=False)
 
-    def stripes(self, *, lighter: bool) -> PictureStripes:
-        """Stripes of the picture that are lighter than the ground, or darker."""
+    def stripes(self, *, lighter: bool | None) -> PictureStripes:
+        """Stripes of the picture that are lighter than the ground, or darker; None for both, and edges of areas."""
         if lighter not in self._found:
-            self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter)
+            bend = next((one.bend for one in self._found.values()), None)  # that of other stripes is the lens's too
+            self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter, bend=bend)
         return self._found[lighter]
 
 
@@ -261,7 +262,7 @@ class PictureStripes:
     _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, image: Image, *, lighter: bool, bend: Bend | None = None) -> PictureStripes:
+    def of(cls, image: Image, *, lighter: bool | None, bend: Bend | None = None) -> PictureStripes:
         """Find the stripes of an image of the working size, and its distortion from them unless `bend` is given."""
         stripes = find_stripes(image, lighter=lighter)
         bend = bend or bend_of(stripes)

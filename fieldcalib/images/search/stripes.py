@@ -1,9 +1,10 @@
 """Detection of painted stripes in a picture, without knowing the field: their middle, direction and colour.
 
 A stripe is lighter (or darker) than the ground on both of its sides, and the two sides differ less from one another
-than the stripe does from them, so that the border between two areas is no stripe. Stripes are looked for in four
-directions and with several distances to the sides, so that near and far lines are both found. Neighbouring pixels must
-agree on the direction: letters, nets and crowds are full of narrow light places, but these run in all directions.
+than the stripe does from them, so that the border between two areas is no stripe. Borders may be asked for as well.
+Stripes are looked for in four directions and with several distances to the sides, so that near and far lines are both
+found. Neighbouring pixels must agree on the direction: letters, nets and crowds are full of narrow light places, but
+these run in all directions.
 
 Pixels are those of the given picture, which `at_working_size` scales: a line of a court is then 2 to 15 px wide.
 
@@ -78,15 +79,15 @@ def at_working_size(image: Image) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 
-def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
+def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:
     """Find the painted stripes of a picture, without knowing what they belong to.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         Blue, green, red, of about `WORKING_WIDTH` columns.
-    lighter : bool
-        Whether stripes are lighter than the ground, else they are darker.
+    lighter : bool or None
+        Whether stripes are lighter than the ground, else they are darker. None finds both, and the edges of areas.
 
     Examples
     --------
@@ -100,8 +101,9 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
     import cv2
 
     grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
-    luma: Float32 = np.asarray(cv2.GaussianBlur(grey if lighter else -grey, (0, 0), BLUR), np.float32)
-    response: Float32 = np.asarray(cv2.GaussianBlur(_response(luma), (0, 0), MIDDLE_BLUR), np.float32)
+    luma: Float32 = np.asarray(cv2.GaussianBlur(-grey if lighter is False else grey, (0, 0), BLUR), np.float32)
+    sharp = _response(luma, either=lighter is None)
+    response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)
     across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
     x, y, offset = _middles(response, across, coherence)
     normal = across[y, x].astype(float)
@@ -114,8 +116,11 @@ def find_stripes(image: Image, *, lighter: bool = True) -> Stripes:
     return found if len(strongest) == len(contrast) else found.take(np.sort(strongest))
 
 
-def _response(luma: Float32) -> Float32:
-    """Contrast of each pixel to both of its sides, averaged over the distances `SIDES`; 0 if it is not lighter."""
+def _response(luma: Float32, *, either: bool) -> Float32:
+    """Contrast of each pixel to both of its sides, averaged over the distances `SIDES`; 0 if it is not lighter.
+
+    With `either`, it may also be darker, or between both sides, as on the edge of an area.
+    """
     reach = max(SIDES)
     padded = np.pad(luma, reach, mode="edge")
     height, width = luma.shape
@@ -130,7 +135,11 @@ def _response(luma: Float32) -> Float32:
             higher = np.maximum(one, other)  # at the edge of a light area only one side is darker
             contrast = luma - higher
             difference = higher + higher - one - other
-            is_stripe = (contrast > LEAST_CONTRAST) & (difference < LARGEST_DIFFERENCE * contrast)
+            largest = LARGEST_DIFFERENCE * contrast
+            if either:
+                stripe = np.maximum(contrast, higher - difference - luma)  # below 0 between both sides: on an edge
+                contrast, largest = np.abs(stripe), LARGEST_DIFFERENCE * np.maximum(stripe, -2.0 * stripe)
+            is_stripe = (contrast > LEAST_CONTRAST) & (difference < largest)
             total += np.where(is_stripe, contrast, np.float32(0.0))
         np.maximum(best, total, out=best)
     return best / np.float32(len(SIDES))
@@ -191,6 +200,12 @@ class StripeColours:
     def take(self, index: IntArray) -> StripeColours:
         """Select stripes by index."""
         return StripeColours(self.paint[index], self.ground[index])
+
+    @property
+    def are_edges(self) -> BoolArray:
+        """Whether the colour of each stripe lies between those of its sides, as on the edge of an area, (N,)."""
+        one, other = np.moveaxis(self.paint[:, None] - self.ground, 1, 0)
+        return np.asarray(np.sum(one * other, axis=1) < 0.0)
 
     def are_like(self, own: BoolArray) -> BoolArray:
         """Whether each stripe may be of the same paint as the stripes of the mask `own`; all may if these are too few.

@@ -94,6 +94,15 @@ def test_dark_stripes_are_found_when_they_are_asked_for():
     assert len(find_stripes(image, lighter=False).xy) > 200
 
 
+def test_stripes_of_either_kind_and_edges_of_areas_are_found_when_they_are_asked_for():
+    image = drawn(((60, 20), (60, 220)), paint=200)
+    image[:, 100:] = 40
+    cv2.line(image, (200, 20), (200, 220), (10, 10, 10), 4)
+    columns = find_stripes(image, lighter=None).xy[:, 0]
+    for line in (60.0, 99.5, 200.0):
+        assert np.count_nonzero(np.abs(columns - line) < 1.0) > 150
+
+
 def test_the_border_of_an_area_is_no_stripe_but_a_line_between_two_areas_is():
     image = np.full((240, 320, 3), 60, np.uint8)
     image[:, 160:] = 120
@@ -375,6 +384,18 @@ def test_a_dark_court_is_found():
     dark = Field(field.length, field.width, field.segments, stands=field.stands, lines=LineLook(0.05, lighter=False))
     found = find_courts(255 - picture(TENNIS, tennis()), dark)
     assert Truth(TENNIS, field).distance(found[0].calibration.required_camera) < 1.0
+
+
+def test_a_court_whose_areas_are_painted_is_found_without_any_line():
+    field = volleyball()
+    image = np.full((*SIZE[::-1], 3), 60, np.uint8)
+    for half_length, level in ((9.0, 180), (3.0, 120)):
+        corners = [(x, y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)) * np.array([half_length, 4.5])]
+        cv2.fillPoly(image, [np.round(VOLLEYBALL.project(corners)).astype(int)], (level,) * 3, cv2.LINE_AA)
+    assert len(find_stripes(image).xy) < 100  # at corners
+    found = find_courts(image, field)[0]
+    assert found.calibration.field.lines.lighter is None
+    assert Truth(VOLLEYBALL, field).distance(found.calibration.required_camera) < 3.0
 
 
 @pytest.mark.parametrize(
