@@ -9,7 +9,7 @@ from pathlib import Path
 from fieldcalib._progress import counted, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
-from fieldcalib.console.arguments import image_size, positive
+from fieldcalib.console.arguments import add_cameras_and_out, image_size, positive
 from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.decoders import DEFAULT_RATE
@@ -31,14 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "players", nargs="?", type=Path, metavar="PLAYERS", help="the table that project wrote (none: views alone)"
     )
-    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
-    parser.add_argument(
-        "--out",
-        required=True,
-        type=Path,
-        metavar="PATH",
-        help=f"a video ({VIDEO}), a picture of a single frame ({PICTURE}), or a folder for minimap_<id>{PICTURE}",
-    )
+    written = f"a video ({VIDEO}), a picture of a single frame ({PICTURE}), or a folder for minimap_<id>{PICTURE}"
+    add_cameras_and_out(parser, "PATH", written)
     add_options(parser, PlayerOptions)
     parser.add_argument(
         "--size", type=image_size, default=SIZE, metavar="WxH", help=f"of the maps, pixels ({SIZE[0]}x{SIZE[1]})"

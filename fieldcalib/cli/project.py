@@ -25,7 +25,7 @@ from fieldcalib.assess.estimate import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
-from fieldcalib.console.arguments import add_most_bytes, image_size, number
+from fieldcalib.console.arguments import add_cameras_and_out, add_most_bytes, image_size, number
 from fieldcalib.console.options import add_options, given, option, switch
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.boxes import GAME_STATE, KINDS, Box, BoxRow, foot_points, open_boxes
@@ -150,14 +150,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"and y. They come back with {', '.join(COLUMNS)}."
     )
     parser.add_argument("boxes", type=Path, metavar="BOXES", help=KINDS)
-    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of calibrate or run")
-    parser.add_argument(
-        "--out",
-        required=True,
-        type=Path,
-        metavar="FILE",
-        help="the table with the points, CSV; of game state JSON also .json, with bbox_pitch",
-    )
+    written = "the table with the points, CSV; of game state JSON also .json, with bbox_pitch"
+    add_cameras_and_out(parser, "FILE", written)
     add_options(parser, Projection)
     add_most_bytes(parser, files="files of JSON")
 

@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._progress import counted, progress_bar, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
-from fieldcalib.console.arguments import add_inputs, add_most_bytes, positive
+from fieldcalib.console.arguments import add_cameras_and_out, add_inputs, add_most_bytes, positive
 from fieldcalib.console.options import add_options, given
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
@@ -37,8 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what they show at each place, from which most players are gone."
     )
     add_inputs(parser, "images, folders or zips of them, or one video; of one field")
-    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
-    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the picture, e.g. PNG")
+    add_cameras_and_out(parser, "FILE", "the picture, e.g. PNG")
     parser.add_argument(
         "--metres-per-pixel",
         type=positive,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fieldcalib._progress import counted, say, show
 from fieldcalib.cli.frame_cameras import IN_ORDER, Cameras
-from fieldcalib.console.arguments import add_inputs, add_most_bytes
+from fieldcalib.console.arguments import add_cameras_and_out, add_inputs, add_most_bytes
 from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.frame_range import Cut, Position
@@ -28,14 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "`export --format homography` writes are exact for them, on level ground."
     )
     add_inputs(parser, "images, folders or zips of them, or one video")
-    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
-    parser.add_argument(
-        "--out",
-        required=True,
-        type=Path,
-        metavar="PATH",
-        help=f"a folder for <id>{PICTURE}; of one picture a picture, of a video a video ({VIDEO})",
-    )
+    written = f"a folder for <id>{PICTURE}; of one picture a picture, of a video a video ({VIDEO})"
+    add_cameras_and_out(parser, "PATH", written)
     add_most_bytes(parser)
 
 

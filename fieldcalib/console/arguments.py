@@ -171,6 +171,12 @@ def told_by(parse: Callable[[str], T]) -> Callable[[str], T]:
     return parsed
 
 
+def add_cameras_and_out(parser: argparse.ArgumentParser, metavar: str, written: str) -> None:
+    """--cameras, results that are read, and --out, what is `written` with them."""
+    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
+    parser.add_argument("--out", required=True, type=Path, metavar=metavar, help=written)
+
+
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     """INPUT, --size, --labels, --out, --format, --strict and --max-megabytes, to calibrate annotated frames."""
     add_inputs(parser, "folders, zips of them, single files")

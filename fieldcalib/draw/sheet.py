@@ -12,19 +12,13 @@ from fieldcalib.draw.scene import Colour, draw_text, text_size
 from fieldcalib.io.image_files import LONGEST_SIDE, Image, checked_image
 
 BACKGROUND: Colour = (30, 27, 25)
-CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # scales of OpenCV's font
-GAP, CAPTION_HEIGHT, TITLE_HEIGHT, LEGEND_HEIGHT = 14, 30, 36, 26  # px
+CAPTION, TITLE = 0.45, 0.8  # scales of OpenCV's font
+GAP, CAPTION_HEIGHT, TITLE_HEIGHT = 14, 30, 36  # px
 LINE_HEIGHT, INDENT = 18, 2  # px: height of each further line of a caption, space to the left of captions
 
 
 def contact_sheet(
-    pictures: Sequence[Image],
-    captions: Sequence[str],
-    *,
-    columns: int = 3,
-    width: int = 480,
-    title: str = "",
-    legend: str = "",
+    pictures: Sequence[Image], captions: Sequence[str], *, columns: int = 3, width: int = 480, title: str = ""
 ) -> Image:
     """Arrange reduced pictures in rows, each with its caption below.
 
@@ -38,8 +32,8 @@ def contact_sheet(
         Tiles in a row.
     width : int
         Width of a tile, pixels.
-    title, legend : str
-        Lines above the tiles.
+    title : str
+        A line above the tiles.
 
     Returns
     -------
@@ -62,7 +56,7 @@ def contact_sheet(
     pictures, captions = list(listed(pictures, "pictures")), list(listed(captions, "captions"))
     if not pictures or len(pictures) != len(captions):
         raise ValueError(f"expected pictures with a caption each, got {len(pictures)} and {len(captions)} captions")
-    for text in (title, legend, *captions):
+    for text in (title, *captions):
         expect(text, str, '"00:12"')
     columns = min(whole_number(columns, "columns", 1), len(pictures))
     if whole_number(width, "width", 1) * columns > LONGEST_SIDE:
@@ -70,13 +64,12 @@ def contact_sheet(
     width = int(width)
     first = checked_image(pictures[0])
     height = max(round(width * first.shape[0] / first.shape[1]), 1)
-    top = GAP + TITLE_HEIGHT * bool(title) + LEGEND_HEIGHT * bool(legend)
+    top = GAP + TITLE_HEIGHT * bool(title)
     lines = [_wrapped(caption, width - INDENT) for caption in captions]
     step = np.array([height + CAPTION_HEIGHT + LINE_HEIGHT * (max(map(len, lines)) - 1) + GAP, width + GAP])
     rows = -(-len(pictures) // columns)
     sheet = np.full((*(np.array([top, GAP]) + step * (rows, columns)), 3), BACKGROUND, np.uint8)
     draw_text(sheet, title, (GAP, 34), TITLE, (245, 245, 245))
-    draw_text(sheet, legend, (GAP, top - GAP - 2), LEGEND, (170, 170, 170))
     for index, (picture, caption) in enumerate(zip(pictures, lines, strict=True)):
         y, x = np.array([top, GAP]) + step * divmod(index, columns)
         picture = checked_image(picture)

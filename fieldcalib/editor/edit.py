@@ -78,10 +78,6 @@ class Marks:
         """Keep the marks whose labels a field has."""
         return Marks(tuple(one for one in self.all if one.label in field))
 
-    def unknown_to(self, field: Field) -> list[str]:
-        """Labels of marks that a field does not have."""
-        return list(dict.fromkeys(one.label for one in self.all if one.label not in field))
-
     @property
     def only_by_hand(self) -> Marks:
         """The marks that a person set."""

@@ -147,8 +147,8 @@ class Replayed:
 
     def remarks(self, field: Field) -> list[str]:
         """Warnings about edits that are left out, and about labels that a field does not have."""
-        marks = (one.history.present.marks for one in self.frames.values())
-        unknown = ", ".join(map(repr, dict.fromkeys(label for one in marks for label in one.unknown_to(field))))
+        labels = (mark.label for frame in self.frames.values() for mark in frame.history.present.marks.all)
+        unknown = ", ".join(map(repr, dict.fromkeys(label for label in labels if label not in field)))
         said = [f"the field has no {unknown}: such marks are kept, and have no effect"] if unknown else []
         return said + [f"{JOURNAL} has an edit that cannot be, which is left out: {one}" for one in self.left_out]
 

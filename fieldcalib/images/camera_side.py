@@ -144,11 +144,6 @@ def _told(field: Field, given: GivenCamera, flags: CalibrationFlags, prior: Prio
 def _side_looking(pan: float, field: Field) -> Side:
     """Side of the stand whose range of pan fits a pan (radians) best."""
     stands: Sequence[CameraDistribution] = field.stands or tuple(field.named_stands.values())
-    middle, half = (np.radians(values) for values in zip(*map(_pan_range, stands), strict=True))
-    away: Array = np.abs(np.angle(np.exp(1j * (pan - middle)))) / half
+    low, high = np.radians([stand.pan for stand in stands]).T
+    away: Array = np.abs(np.angle(np.exp(1j * (pan - 0.5 * (low + high))))) / (high - low)
     return side_of_stand(stands[int(np.argmin(away))], field)
-
-
-def _pan_range(stand: CameraDistribution) -> tuple[float, float]:
-    """Middle and half width of a stand's range of pan, degrees."""
-    return (stand.pan[0] + stand.pan[1]) / 2.0, (stand.pan[1] - stand.pan[0]) / 2.0

@@ -198,7 +198,9 @@ class Task:
         if start is not None and start.fisheye:
             flags = flags & ~F.CALIB_AUTO_LENS | F.CALIB_FISHEYE
         dist_coeffs = given.dist_coeffs if start is None else start.dist
-        layout = _layout(image_size, dist_coeffs, flags, self._size_block)
+        # size and crown of the field are parameters where they are unknown and have a prior
+        size = None if self.field is None or self.prior is None else SizeBlock.of(self.field)
+        layout = _layout(image_size, dist_coeffs, flags, size)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
                 "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
@@ -232,11 +234,6 @@ class Task:
         if self.field is None:
             return stands_around(SOCCER_SCALE)
         return self.field.stands or stands_around(self.field.scale)
-
-    @property
-    def _size_block(self) -> SizeBlock | None:
-        """Size and crown of the field as parameters, where they are unknown and have a prior; else None."""
-        return None if self.field is None or self.prior is None else SizeBlock.of(self.field)
 
 
 @dataclass(frozen=True, eq=False)

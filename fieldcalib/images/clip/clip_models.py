@@ -88,7 +88,7 @@ class CameraModel:
         For frames that share nothing only labels count: without a common centre, the motion of static points depends on
         their depth, so matches cannot be predicted.
         """
-        return score.of_labels if self.is_alone else score
+        return score._replace(matches=score.matches[:0]) if self.is_alone else score
 
     def is_preferred(self, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
         """Whether the model is taken instead of the best model so far, which is simpler."""
@@ -256,11 +256,6 @@ class Misprediction(NamedTuple):
     def typical(self) -> float:
         """Distance which, if all distances were equal to it, would give this score."""
         return WELL_PREDICTED * float(np.sqrt(np.expm1(self.score)))
-
-    @property
-    def of_labels(self) -> Misprediction:
-        """The misprediction of labels alone."""
-        return self._replace(matches=self.matches[:0])
 
     @property
     def of_matches(self) -> Misprediction:

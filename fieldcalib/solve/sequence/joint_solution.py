@@ -328,11 +328,6 @@ class JointSolution:
             tied[pairs.first] = tied[pairs.second] = True
         return tied
 
-    @property
-    def tied_cameras(self) -> dict[int, Array]:
-        """Parameters of the frames that are tied, by number."""
-        return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
-
     def shared_parameters(self, problem: SequenceProblem) -> SharedParameters:
         """Fix the shared parameters at their values, with their covariance, for the calibration of further frames."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]

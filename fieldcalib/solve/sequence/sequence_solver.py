@@ -380,7 +380,8 @@ def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSo
     """
     for _ in range(ROUNDS - 1):
         shared, some = joint.shared_parameters(problem), problem.solved_together
-        alone = problem.calibrate_alone(some, shared.options, joint.tied_cameras)
+        tied = {int(joint.index[k]): joint.evaluation.theta[k] for k in np.flatnonzero(joint.is_tied)}
+        alone = problem.calibrate_alone(some, shared.options, tied)
         start = _start_of(problem, alone, joint.left_out)
         if start is None:
             break
