@@ -21,8 +21,8 @@ LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must no
 # A batch iterates until all of its frames have converged. Further steps must be within rounding: otherwise a camera
 # would depend on the other frames of its batch.
 # After a last step as small as these, the error of Newton's method, and terms of third order, are that small.
-LINE_STEPS, LINE_STEP = 20, 1e-4  # px; five steps at 50 px and a broadcast lens, up to 20 near the fold of a strong one
-CURVE_STEPS, CURVE_STEP = 20, 1e-5  # of the curve's parameter
+LINE_STEPS, LINE_STEP = 20, 1e-5  # px; five steps at 50 px and a broadcast lens, up to 20 near the fold of a strong one
+CURVE_STEPS, CURVE_STEP = 20, 1e-6  # of the curve's parameter
 LEAST_BEND = 0.1  # of the second derivative of half the squared distance, in squared lengths of the tangent
 LARGEST_TURN = 0.5  # of a step on a circle, radians
 
