@@ -366,12 +366,27 @@ def eliminated(
     """
     H_tt, H_ts = hessian[:, own][:, :, own], hessian[:, own][:, :, ~own]
     right = np.concatenate([H_ts, downhill[:, own, None]], axis=-1)
-    if coupling is None:
-        solved = np.linalg.solve(H_tt, right)
-    else:
-        whole = coupled(H_tt, coupling)
-        solved = np.linalg.solve(whole, right.reshape(len(whole), -1)).reshape(right.shape)
+    solved = np.linalg.solve(H_tt, right) if coupling is None else _solved_together(H_tt, coupling, right)
     return solved[..., :-1], solved[..., -1]
+
+
+def _solved_together(blocks: Array, coupling: Coupling, right: Array) -> Array:
+    """Solve the system of all frames, with the blocks (B, o, o) on its diagonal, for right sides (B, o, k).
+
+    Frames are tied to others near them, so that the matrix is a band: its Cholesky factor is found without BLAS, whose
+    threads wait for one another longer than such a small system takes.
+    """
+    from scipy.linalg import solveh_banded  # a slow import
+
+    whole, columns = coupled(blocks, coupling), right.reshape(-1, right.shape[-1])
+    width = blocks.shape[1] * (1 + int(np.max(np.abs(coupling.first - coupling.second), initial=0)))
+    band = np.zeros((min(width, len(whole)), len(whole)))
+    for k, diagonal in enumerate(band):
+        diagonal[: len(whole) - k] = np.diagonal(whole, -k)
+    try:
+        return np.asarray(solveh_banded(band, columns, lower=True, check_finite=False)).reshape(right.shape)
+    except np.linalg.LinAlgError:  # by rounding it is not positive definite
+        return np.asarray(np.linalg.solve(whole, columns)).reshape(right.shape)
 
 
 def coupled(blocks: Array, coupling: Coupling) -> Array:
