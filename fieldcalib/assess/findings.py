@@ -70,11 +70,6 @@ class Remedy(NamedTuple):
     text: str = ""
     advice: tuple[Advice, ...] = ()
 
-    def and_also(self, *others: Remedy) -> Remedy:
-        """Several remedies as one."""
-        several = (self, *others)
-        return Remedy("; ".join(one.text for one in several), tuple(one for each in several for one in each.advice))
-
 
 NOTHING = Remedy()
 OTHER_SPORT = Remedy(f"if it is another sport, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
@@ -575,7 +570,8 @@ def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: boo
         return OFF_PAINT_OF_KNOWN_SIZE if first is OFF_PAINT and not may_be_resized else first
     sports = {What.MAY_BE_OTHER_SPORT: NOT_SOCCER, What.SEARCHED: OTHER_SPORT}
     remedy = OF_LABELS.get(status, REMEDIES[status]) if are_annotated else REMEDIES[status]
-    return remedy.and_also(*(sport for what, sport in sports.items() if what in found))
+    every = [remedy, *(sport for what, sport in sports.items() if what in found)]
+    return Remedy("; ".join(one.text for one in every), tuple(one for each in every for one in each.advice))
 
 
 @dataclass(frozen=True)

@@ -191,12 +191,13 @@ class FrameTable:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""
-        arrays = {name: value for name, value in self._columns.items() if isinstance(value, np.ndarray)}
         return {
-            **{name: array_to_record(value) for name, value in arrays.items()},
+            **{name: array_to_record(value) for name, value in self._columns.items() if isinstance(value, np.ndarray)},
             "labels": list(self.labels),
             "notes": [[t, note] for t, note in self.notes.items()],
-            "suspects": [[t, [_suspect_to_record(one) for one in found]] for t, found in self.suspects.items()],
+            "suspects": [
+                [t, [[s.label, s.fits, to_json(s.error_px)] for s in some]] for t, some in self.suspects.items()
+            ],
             "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
             "doubts": [[t, [one.to_dict() for one in found]] for t, found in self.doubts.items()],
         }
@@ -232,10 +233,6 @@ class FrameTable:
     @property
     def _columns(self) -> dict[str, Any]:
         return {one.name: getattr(self, one.name) for one in fields(self)}
-
-
-def _suspect_to_record(one: SuspectLabel) -> list[Any]:
-    return [one.label, one.fits, to_json(one.error_px)]
 
 
 def _suspect(label: Any, fits: Any, error_px: Any) -> SuspectLabel:

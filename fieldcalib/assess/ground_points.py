@@ -80,9 +80,8 @@ def locate_on_ground(
     array([ True, False])
     """
     if not isinstance(calibration, Calibration):
-        hint = "; camera.image_to_field(xy) gives the points, a camera alone has no errors" * isinstance(
-            calibration, Camera
-        )
+        is_camera = isinstance(calibration, Camera)
+        hint = "; camera.image_to_field(xy) gives the points, a camera alone has no errors" * is_camera
         raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
     if not (is_number(pixel_sd) and 0.0 <= pixel_sd <= MOST_NOISE):
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 to {MOST_NOISE:g}, got {pixel_sd}")

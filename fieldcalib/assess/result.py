@@ -5,7 +5,7 @@ Calibrations as dicts for JSON: the keys of ``cameras.jsonl`` and ``solver.jsonl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from functools import cached_property
@@ -46,24 +46,6 @@ from fieldcalib.problem.picture_shape import SURE, Declared, Placement
 VERSION = 1
 
 LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
-
-
-class WhenRead:
-    """An attribute that holds a number or a function of no arguments, which is called when the number is first read."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        if instance is None:
-            return self
-        kept = vars(instance)[self._name]
-        if callable(kept):
-            kept = vars(instance)[self._name] = float(kept())
-        return float(kept)
-
-    def __set__(self, instance: Any, value: float | Callable[[], float]) -> None:
-        vars(instance)[self._name] = value
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -480,6 +462,8 @@ class Calibration:
         with reading(record, "calibration", VERSION):
             size = record["image_size"]
             field = None if record["field"] is None else field_from_record(record["field"])
+            said = record["suspect_labels"]
+            suspects = [SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in said]
             return cls(
                 camera=None if size is None else Camera.from_dict(record),
                 status=Status(record["status"]),
@@ -487,10 +471,7 @@ class Calibration:
                 rms=float(from_json(record.get("rms_px"))),
                 loss_ndc=float(from_json(record.get("loss_ndc"))),
                 per_segment_errors={label: float(from_json(px)) for label, px in record["segment_errors_px"].items()},
-                suspect_labels=tuple(
-                    SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
-                    for one in record["suspect_labels"]
-                ),
+                suspect_labels=tuple(suspects),
                 alternatives=tuple(Camera.from_dict({**other, "image_size": size}) for other in record["alternatives"]),
                 _found=findings_from_json(record["found"] if "found" in record else record["complaints"]),
                 pixel_counts=_pixel_counts_from_record(record),
@@ -523,8 +504,18 @@ class Calibration:
         return picture + table(rows)
 
 
+def _loss_ndc(calibration: Calibration) -> float:
+    """The loss of a calibration, which is computed when it is first read."""
+    kept = vars(calibration)["loss_ndc"]
+    if callable(kept):
+        kept = vars(calibration)["loss_ndc"] = kept()
+    return float(kept)
+
+
 # It takes a tenth of the time of a single frame, and few need it: `calibrate_from_segments` gives a function.
-Calibration.loss_ndc = WhenRead("loss_ndc")  # type: ignore[assignment]
+Calibration.loss_ndc = property(  # type: ignore[assignment]
+    _loss_ndc, lambda calibration, loss: vars(calibration).update(loss_ndc=loss)
+)
 
 
 def doubted(

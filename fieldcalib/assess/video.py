@@ -156,10 +156,9 @@ class VideoCalibration(FrameSequence):
     def _check(self) -> None:
         check_indices(self.tripod, len(self.tripods), "tripod", NO_TRIPOD)
         check_indices(np.array([one.tripod for one in self.shots], np.intp), len(self.tripods), "shots", NO_TRIPOD)
-        if self.tripod.ndim != 1 or self.number.shape != self.tripod.shape:
-            raise ValueError(
-                f"expected 'tripod' and 'number' of the same frames, got {self.tripod.shape} and {self.number.shape}"
-            )
+        shapes = self.tripod.shape, self.number.shape
+        if self.tripod.ndim != 1 or shapes[0] != shapes[1]:
+            raise ValueError(f"expected 'tripod' and 'number' of the same frames, got {shapes[0]} and {shapes[1]}")
         for index, tripod in enumerate(self.tripods):
             check_indices(self.number[self.tripod == index], len(tripod), "number")
         ends = [0, *(one.stop for one in self.shots)]

@@ -24,6 +24,7 @@ import numpy as np
 
 from fieldcalib._json import texts_from_json
 from fieldcalib._progress import counted, progress_bar, say, show, solving
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import TRIPOD, RunRequest
 from fieldcalib.console.arguments import digest_of, load_network, or_search
@@ -33,13 +34,12 @@ from fieldcalib.io.clips import Reading
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object, read_regular_file, write_text
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Receiver, Stream, StreamReader
-from fieldcalib.io.videos import VideoWriter
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.run_folder.clip_results import write_clip_results
 from fieldcalib.run_folder.engine import live_tracker, tracked
 from fieldcalib.run_folder.frame_source import SOLVING, ClipInput, Frame, frames_of_files
-from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.record import Outcome, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, PART_OF_CLIP, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import executor_of
 from fieldcalib.solve.request import check_of_clip
@@ -158,7 +158,14 @@ def run_stream(request: RunRequest) -> int:
         with live_tracker(request.how(network), stream, reader, request.placement) as (frames, tracker):
             try:
                 for frame in frames:
-                    _add(request, frame, tracker, results, video, receivers)
+                    calibration, outcome = _calibrated(request, frame, tracker, results)
+                    for receiver in receivers:
+                        receiver.send(
+                            outcome.line, calibration.camera if calibration or request.keep_rejected else None
+                        )
+                    results.add(outcome)
+                    if request.draws and frame.image is not None:
+                        video.write(request.drawn(frame.image, calibration))
             except (KeyboardInterrupt, ValueError, RuntimeError) as error:  # of a frame that is not as those before
                 end = error
     if lateness := frames.lateness():
@@ -188,26 +195,15 @@ def _check(request: RunRequest, stream: Stream) -> None:
             raise ValueError(f"{name} is not of streams: each frame of {stream} is calibrated from those before it")
 
 
-def _add(
-    request: RunRequest,
-    frame: Frame,
-    tracker: Tracker,
-    results: ResultsWriter,
-    video: VideoWriter,
-    receivers: Sequence[Receiver],
-) -> None:
-    """Calibrate the next frame, and send and write its results."""
-    assert frame.image is not None
+def _calibrated(
+    request: RunRequest, frame: Frame, tracker: Tracker, results: ResultsWriter
+) -> tuple[Calibration, Outcome]:
+    """Calibrate the next frame."""
     start = time.perf_counter()
     calibration = tracked(tracker, frame, request.placement)
     results.calibrating += time.perf_counter() - start
     details = {"basis": str(tracker.basis), "time_s": frame.seconds}
-    outcome = request.outcome(frame.id, calibration, details=details)
-    for receiver in receivers:
-        receiver.send(outcome.line, calibration.camera if calibration or request.keep_rejected else None)
-    results.add(outcome)
-    if request.draws:
-        video.write(request.drawn(frame.image, calibration))
+    return calibration, request.outcome(frame.id, calibration, details=details)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,8 @@ from fieldcalib.io.files import BrokenFileError, escaped, replacement
 ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
 TEXT, SOLVER_TEXT = "line", "solver"
 TEXTS = ("id", "status", "message", "verdict", "reason", "remedy", "basis", "lens")
-NUMBERS = (
-    *("time_s", "rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3"),
-    *("probability_right_0.5m", "probability_right_1m"),
-)
+PROBABILITIES = ("probability_right_0.5m", "probability_right_1m")
+NUMBERS = ("time_s", "rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3", *PROBABILITIES)
 
 
 def write_parquet(lines: Iterable[tuple[bytes, bytes]], path: Path) -> None:
