@@ -12,9 +12,7 @@ from fieldcalib.assess.findings import Finding, What, in_words
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
 LONG = 15  # number of places from which on a marking is long
-CONFIRMED = (
-    0.85  # least share of places with paint on confirmed markings: right frames of a hard clip have 0.83 to 0.97
-)
+CONFIRMED = 0.85  # least share of places with paint on confirmed markings: in right frames of a hard clip 0.83 to 0.97
 LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera; places that each needs
 
 LEAST_WIDTHS = 6  # places where the width of paint must be measured

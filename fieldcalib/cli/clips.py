@@ -159,10 +159,9 @@ def run_stream(request: RunRequest) -> int:
             try:
                 for frame in frames:
                     calibration, outcome = _calibrated(request, frame, tracker, results)
+                    usable = calibration.camera if calibration or request.keep_rejected else None
                     for receiver in receivers:
-                        receiver.send(
-                            outcome.line, calibration.camera if calibration or request.keep_rejected else None
-                        )
+                        receiver.send(outcome.line, usable)
                     results.add(outcome)
                     if request.draws and frame.image is not None:
                         video.write(request.drawn(frame.image, calibration))

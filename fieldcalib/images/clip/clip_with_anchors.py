@@ -6,7 +6,7 @@ not depend on the anchors, so the `Keyframes` of an earlier solution are used ag
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 
@@ -74,14 +74,14 @@ def _without_contradicted(keyframes: Keyframes, held: Mapping[int, KeyframeLabel
     anchored = {int(number[t]) for t in held} or set(number.tolist())
     others = {t: one for t, one in keyframes.labels.items() if int(number[t]) in anchored and t not in held}
     rest = {t: one for t, one in keyframes.labels.items() if t not in others and t not in held}
-    cameras, kept = _first_cameras(keyframes, rest, others, held), others
+    cameras, kept = _first_cameras(keyframes, rest, others, held, anchored), others
     for _ in range(ROUNDS):
         before = kept
         near = {t: _near(keyframes, one, cameras.get(t)) for t, one in others.items()}
         kept = {t: one for t, one in near.items() if one is not None}
         if _pixel_counts(kept) == _pixel_counts(before):
             break
-        cameras = _cameras(replace(keyframes, labels={**rest, **kept, **held}))
+        cameras = _cameras(replace(keyframes, labels={**rest, **kept, **held}), anchored)
     labels = rest | kept
     told = {int(number[t]) for t, one in labels.items() if one.accepted}
     sure = {t: replace(one, accepted=one.accepted or int(number[t]) in told) for t, one in held.items()}
@@ -93,6 +93,7 @@ def _first_cameras(
     rest: Mapping[int, KeyframeLabels],
     others: Mapping[int, KeyframeLabels],
     held: Mapping[int, KeyframeLabels],
+    anchored: Collection[int],
 ) -> dict[int, Calibration]:
     """Cameras to begin with, by frame: from anchors alone if these determine them, else from all labels together.
 
@@ -101,10 +102,10 @@ def _first_cameras(
     """
     tied = {t for pair in keyframes.shots.matches for t in pair}
     labels = {**rest, **{t: one for t, one in others.items() if t in tied}, **held}
-    found = _cameras(replace(keyframes, labels=labels))
+    found = _cameras(replace(keyframes, labels=labels), anchored)
     if held:
         far = FAR * pixel_unit(keyframes.shots.image_size)
-        by_anchors = _cameras(replace(keyframes, labels={**rest, **held}))
+        by_anchors = _cameras(replace(keyframes, labels={**rest, **held}), anchored)
         found |= {t: one for t, one in by_anchors.items() if one.camera is not None and _sigma(one) < far}
     return found
 
@@ -113,9 +114,12 @@ def _pixel_counts(labels: Mapping[int, KeyframeLabels]) -> dict[int, int]:
     return {t: len(one.labels.label) for t, one in labels.items()}
 
 
-def _cameras(keyframes: Keyframes) -> dict[int, Calibration]:
-    """Calibrate the frames that have a tripod, by frame; untied frames are interpolated."""
-    solved = solve_tripods(solve_shots(keyframes, only_tripods=True))
+def _cameras(keyframes: Keyframes, anchored: Collection[int]) -> dict[int, Calibration]:
+    """Calibrate the frames that have a tripod, by frame; untied frames are interpolated.
+
+    Doubtful labels are of use in pieces with anchors only.
+    """
+    solved = solve_tripods(solve_shots(keyframes, only_tripods=True), anchored)
     found: dict[int, Calibration] = {}
     for tripod in solved.tripods:
         frames = solved.pieces.frames(tripod.pieces)

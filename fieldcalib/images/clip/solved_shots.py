@@ -7,7 +7,7 @@ calibrates these together.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -210,8 +210,11 @@ class SolvedTripods:
     """Notes for the user on the clip."""
 
 
-def solve_tripods(shots: SolvedShots) -> SolvedTripods:
-    """Group shots by their tripod, and calibrate the shots of each group together."""
+def solve_tripods(shots: SolvedShots, needed: Collection[int] | None = None) -> SolvedTripods:
+    """Group shots by their tripod, and calibrate the shots of each group together.
+
+    Pieces that have only doubtful labels are added if they are `needed`, by default all.
+    """
     shots = _on_one_pitch(shots)
     how, pieces = shots.keyframes.how, shots.pieces
     stands = how.is_on_tripod
@@ -230,7 +233,7 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
         groups += [[piece] for piece in sorted(own, key=lambda piece: CAMERA_MODELS.index(models[piece]))]
     tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
     if stands:
-        tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods)
+        tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods, needed)
     return SolvedTripods(shots.keyframes, pieces, tuple(tripods), shots.notes)
 
 
@@ -286,14 +289,17 @@ def _contradicted(shots: SolvedShots, members: Sequence[int], calibration: Seque
     return wrong if len(wrong) < len(members) else [max(wrong, key=lambda p: float(np.nanmedian(excess[p])))]
 
 
-def _with_doubtful_pieces(keyframes: Keyframes, pieces: Pieces, tripods: Sequence[Tripod]) -> list[Tripod]:
-    """Add to tripods the pieces that have only doubtful labels, if these fit a camera on that tripod."""
+def _with_doubtful_pieces(
+    keyframes: Keyframes, pieces: Pieces, tripods: Sequence[Tripod], needed: Collection[int] | None
+) -> list[Tripod]:
+    """Add to tripods the needed pieces that have only doubtful labels, if these fit a camera on that tripod."""
     found = list(tripods)
+    every = {t: one for t, one in keyframes.doubtful.items() if needed is None or int(pieces.number[t]) in needed}
     for k, tripod in enumerate(tripods):
         if pieces.model_of(tripod.pieces).is_alone:
             continue
         taken = {piece for one in found for piece in one.pieces}
-        doubtful = {t: labels for t, labels in keyframes.doubtful.items() if int(pieces.number[t]) not in taken}
+        doubtful = {t: labels for t, labels in every.items() if int(pieces.number[t]) not in taken}
         if not doubtful:
             break
         labels = {**keyframes.accepted, **doubtful}
