@@ -175,7 +175,7 @@ class RunRequest:
     def check(self) -> None:
         """Raise a ValueError if options do not fit the input."""
         if self.send and not self.is_stream:
-            raise ValueError("--send is of streams; of files, fieldcalib export --to freed writes a file of packets")
+            raise ValueError("--send is of streams; of files, fieldcalib export --format freed writes packets")
         if self.camera != TRIPOD and not self.is_clip:
             raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
         if self.same_camera and (self.is_clip or self.is_video):

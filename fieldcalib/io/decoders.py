@@ -264,7 +264,7 @@ class AvDecoder(Decoder):
                 return
             for frame in found:
                 number = self._numbers.get(frame.pts, number) if self._shown else number + 1
-                self.seconds = None if frame.pts is None else frame.pts * self._unit
+                self.seconds = None if frame.pts is None else round(frame.pts * self._unit, 6)
                 self.is_interlaced = self.is_interlaced or frame.interlaced_frame
                 yield number, partial(self._image, frame)
 
