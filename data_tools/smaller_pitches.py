@@ -61,7 +61,7 @@ def summary(share: float, found: Sequence[Calibration]) -> dict[str, object]:
         "share": share,
         "count": len(found),
         "good": sum(one.verdict is Verdict.GOOD for one in found),
-        "too wide": sum((paint_width(one.markings) > TOO_WIDE) for one in found),
+        "too wide": sum(paint_width(one.markings) > TOO_WIDE for one in found),
         "measured": len(widths),
         "widths": np.round(np.quantile(widths, QUANTILES), 2).tolist() if widths else [],
     }

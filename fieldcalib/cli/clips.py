@@ -145,15 +145,11 @@ def run_stream(request: RunRequest) -> int:
     path = request.run.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
     check_of_clip(request.known.flags)
-    receivers = [Receiver(address) for address in request.send or ()]
-    with (
-        ExitStack() as opened,
-        reader,
-        open_camera_folder(request.run, record, began) as results,
-        VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
-    ):
-        for receiver in receivers:
-            opened.enter_context(receiver)
+    with ExitStack() as opened:
+        receivers = [opened.enter_context(Receiver(address)) for address in request.send or ()]
+        opened.enter_context(reader)
+        results = opened.enter_context(open_camera_folder(request.run, record, began))
+        video = opened.enter_context(VIDEOS.write(path, reader.frames_per_second, threads=threads))
         results.notes = request.notes
         with live_tracker(request.how(network), stream, reader, request.placement) as (frames, tracker):
             try:
