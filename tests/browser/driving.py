@@ -159,6 +159,16 @@ class Window:
         for key in keys:
             self.page.keyboard.press(key)
 
+    def point(self, xy):
+        """Move the pointer of the keyboard to pixels of the picture."""
+        zoom = float(self.canvas.get_attribute("data-view").split(",")[2])
+        there = map(float, self.canvas.get_attribute("data-cursor").split(","))
+        keys = (("ArrowLeft", "ArrowRight"), ("ArrowUp", "ArrowDown"))
+        for left, (back, on) in zip(zoom * np.subtract(xy, list(there)), keys, strict=True):
+            name = back if left < 0.0 else on
+            tens, ones = divmod(round(abs(left)), 10)
+            self.press(*[name] * tens, *[f"Shift+{name}"] * ones)
+
     def choose(self, label):
         """Choose a marking by its key."""
         self.page.keyboard.type(self.keys[label])

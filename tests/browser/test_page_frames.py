@@ -171,7 +171,9 @@ def test_metres_are_measured(serve, window, picture):
 
     one.press("3")
     one.drag(foot, other)
-    one.page.locator(".measure-row", has_text="Distance").get_by_text("10.").wait_for()
+    distance = one.page.locator(".measure-row", has_text="Distance").locator(".measure-value")
+    distance.get_by_text("±").wait_for()
+    assert float(distance.inner_text().split(" m")[0]) == pytest.approx(10.0, abs=0.3)
 
     one.press("4")
     one.click(foot)

@@ -134,6 +134,42 @@ def test_a_squashed_picture_is_good_when_its_shape_is_said(serve, window, tmp_pa
     assert np.linalg.norm(np.subtract(one.state()["camera"]["position"], truth.C)) < 1.0
 
 
+RECORD_REVISIONS = """() => {
+    const { dataset } = document.querySelector(".picture-lines");
+    window.revisions = [Number(dataset.revision)];
+    const seen = new MutationObserver(() => window.revisions.push(Number(dataset.revision)));
+    seen.observe(document.querySelector(".picture-lines"), { attributeFilter: ["data-revision"] });
+}"""
+
+
+def test_an_answer_that_an_edit_has_overtaken_is_not_shown(labelled):
+    """The page asks what may have changed elsewhere; an answer from before a click does not undo the click."""
+    held, armed = [], []
+    places = along("Middle line", count=9)
+
+    def hold(route):
+        if armed and not held:
+            held.append((route, route.fetch()))
+        else:
+            route.continue_()
+
+    labelled.page.route("**/api/frame/0", hold)
+    for number in range(1, 7):  # until the page asks after the verdict on a click is there
+        armed.clear()
+        labelled.mark("Middle line", places[number : number + 1])
+        armed.append(True)
+        labelled.page.wait_for_timeout(1000)
+        if held:
+            break
+    labelled.mark("Middle line", places[number + 1 : number + 2])
+    labelled.page.evaluate(RECORD_REVISIONS)
+    route, answer = held[0]
+    route.fulfill(response=answer)
+    labelled.page.wait_for_timeout(500)
+    revisions = labelled.page.evaluate("window.revisions")
+    assert revisions == sorted(revisions)
+
+
 SHOW_LEFT_OUT = """async () => {
     const load = (name) => import(new URL(`static/${name}.js`, document.baseURI));
     const [{ VerdictCard }, { MarkList }] = [await load("verdict"), await load("marks")];

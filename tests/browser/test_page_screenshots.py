@@ -29,7 +29,7 @@ def test_measurements_and_the_error_map(serve, window, picture, shoot):
     one.drag((700.0, 850.0), (1250.0, 900.0))
     one.press("4")
     one.click((800.0, 560.0))
-    one.page.locator(".measure-row", has_text="Offside").get_by_text("x =").wait_for()
+    one.page.locator(".measure-row", has_text="Offside").get_by_text("from the goal line").wait_for()
     shoot(one, "page-measure")
 
 

@@ -1,5 +1,6 @@
 """The report of a run, opened from its file."""
 
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -54,7 +55,8 @@ def clip_report(tmp_path_factory):
     with VideoWriter(folder / "pan.mp4", 25.0) as video:
         for picture in [GREY] * 4 + [seen(-22.0 + 1.2 * k, 1450.0 + 12.0 * k) for k in range(26)]:
             video.write(picture)
-    assert main(["run", str(folder / "pan.mp4"), "--out", str(folder / "results"), "--report"]) == 0
+    with contextlib.chdir(folder):  # its name is in commands of the report
+        assert main(["run", "pan.mp4", "--out", "results", "--report"]) == 0
     return folder / "results" / "report.html"
 
 

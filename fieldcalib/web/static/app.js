@@ -178,6 +178,7 @@ class App {
     else this.picture.clear();
     this.render(true);
     this.fetchProposed();
+    if (state.judged && this.frames && this.frames.verdict[number] !== state.verdict) this.pollSoon();
   }
 
   /** A frame while the clip plays: the picture, its verdict, where it is. */
@@ -199,6 +200,7 @@ class App {
   playingChanged(playing) {
     const words = playing ? "Pause" : "Play";
     changeIcon(this.playButton, playing ? "pause" : "play");
+    this.playButton.querySelector("span").textContent = words;
     this.playButton.dataset.tip = words;
     this.playButton.setAttribute("aria-label", words);
     if (!playing && this.edits) {
@@ -210,6 +212,12 @@ class App {
 
   play() {
     if (this.isClip) this.player.toggle(this.current, this.count, this.project.rate ?? 25);
+  }
+
+  /** An arrow key: moves the pointer of the keyboard, if there is one, by CSS pixels; else to another frame. */
+  arrow(dx, dy) {
+    if (this.pointing.cursor) this.pointing.moveCursor(dx, dy);
+    else this.step(Math.sign(dx + dy));
   }
 
   step(places) {
@@ -258,8 +266,7 @@ class App {
     this.loader.forget();
     if (!judged) return undefined;
     this.patch(edits.state);
-    clearTimeout(this.asking);
-    this.asking = setTimeout(() => this.poll(), 300);
+    this.pollSoon();
     return this.showSaved();
   }
 
@@ -298,6 +305,7 @@ class App {
       moveMarks: (to, snap) => app.moveMarks(to, snap),
       measuring: (path, moved) => app.tool === "ruler" && app.measured.drawing(path, moved),
       measure: (path, moved) => app.measure(path, moved),
+      pointed: () => app.showChosen(),
     };
   }
 
@@ -430,7 +438,7 @@ class App {
 
   /** One step back from what is going on. */
   escape() {
-    if (this.pointing.gesture) this.pointing.cancel();
+    if (this.pointing.gesture || this.pointing.cursor) this.pointing.cancel();
     else if (this.picture.selected.size) this.select([]);
     else if (this.chosen) this.choose(null);
     else if (this.tool !== "mark") this.setTool("mark");
@@ -438,7 +446,8 @@ class App {
   }
 
   zoom(change) {
-    change(this.picture.view);
+    const { cursor } = this.pointing;
+    change(this.picture.view, cursor ? this.picture.view.toBox(cursor.x, cursor.y) : undefined);
     this.picture.moved();
   }
 
@@ -477,6 +486,11 @@ class App {
 
   // What changes elsewhere
 
+  pollSoon() {
+    clearTimeout(this.asking);
+    this.asking = setTimeout(() => this.poll(), 300);
+  }
+
   async poll() {
     try {
       const project = await get("api/project");
@@ -501,6 +515,7 @@ class App {
     if (!edits || edits.pending.length || this.player.playing) return;
     const state = await get(`api/frame/${this.current}`);
     if (edits !== this.edits || edits.pending.length || state.number !== this.current) return;
+    if (state.revision < edits.state.revision) return; // it was edited, and that answered, meanwhile
     const isFound = state.automatic && state.message !== edits.state.message; // a camera that was searched for
     if (!all && state.revision === edits.state.revision && !isFound) return;
     this.loader.forget();
@@ -584,7 +599,8 @@ class App {
   showChosen() {
     const words = { foot: "Click where a player stands", ruler: "Drag between two places on the ground", offside: "Click the foot of a player" }[this.tool];
     const found = this.field?.segments.find(({ label }) => label === this.chosen);
-    const parts = this.chosen ? [element("b", { text: this.chosen }), found?.key ? element("kbd", { text: found.key.toUpperCase() }) : "", element("span", { class: "dim", text: "click along it" })] : words ? [element("span", { text: words })] : [];
+    const parts = this.chosen ? [element("b", { text: this.chosen }), found?.key ? element("kbd", { text: found.key.toUpperCase() }) : "", element("span", { class: "dim", text: this.pointing.cursor ? "" : "click along it (by keys: Enter)" })] : words ? [element("span", { text: words })] : [];
+    if (this.pointing.cursor) parts.push(element("span", { class: "dim", text: "arrow keys move the pointer, Enter clicks" }));
     at("chosen").replaceChildren(...parts);
     at("chosen").classList.toggle("shown", parts.length > 0);
   }

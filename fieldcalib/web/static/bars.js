@@ -1,7 +1,7 @@
 // The bars above the page and above the picture: buttons, with their keys.
 
 import { address } from "./api.js";
-import { button, element } from "./dom.js";
+import { button, drawIcon, element } from "./dom.js";
 
 const place = (id) => document.getElementById(id);
 
@@ -17,39 +17,39 @@ export function buildBars(app) {
   });
   app.saveButton = button("Saved", { icon: "save", keys: "Ctrl+S", press: () => app.save() });
   app.editButtons = {
-    undo: button("Undo", { icon: "undo", keys: "Ctrl+Z", shown: false, press: () => app.edit({ do: "undo" }) }),
-    redo: button("Redo", { icon: "redo", keys: "Ctrl+Shift+Z", shown: false, press: () => app.edit({ do: "redo" }) }),
-    automatic: button("Find labels automatically", { icon: "automatic", keys: "Shift+A", shown: false, press: () => app.edit({ do: "automatic" }) }),
-    copy: button("Copy labels of the previous frame", { icon: "copy", keys: "Shift+C", shown: false, press: () => app.copyLabels() }),
-    next: button("The mark that helps most", { icon: "next", keys: "Shift+N", shown: false, press: () => app.goToNext() }),
-    clear: button("Remove all marks", { icon: "remove", shown: false, press: () => app.edit({ do: "clear" }) }),
+    undo: button("Undo", { icon: "undo", keys: "Ctrl+Z", word: "Undo", press: () => app.edit({ do: "undo" }) }),
+    redo: button("Redo", { icon: "redo", keys: "Ctrl+Shift+Z", word: "Redo", press: () => app.edit({ do: "redo" }) }),
+    automatic: button("Find labels automatically", { icon: "automatic", keys: "Shift+A", word: "Find labels", press: () => app.edit({ do: "automatic" }) }),
+    copy: button("Copy labels of the previous frame", { icon: "copy", keys: "Shift+C", word: "Copy labels", press: () => app.copyLabels() }),
+    next: button("Next mark: the one that helps most", { icon: "next", keys: "Shift+N", word: "Next mark", press: () => app.goToNext() }),
+    clear: button("Remove all marks", { icon: "remove", word: "Remove all", press: () => app.edit({ do: "clear" }) }),
   };
   place("top-edit").append(...Object.values(app.editButtons));
   place("top-save").append(app.saveButton, labels);
-  place("top-help").append(button("Keys", { icon: "help", keys: "?", shown: false, press: () => app.help.toggle() }));
+  place("top-help").append(button("Keys", { icon: "help", keys: "?", word: "Keys", press: () => app.help.toggle() }));
   buildTools(app);
-  app.playButton = button("Play", { icon: "play", keys: "Space", shown: false, press: () => app.play() });
-  app.clipButtons = { cut: button("A shot begins here", { icon: "cut", keys: "Shift+K", shown: false, press: () => app.toggleCut() }) };
+  app.playButton = button("Play", { icon: "play", keys: "Space", word: "Play", press: () => app.play() });
+  app.clipButtons = { cut: button("Cut: a shot begins here", { icon: "cut", keys: "Shift+K", word: "Cut", press: () => app.toggleCut() }) };
   place("transport").append(app.playButton, app.clipButtons.cut);
 }
 
 function buildTools(app) {
-  const tool = (name, words, keys) => button(words, { icon: name, keys, shown: false, press: () => app.setTool(name) });
-  app.toolButtons = { mark: tool("mark", "Mark and select", "1"), foot: tool("foot", "Foot: metres on the ground", "2"), ruler: tool("ruler", "Ruler", "3"), offside: tool("offside", "Offside line", "4") };
-  const toggle = (name, words, keys, press, on) => {
-    const one = button(words, { icon: name, keys, shown: false, press });
+  const tool = (name, word, words, keys) => button(words, { icon: name, keys, word, press: () => app.setTool(name) });
+  app.toolButtons = { mark: tool("mark", "Mark", "Mark and select", "1"), foot: tool("foot", "Foot", "Foot: metres on the ground", "2"), ruler: tool("ruler", "Ruler", "Ruler", "3"), offside: tool("offside", "Offside", "Offside line", "4") };
+  const toggle = (name, word, words, keys, press, on) => {
+    const one = button(words, { icon: name, keys, word, press });
     one.setAttribute("aria-pressed", String(on));
     return one;
   };
   app.toggles = {
-    snap: toggle("snap", "Snap to paint (Alt: the other way)", "Shift+S", () => app.setSnap(!app.snap), true),
-    markings: toggle("markings", "Projected markings", "Shift+M", () => app.toggleLayer("markings"), true),
-    horizon: toggle("horizon", "Horizon", "Shift+H", () => app.toggleLayer("horizon"), false),
-    heat: toggle("heat", "Error map: shift of the ground if clicks are 2 px off", "Shift+E", () => app.toggleHeat(), false),
+    snap: toggle("snap", "Snap", "Snap to paint (Alt: the other way)", "Shift+S", () => app.setSnap(!app.snap), true),
+    markings: toggle("markings", "Markings", "Projected markings", "Shift+M", () => app.toggleLayer("markings"), true),
+    horizon: toggle("horizon", "Horizon", "Horizon", "Shift+H", () => app.toggleLayer("horizon"), false),
+    heat: toggle("heat", "Error map", "Error map: shift of the ground if clicks are 2 px off", "Shift+E", () => app.toggleHeat(), false),
   };
   app.zoomWords = element("output", { class: "zoom-words", "aria-label": "Zoom" });
-  const picture = element("a", { class: "button", "data-tip": "Save the picture with its markings", "aria-label": "Save the picture with its markings", download: "", href: "#" });
-  picture.append(button("", { icon: "download", shown: false }).firstChild);
+  const picture = element("a", { class: "button worded", "data-tip": "Save the picture with its markings", "aria-label": "Save the picture with its markings", download: "", href: "#" });
+  picture.append(drawIcon("download"), element("span", { text: "Picture" }));
   picture.addEventListener("click", () => {
     picture.href = address(`api/frame/${app.current}/overlay.png`);
     picture.download = `overlay-${app.current}.png`;
@@ -62,8 +62,8 @@ function buildTools(app) {
       button("Farther", { icon: "farther", keys: "-", shown: false, press: () => app.zoom((view) => view.zoomBy(0.8)) }),
       app.zoomWords,
       button("Closer", { icon: "closer", keys: "+", shown: false, press: () => app.zoom((view) => view.zoomBy(1.25)) }),
-      button("Whole picture", { icon: "fit", keys: "0", shown: false, press: () => app.zoom((view) => view.fit()) }),
-      button("100 %: pixels", { icon: "pixels", keys: "9", shown: false, press: () => app.zoom((view) => view.zoomTo(1)) }),
+      button("Whole picture", { icon: "fit", keys: "0", word: "Whole", press: () => app.zoom((view) => view.fit()) }),
+      button("100 %: pixels", { icon: "pixels", keys: "9", word: "100 %", press: () => app.zoom((view) => view.zoomTo(1)) }),
     ),
   );
     }

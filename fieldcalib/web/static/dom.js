@@ -26,13 +26,13 @@ function filled(node, attributes, children) {
   return node;
 }
 
-/** A button with a name for screen readers, a tip with its key, and perhaps an icon. */
-export function button(words, { icon = null, keys = "", press, kind = "", shown = true } = {}) {
+/** A button with a name for screen readers, a tip with its key, and perhaps an icon; `word`, a part of its name, stands below the icon. */
+export function button(words, { icon = null, keys = "", press, kind = "", shown = true, word = "" } = {}) {
   return element(
     "button",
-    { type: "button", class: `button ${kind}`, "aria-label": words, "data-tip": words, "data-keys": keys, on: { click: press } },
+    { type: "button", class: `button ${kind}${word ? " worded" : ""}`, "aria-label": words, "data-tip": words, "data-keys": keys, on: { click: press } },
     icon ? drawIcon(icon) : null,
-    shown || !icon ? element("span", { text: words }) : null,
+    shown || word || !icon ? element("span", { text: word || words }) : null,
   );
 }
 

@@ -77,8 +77,9 @@ export class FieldMap {
       ? svgElement("circle", { cx: points[0][0], cy: points[0][1], r: 0.75 * this.unit, class: "map-point" })
       : svgElement("path", { d: `M${points.map((point) => point.join(" ")).join("L")}`, class: "map-line" });
     const name = segment.key ? `${segment.label}, key ${segment.key.toUpperCase()}` : segment.label;
-    const part = svgElement("g", { class: "map-segment", "data-label": segment.label, "aria-label": name }, shape);
+    const part = svgElement("g", { class: "map-segment", "data-label": segment.label }, shape);
     if (this.choose) {
+      part.setAttribute("aria-label", name);
       part.setAttribute("role", "button");
       part.setAttribute("tabindex", this.parts.size ? "-1" : "0"); // one stop of Tab; arrow keys go on from there
       part.setAttribute("aria-pressed", "false");

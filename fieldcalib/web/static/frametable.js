@@ -20,8 +20,8 @@ export class FrameTable {
     this.sorting = { name: "concern", down: true };
     this.keeps = () => true;
     this.head = element("div", { class: "table-row table-head", role: "row" });
-    const space = element("div", { class: "table-space", role: "rowgroup" });
-    this.body = element("div", { class: "table-body", tabindex: "0", "aria-label": "Frames" }, space);
+    const space = element("div", { class: "table-space", role: "presentation" });
+    this.body = element("div", { class: "table-body", role: "rowgroup", tabindex: "0", "aria-label": "Frames" }, space);
     root.setAttribute("role", "table");
     root.append(element("div", { role: "rowgroup" }, this.head), this.body);
     this.rows = new FrameRows(this.body, space, { height: 2.2, empty: "dim table-empty", draw: (number, place) => this.row(number, place), open });

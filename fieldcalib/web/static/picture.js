@@ -39,7 +39,7 @@ export class Picture {
     this.proposed = []; // curves of another camera, drawn over those of the frame
     this.drawings = []; // functions of (context, picture) that draw on top
     this.pixels = element("canvas", { class: "picture-pixels", "aria-hidden": "true" });
-    this.lines = element("canvas", { class: "picture-lines", tabindex: "0", role: "application", "aria-label": "Picture with the projected field" });
+    this.lines = element("canvas", { class: "picture-lines", tabindex: "0", role: "application", "aria-label": "Picture with the projected field; Enter puts a pointer on it that arrow keys move" });
     root.append(this.pixels, this.lines);
     this.frame = null;
     this.source = null;

@@ -1,4 +1,4 @@
-// The pointer over the picture: set marks by a click or along a stroke, drag, select, rubber band, zoom and pan.
+// The pointer over the picture, and that of the keyboard: set marks by a click or along a stroke, drag, select, rubber band, zoom and pan.
 
 const STROKE = 7; // CSS pixels that a press may move and still be a click
 const SPACING = 70; // CSS pixels between the marks of a stroke
@@ -12,6 +12,7 @@ export class Pointing {
     this.actions = actions;
     this.gesture = null;
     this.at = null; // where the pointer is, in the box
+    this.cursor = null; // where that of the keyboard is, in the picture
     const canvas = picture.lines;
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.move(event));
@@ -30,9 +31,13 @@ export class Pointing {
 
   press(event) {
     if (!this.picture.frame) return;
-    const at = this.place(event);
     this.picture.lines.setPointerCapture(event.pointerId);
     this.picture.lines.focus({ preventScroll: true });
+    this.setCursor(null);
+    this.begin(event, this.place(event));
+  }
+
+  begin(event, at) {
     this.gesture = { ...this.beginning(event, at), from: at, last: at, moved: false };
   }
 
@@ -67,7 +72,10 @@ export class Pointing {
   }
 
   move(event) {
-    const at = this.place(event);
+    this.moveTo(this.place(event));
+  }
+
+  moveTo(at) {
     this.at = at;
     const { gesture, picture } = this;
     if (!gesture) return this.hover(at);
@@ -91,11 +99,12 @@ export class Pointing {
   }
 
   release(event) {
+    if (this.gesture) this.end(this.place(event), this.actions.snap !== event.altKey);
+  }
+
+  end(at, snap) {
     const { gesture } = this;
-    if (!gesture) return;
     this.gesture = null;
-    const at = this.place(event);
-    const snap = this.actions.snap !== event.altKey;
     if (gesture.kind === "drag" && gesture.moved) this.actions.moveMarks(this.dragged(gesture, at), snap);
     else if (gesture.kind === "stroke") this.actions.addMarks(gesture.label, this.marksOfStroke([...gesture.path, at]), snap);
     else if (gesture.kind === "pan" && gesture.clears && !gesture.moved) this.clickBeside(at);
@@ -115,7 +124,50 @@ export class Pointing {
 
   cancel() {
     if (this.gesture?.kind === "drag") this.actions.preview(null);
+    if (!this.gesture) this.setCursor(null);
     this.gesture = null;
+    this.picture.drawLines();
+  }
+
+  // The pointer of the keyboard
+
+  setCursor(place) {
+    const changes = Boolean(place) !== Boolean(this.cursor);
+    this.cursor = place;
+    if (changes) this.actions.pointed();
+  }
+
+  /** Begin the pointer of the keyboard where the next mark would help, or in the middle of the view; do there what a click does. */
+  enter() {
+    const { picture, actions, gesture } = this;
+    const { frame, view } = picture;
+    if (!frame || !picture.base) return;
+    if (!this.cursor) {
+      const { next } = frame;
+      this.setCursor(next && (actions.chosen ?? next.label) === next.label ? next : view);
+      picture.lines.focus({ preventScroll: true });
+      this.moveCursor(0, 0);
+      return;
+    }
+    const at = view.toBox(this.cursor.x, this.cursor.y);
+    if (!gesture) this.begin({ button: 0 }, at);
+    if (gesture || actions.tool !== "ruler") this.end(at, actions.snap); // a ruler has a beginning and an end
+  }
+
+  /** Move it by CSS pixels; what leaves the view is followed. */
+  moveCursor(dx, dy) {
+    const { view } = this.picture;
+    const { width, height } = view.picture;
+    const x = Math.min(Math.max(this.cursor.x + dx / view.zoom, 0), width - 1);
+    const y = Math.min(Math.max(this.cursor.y + dy / view.zoom, 0), height - 1);
+    this.cursor = { x, y };
+    this.picture.lines.dataset.cursor = `${x},${y}`; // for who waits for it
+    const seen = view.toBox(x, y);
+    if (seen.x < 0 || seen.y < 0 || seen.x > view.box.width || seen.y > view.box.height) {
+      view.centre(x, y);
+      this.picture.moved();
+    }
+    this.moveTo(view.toBox(x, y));
     this.picture.drawLines();
   }
 
@@ -186,6 +238,7 @@ export class Pointing {
   draw(context) {
     const { gesture, picture } = this;
     const unit = picture.unit;
+    if (this.cursor) drawCross(context, unit, picture.view.toBox(this.cursor.x, this.cursor.y));
     context.strokeStyle = picture.colour("--accent");
     if (gesture?.kind === "band") {
       context.setLineDash([4 * unit, 3 * unit]);
@@ -200,6 +253,20 @@ export class Pointing {
     } else if (!gesture && this.at && this.words) {
       picture.drawText(context, this.words, this.at.x, this.at.y);
     }
+  }
+}
+
+/** Cross hairs around a place of the box. */
+function drawCross(context, unit, { x, y }) {
+  for (const [stroke, width] of [["rgba(8, 12, 16, 0.75)", 4], ["#fff", 1.75]]) {
+    context.strokeStyle = stroke;
+    context.lineWidth = width * unit;
+    context.beginPath();
+    for (const [across, down] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) {
+      context.moveTo(x + 5 * unit * across, y + 5 * unit * down);
+      context.lineTo(x + 18 * unit * across, y + 18 * unit * down);
+    }
+    context.stroke();
   }
 }
 
