@@ -168,6 +168,7 @@ def test_nearest_are_those_of_a_search_one_by_one(database):
         assert database.nearest(feature, 10).tolist() == order[:10].tolist()
 
 
+@pytest.mark.slow
 def test_a_database_finds_its_own_cameras(database):
     chosen = np.arange(0, 4000, 400)
     views = edge_images(database.cameras[chosen].homographies, database.pieces)

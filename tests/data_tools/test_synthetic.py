@@ -180,7 +180,7 @@ def test_the_contact_sheet(tmp_path, monkeypatch):
     assert (tmp_path / "sheet.png").stat().st_size > 10000
 
 
-@pytest.mark.parametrize("seed", [0, 3, pytest.param(19, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 19))])
 def test_frames_may_be_larger_than_those_of_training(seed):
     """The first shows no field, the others are blurred by motion, which grows with the width."""
     made = frame(seed, (1280, 720))

@@ -104,6 +104,7 @@ def test_the_rate_of_learning_rises_and_falls():
     assert rates[-1] < 1e-3 * max(rates)
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch):
     seeds = range(1_000_000_000, 1_000_000_002)
     monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", seeds)

@@ -195,6 +195,7 @@ def test_real_homographies_from_a_corner(shared_data):
     assert said > 0.85 * accepted > 30
 
 
+@pytest.mark.slow
 def test_real_points_from_a_corner(shared_data):
     """Labelled points of real frames, as every other tool would give them."""
     folder = shared_data / "pitch-keypoints"

@@ -323,6 +323,7 @@ def test_a_camera_whose_packets_are_lost():
     assert np.diff(times[1:]).min() > 0.999
 
 
+@pytest.mark.slow
 def test_a_camera_that_sends_nothing_for_ten_seconds():
     check_all_after_the_first(*numbers_by_rtsp([picture(n) for n in range(40)], stall=10.0))
 
