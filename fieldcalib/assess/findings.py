@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fieldcalib._types import expect, number, several
-from fieldcalib.fields.catalogue import FIELDS
 
 LOOK = "look at the overlay"
 BY_HAND = "labelled by hand"
@@ -89,10 +88,7 @@ MORE_THAN_GROUND = Remedy(
     (Advice.KNOWN_CAMERA,),
 )
 SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
-NOT_SOCCER = Remedy(
-    f"if it is not soccer, {OTHER_FIELD}: {', '.join(name for name in FIELDS if name != 'soccer')}",
-    (Advice.OTHER_FIELD,),
-)
+NOT_SOCCER = Remedy(f"if it is not soccer, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 
 
 class Tool(Enum):
@@ -132,9 +128,9 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
             Tool.PAGE: "fieldcalib run with --crop-of, and open its results",
         },
         Advice.OTHER_FIELD: {
-            Tool.COMMAND: "--field NAME, or auto",
-            Tool.PYTHON: "field=NAME, or 'auto'",
-            Tool.PAGE: "fieldcalib open with --field NAME",
+            Tool.COMMAND: "--field NAME (--help has the names), or auto",
+            Tool.PYTHON: "field=NAME (fieldcalib.fields.FIELDS has the names), or 'auto'",
+            Tool.PAGE: "fieldcalib open with --field NAME (--help has the names)",
         },
         Advice.FIELD_SIZE: {
             Tool.COMMAND: "--field-length and --field-width with --field-size known",
@@ -231,6 +227,8 @@ class What(StrEnum):
     """The picture may be an enlarged part of a frame."""
     SHAPE = "shape"
     """Whether a picture was squashed or cut out is open."""
+    NARROW = "narrow picture"
+    """A network labelled a narrow picture, of which it knows few."""
     SEVERAL_VIEWS = "several views"
     """The picture shows several views side by side."""
     IN_WINDOW = "in a window"
@@ -357,6 +355,8 @@ SENTENCES: Mapping[What, str] = MappingProxyType(
         What.ENLARGED: "the picture may be an enlarged part of a frame, and its lines do not show the middle: say "
         "which part it is",
         What.SHAPE: "the picture is not 16:9, and the labels do not tell whether it was squashed or cut out",
+        What.NARROW: "the picture is narrow, and the network knows few such pictures: see whether all markings lie on "
+        "their paint",
         What.SEVERAL_VIEWS: "the picture shows several views side by side, and the camera is of one of them: cut that "
         "one out",
         What.IN_WINDOW: "the picture may show a frame in a window, in which no camera was found: cut the frame out",
@@ -462,8 +462,8 @@ class Finding:
         return found
 
 
-CUT, ENLARGED, SHAPE, SEVERAL_VIEWS, IN_WINDOW, WAS_SQUASHED = map(
-    Finding, (What.PART, What.ENLARGED, What.SHAPE, What.SEVERAL_VIEWS, What.IN_WINDOW, What.WAS_SQUASHED)
+CUT, ENLARGED, SHAPE, NARROW, SEVERAL_VIEWS, IN_WINDOW, WAS_SQUASHED = map(
+    Finding, (What.PART, What.ENLARGED, What.SHAPE, What.NARROW, What.SEVERAL_VIEWS, What.IN_WINDOW, What.WAS_SQUASHED)
 )
 """What a picture is of (`fieldcalib.problem.picture_shape`)."""
 
@@ -546,6 +546,7 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
         What.SEVERAL_VIEWS: ONE_VIEW,
         What.WIDE_PAINT: SMALLER,
         What.SHAPE: NOT_WHOLE,
+        What.NARROW: OFF_PAINT_OF_KNOWN_SIZE,
         **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),
         What.GROUND_ONLY: MORE_THAN_GROUND,
     }

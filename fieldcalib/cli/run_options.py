@@ -124,6 +124,7 @@ class RunRequest:
             may_be_enlarged=self.known.may_be_enlarged,
             camera=self.camera,
             declared=self.known.declared,
+            part=self.known.crop_of,
         )
 
     @property

@@ -272,6 +272,9 @@ class CameraDistribution:
     principal_point: float = 0.02
     """Standard deviation of the principal point from the middle of a whole picture, in shares of its width: measured
     broadcast cameras are up to 0.035 off. More where pictures are views cut out of larger ones."""
+    frame: tuple[tuple[int, int], tuple[int, int]] | None = None
+    """Size of the frames that the pictures were cut out of, and the pixel there at the first one of a picture; None if
+    they are whole or this is unknown."""
 
     def __post_init__(self) -> None:
         for name in ("pan", "tilt", "roll", "fov", "x", "y", "z"):

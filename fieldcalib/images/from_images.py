@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, truth
-from fieldcalib.assess.findings import SHAPE, Finding, Status, What, in_words
+from fieldcalib.assess.findings import NARROW, SHAPE, Finding, Status, What, in_words
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, doubted, found_of, with_findings
 from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.fields.sports.soccer import with_painted_lines
@@ -42,10 +42,12 @@ from fieldcalib.images.search.place_search import Place, search_from
 from fieldcalib.images.shape.shape_of_picture import (
     Method,
     Step,
+    of_part_of_frames,
     said_plainly,
     with_aspect_estimated,
     with_enlarged_parts,
     with_shape_compared,
+    within_frame,
     without_borders,
 )
 from fieldcalib.io.image_files import IMAGES_AT_ONCE, Image, each_checked, in_parts, size_of
@@ -53,7 +55,7 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.network import Padded, SegmentationNetwork, check_network
 from fieldcalib.localize.point_selection import classes_without_segment
 from fieldcalib.problem.labelled_pixels import PixelTable
-from fieldcalib.problem.picture_shape import Declared
+from fieldcalib.problem.picture_shape import Crop, Declared
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.batch import calibrate_pixels, compute_errors
 from fieldcalib.solve.from_segments import checked_labels
@@ -106,6 +108,8 @@ class How:
     """Name of a parameter that each frame of a clip has for itself, although its camera would share it."""
     declared: Declared = Declared.NOTHING
     """What the user says of the shape of the pictures."""
+    part: Crop | None = None
+    """The part of their frames, black elsewhere, that pictures show, if the user says it; not of clips."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a value that is invalid by itself."""
@@ -349,14 +353,20 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
         raise ValueError("a place is of courts that are searched for: leave it or the network out")
     is_open = by_network and task.prior is not None  # the network finds the camera, its principal point under a prior
     may_be_enlarged = how.may_be_enlarged and is_open and how.refine and task.given.is_empty
+    part = how.part if is_open and without_matrix else None
+    if part is not None:
+        task = of_part_of_frames(task, part)
+        how = replace(how, task=task)
+    may_be_padded = is_open and without_matrix and (how.estimate_aspect or part is not None)
     # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone`. The outermost step
     # comes first.
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
         (how.take_off_borders and without_matrix, without_borders),
+        (part is not None, partial(within_frame, part=part)),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
-        (how.estimate_aspect and is_open and without_matrix, partial(with_narrow_padded, how=how)),
+        (may_be_padded, partial(with_narrow_padded, how=how)),
         (how.estimate_aspect and is_open and without_matrix, partial(with_aspect_estimated, task=task)),
         (how.estimate_aspect and not by_network and task.prior is not None, partial(with_shape_compared, task=task)),
     )
@@ -553,7 +563,7 @@ def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) 
         if not found[index].accepted and Padded.missing(size_of(image)):
             (again,) = calibrate_alone(how, [image])
             if again.accepted:
-                found[index] = with_findings(again, SHAPE)
+                found[index] = with_findings(again, SHAPE if how.part is None else NARROW)
     return found
 
 

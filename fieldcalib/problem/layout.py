@@ -518,22 +518,30 @@ def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout)
     >>> gaussian_priors([tower], Layout.of((960, 540))).mean[0, 4:7]
     array([ 0., 45., -8.])
     """
-    width, shape = layout.image_size[0], (len(distributions), layout.size)
+    lens, shape = layout.lens, (len(distributions), layout.size)
     mean, sigma = np.zeros(shape), np.ones(shape)
-    poses = zip(*(_pose_and_zoom(one, width) for one in distributions), strict=True)
-    mean[:, POSE_AND_ZOOM], sigma[:, POSE_AND_ZOOM] = poses
-    mean[:, PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0)
-    sigma[:, PRINCIPAL_POINT] = [principal_point_sigma(one.principal_point, layout.image_size) for one in distributions]
     sigma[:, LOG_ASPECT] = LOG_ASPECT_SIGMA
     if layout.field_size is not None:
         mean[:, layout.field_size_block] = layout.field_size.given
         sigma[:, layout.field_size_block] = layout.field_size.sigma
         if layout.field_size.crown is not None:
             sigma[:, layout.crown_block] = layout.field_size.crown.height
-    mean[:, layout.lens_block], sigma[:, layout.lens_block] = layout.lens.mean, layout.lens.sigma
-    if layout.lens.usual_focal_length is not None:
-        usual, spread = layout.lens.usual_focal_length
-        mean[:, LOG_F], sigma[:, LOG_F] = usual + np.log(width), spread
     if layout.zoom_law is not None:
+        width = layout.image_size[0]
         sigma[:, layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
+    mean[:, layout.lens_block], sigma[:, layout.lens_block] = lens.mean, lens.sigma
+    for t, one in enumerate(distributions):
+        size, corner = one.frame or (layout.image_size, (0, 0))
+        mean[t, POSE_AND_ZOOM], sigma[t, POSE_AND_ZOOM] = _pose_and_zoom(one, size[0])
+        mean[t, PRINCIPAL_POINT] = np.divide(size, 2.0) - corner
+        sigma[t, PRINCIPAL_POINT] = principal_point_sigma(one.principal_point, size)
+        if lens.usual_focal_length is not None:
+            usual, spread = lens.usual_focal_length
+            mean[t, LOG_F], sigma[t, LOG_F] = usual + np.log(size[0]), spread
+        if one.frame is not None:
+            sigma[t, PRINCIPAL_POINT] = one.principal_point * size[0]
+            # a lens displaces corners of frames as usual, those of a part less: as the square of their distance
+            share = np.square(layout.image_size).sum() / np.square(size).sum()
+            mean[t, layout.lens_block] *= share
+            sigma[t, layout.lens_block] *= share
     return GaussianPrior(mean, sigma)

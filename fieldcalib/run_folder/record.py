@@ -444,11 +444,13 @@ class Stretch:
     kind: str = ""
     """Kind of the reason, without numbers; successive frames of one kind make a stretch."""
     count: int = 1
+    last: str = ""
+    """Id of the last frame of several."""
 
     def __str__(self) -> str:
         """Format for stderr."""
-        others = f" and {self.count - 1} after it" if self.count > 1 else ""
-        return f"{self.first}{others}: {self.verdict}, {self.reason}"
+        which = f"{self.first} to {self.last}, {self.count} frames" if self.last else self.first
+        return f"{which}: {self.verdict}, {self.reason}"
 
 
 @dataclass
@@ -465,7 +467,7 @@ class ToLookAt:
     ...     seen.add(id, "check", f"{found}; rms 0.5 px over 5 segments", kind="off paint Middle line")
     >>> print(seen.message("out/cameras.jsonl"))
     2 frames to look at (all reasons and remedies: out/cameras.jsonl):
-      000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
+      000001 to 000002, 2 frames: check, 'Middle line' lies 9 px beside its paint
     >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand", [Advice.BY_HAND])
     >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
       what would help: more markings in view, or labelled by hand; on the command line: fieldcalib open
@@ -480,9 +482,10 @@ class ToLookAt:
     """Number of all frames that are not good."""
     named: int = 0
     """Number of frames in `stretches`."""
-    remedies: dict[Remedy, dict[str, None]] = attribute(default_factory=dict)
-    """Remedies of the frames in `stretches`, in order, each with the first frames of its stretches."""
+    remedies: dict[Remedy, list[tuple[str, str]]] = attribute(default_factory=dict)
+    """Remedies of the frames in `stretches`, in order, each with the first and the last of successive frames."""
     _is_next: bool = False
+    _last: str = ""
 
     def add(
         self, id: str, verdict: str, reason: str, remedy: str = "", advice: Iterable[Advice] = (), kind: str = ""
@@ -494,7 +497,7 @@ class ToLookAt:
         self.count += 1
         last = self.stretches[-1] if self._is_next else None
         if last is not None and (last.verdict, last.kind) == (verdict, kind):
-            self.stretches[-1] = replace(last, count=last.count + 1)
+            self.stretches[-1] = replace(last, count=last.count + 1, last=id)
         elif len(self.stretches) < NAMED:
             self.stretches.append(Stretch(id, verdict, reason.partition("; ")[0], kind))
         else:
@@ -503,7 +506,11 @@ class ToLookAt:
         self._is_next = True
         self.named += 1
         if remedy:
-            self.remedies.setdefault(Remedy(remedy, tuple(advice)), {})[self.stretches[-1].first] = None
+            helped = self.remedies.setdefault(Remedy(remedy, tuple(advice)), [])
+            goes_on = helped and last is not None and helped[-1][1] == self._last
+            first = helped.pop()[0] if goes_on else id
+            helped.append((first, id))
+        self._last = id
 
     def message(self, *where: str) -> str:
         """Format the list of frames, and where to find all of them; empty if all are good."""
@@ -512,8 +519,9 @@ class ToLookAt:
         head = f"{counted(self.count, 'frame')} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
         help = []
-        for remedy, ids in self.remedies.items():
-            whom = f" {', '.join(ids)}" if len(self.remedies) > 1 else ""
+        for remedy, helped in self.remedies.items():
+            each = [first if first == last else f"{first} to {last}" for first, last in helped]
+            whom = f" {', '.join(each)}" if len(self.remedies) > 1 else ""
             said = how(remedy.advice, Tool.COMMAND)
             help.append(f"what would help{whom}: {remedy.text}{f'; on the command line: {said}' if said else ''}")
         return "\n  ".join([head, *map(str, self.stretches), *rest, *help])

@@ -208,9 +208,10 @@ class Task:
             )
         if start is None:
             _check_given(given, flags)
-        known = _known_parameters(layout, given, flags) if start is None else layout.theta(start)
         max_iterations, tolerance = _checked_criteria(self.criteria)
         distributions = self._distributions
+        middle = gaussian_priors(distributions[:1], layout).mean[0, PRINCIPAL_POINT]
+        known = _known_parameters(layout, given, flags, middle) if start is None else layout.theta(start)
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):
             raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {self.tau}")
         if not (isinstance(self.paint, Real) and 0.0 <= self.paint <= MOST_PAINT):
@@ -386,10 +387,10 @@ def _check_given(given: GivenCamera, flags: CalibrationFlags) -> None:
         )
 
 
-def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlags) -> Array:
+def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlags, middle: Array) -> Array:
     """Parameters (n,) that were given or that have a default; NaN for unknown ones."""
     known = np.full(layout.size, np.nan)
-    known[PRINCIPAL_POINT] = np.array(layout.image_size) / 2.0
+    known[PRINCIPAL_POINT] = middle
     known[layout.lens_block] = known[LOG_ASPECT] = 0.0
     if layout.field_size is not None:
         known[layout.field_size_block] = layout.field_size.given

@@ -85,7 +85,9 @@ def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
 def test_declared_pictures(know, tmp_path, true_camera, declaration, capsys):
     image = picture(true_camera)
     (tmp_path / "a.png").write_bytes(encoded(image))
-    know([true_camera.scaled(SIZE) if true_camera.image_size == (640, 640) else true_camera.cropped((-320, 0), SIZE)])
+    know(
+        [true_camera.scaled(SIZE) if true_camera.image_size == (640, 640) else true_camera]
+    )  # a part is seen by itself
     assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path / "out", *declaration) == 0
     assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
@@ -135,7 +137,7 @@ def test_black_borders_are_left_out(know, tmp_path):
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
     for name, size in (("a", (540, 480)), ("b", (540, 500))):
         (tmp_path / f"{name}.png").write_bytes(encoded(np.zeros((*size, 3), np.uint8)))
-    know([None])
+    know([None, None])  # once more padded
     assert run("run", tmp_path, "--out", tmp_path / "out", "--crop-of", "960x540+480+0") == 1
     problem = "does not fit, with 500 x 540 pixels, into the frame of --crop-of 960x540+480+0"
     assert capsys.readouterr().err.startswith(

@@ -1,12 +1,16 @@
 """Narrow pictures in which a network finds the field once they are padded."""
 
 import numpy as np
+import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, seen_by
 from pictures import picture
 
 from fieldcalib import Camera, calibrate_from_images
-from fieldcalib.assess.findings import Verdict, What
+from fieldcalib.assess.findings import Status, Verdict, What
+from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.metrics.cameras import camera_difference
+from fieldcalib.problem.picture_shape import Crop, Declared
+from fieldcalib.solve.request import Task
 
 ANGLES, f, C = (0.45, 1.33, 0.0), 1400.0, (5.0, 66.0, -17.0)
 UPRIGHT, PADDED = (Camera.from_angles(*ANGLES, f, C, size) for size in ((420, 560), (747, 560)))
@@ -23,12 +27,58 @@ class SeesWide:
         return np.stack([wide if image.shape[1::-1] == PADDED.image_size else blind for image in images])
 
 
+def how(network, part):
+    """How pictures are calibrated that are declared to be a part of their frames."""
+    return How(
+        Task(FIELD),
+        network,
+        take_off_borders=False,
+        estimate_aspect=False,
+        estimate_size=False,
+        may_be_enlarged=False,
+        declared=Declared.FRAME,
+        part=part,
+    )
+
+
 def test_a_narrow_picture_is_looked_at_padded():
     (found,) = calibrate_from_images(FIELD, [picture(UPRIGHT)], SeesWide(), estimate_size=False)
     assert found.verdict is Verdict.CHECK
     assert found.has_finding(What.SHAPE)
     assert "no camera" not in found.message
     assert camera_difference(found.camera, UPRIGHT, FIELD).reprojection < 3.0
+
+
+@pytest.mark.parametrize("corner", [(288, 80), (400, 120)])
+def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
+    """The principal point is the frame's middle, and the camera is in pixels of the frame."""
+    part = Crop((996, 720), corner)
+    truth = Camera.from_angles(*ANGLES, f, C, part.frame_size)
+    seen = truth.cropped(corner, UPRIGHT.image_size)
+    frame = np.zeros((720, 996, 3), np.uint8)
+    (left, top), (width, height) = corner, UPRIGHT.image_size
+    frame[top : top + height, left : left + width] = picture(seen)
+    (found,) = calibrate_pictures(how(KnownCameras([seen]), part), [frame])
+    assert found.accepted
+    assert not {What.SHAPE, What.PART} & {one.what for one in found.findings}
+    assert found.camera.image_size == part.frame_size
+    np.testing.assert_allclose(found.camera.principal_point, (498.0, 360.0), atol=8.0)
+    assert camera_difference(found.camera.cropped(corner, UPRIGHT.image_size), seen, FIELD).reprojection < 3.0
+
+
+def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked():
+    whole = Crop(UPRIGHT.image_size, (0, 0))
+    (found,) = calibrate_pictures(how(SeesWide(), whole), [picture(UPRIGHT)])
+    assert found.verdict is Verdict.CHECK
+    assert found.has_finding(What.NARROW)
+    assert "lie on their paint" in found.reason
+    assert not found.has_finding(What.SHAPE)
+
+
+def test_a_black_picture_has_no_part():
+    part = Crop((200, 120), (20, 10))
+    (found,) = calibrate_pictures(how(KnownCameras([None]), part), [np.zeros((120, 200, 3), np.uint8)])
+    assert found.status is Status.TOO_FEW_SEGMENTS
 
 
 def test_a_picture_of_square_pixels_is_looked_at_as_it_is():

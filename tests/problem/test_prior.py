@@ -1,5 +1,6 @@
 """The priors of a camera, and the camera distributions that they come from."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,8 +13,8 @@ from synthetic import gaussian_prior
 from data_tools.random_frames import sample_theta
 from fieldcalib.fields.traits import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import BrownConradyLens, Pinhole
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, SizeBlock
+from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, SizeBlock, gaussian_priors
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
 MAIN = {"pan": (-45, 45), "tilt": (45, 90), "roll": (-10, 10), "fov": (8.2, 90), "y": (40, 110), "z": (-40, -5)}
@@ -48,6 +49,20 @@ def test_focal_length_of_a_field_of_view(fov, width):
     f = focal_length_from_fov(fov, width)
     assert f * np.tan(fov / 2.0) == pytest.approx(width / 2.0)
     assert Camera.from_angles(0, 1.4, 0, float(f), (0, 56, -15), (width, 90)).field_of_view == pytest.approx(fov)
+
+
+@given(generators(), st.integers(-300, 900), st.integers(-200, 500), st.integers(50, 800), st.integers(50, 600))
+def test_a_part_of_a_frame_has_the_prior_of_the_frame(rng, x, y, width, height):
+    """The scores of its camera under the prior of a part are those of the whole frame's."""
+    whole, part = (Layout.of(size, RadialLens(np.hypot(*size) / 2.0)) for size in (SIZE, (width, height)))
+    stand = replace(rng.choice([*DISTRIBUTIONS.values()]), principal_point=rng.uniform(0.01, 0.2))
+    of_whole = gaussian_priors([stand], whole)
+    theta = of_whole.mean + rng.normal(size=of_whole.mean.shape) * of_whole.sigma
+    theta[:, whole.lens_block] = rng.uniform(0.0, 0.03), 0.0
+    camera = whole.camera(theta[0])
+    its = part.theta(camera.cropped((x, y), (width, height)))
+    of_part = gaussian_priors([replace(stand, frame=(SIZE, (x, y)))], part)
+    np.testing.assert_allclose(of_part.z_scores(its[None])[:, :-1], of_whole.z_scores(theta)[:, :-1], atol=1e-7)
 
 
 def test_focal_length_of_a_right_angle_is_half_the_width():

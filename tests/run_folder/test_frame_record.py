@@ -30,8 +30,23 @@ def test_frames_in_a_row_of_one_reason_are_one_line():
     assert said == [
         "4 frames to look at (all reasons and remedies: cameras.jsonl):",
         "  000: check, 'Middle line' lies 9 px beside its paint",
-        "  002 and 1 after it: check, 'Middle line' lies 8 px beside its paint",
+        "  002 to 003, 2 frames: check, 'Middle line' lies 8 px beside its paint",
         "  004: reject, too few",
+    ]
+
+
+def test_what_would_help_is_said_of_the_frames_that_it_helps():
+    found = ToLookAt()
+    remedies = ("cut", "cut", "size", "cut", "", "cut")
+    for number, remedy in enumerate(remedies):
+        found.add(f"{number:03d}", "check", "a shape", remedy, kind="shape")
+    found.add("006", "good", "")
+    found.add("007", "check", "a shape", "cut", kind="shape")
+    assert found.message("there").splitlines()[1:] == [
+        "  000 to 005, 6 frames: check, a shape",
+        "  007: check, a shape",
+        "  what would help 000 to 001, 003, 005, 007: cut",
+        "  what would help 002: size",
     ]
 
 

@@ -39,6 +39,7 @@ from fieldcalib.io.image_files import Image, size_of
 from fieldcalib.problem.picture_shape import (
     ENLARGED_SHARE,
     SURE_ANYWHERE,
+    Crop,
     Declared,
     Placement,
     is_whole_shape,
@@ -50,6 +51,7 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior, checked_prior
 
 SCORE_OF_SOFTNESS = 5.0  # score of a softness of 1, in the units of `fieldcalib.problem.picture_shape.score_of_part`
+SURE_OF_PART = 0.8  # least probability of a good camera of a part of a frame
 LEAST_SCORE = 1.0  # score of softness and labels together above which a picture may be an enlarged part
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
@@ -213,6 +215,38 @@ def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tupl
         return prior
     stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
     return tuple(replace(one, principal_point=max(one.principal_point, ENLARGED_SHARE)) for one in stands)
+
+
+def of_part_of_frames(task: Task, part: Crop) -> Task:
+    """The task of pictures that show a part of frames, under the prior of the cameras of these."""
+    assert task.prior is not None
+    stands = checked_prior(task.prior, task.field)
+    return replace(task, prior=tuple(replace(one, frame=(part.frame_size, part.corner)) for one in stands))
+
+
+def within_frame(calibrate: Method, images: Sequence[Image], *, part: Crop | None) -> list[Calibration]:
+    """Calibrate pictures in their place in frames, which are black elsewhere.
+
+    A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture.
+    """
+    import cv2
+
+    assert part is not None
+    places = []
+    for image in images:
+        x, y, width, height = cv2.boundingRect(np.any(image, axis=2).astype(np.uint8))
+        right, bottom = (x + width, y + height) if width else size_of(image)  # of a black picture
+        places.append(Placement.around(size_of(image), *part.corner, right, bottom))
+    found = calibrate([place.image_in_frame(image) for image, place in zip(images, places, strict=True)])
+    return [in_picture(one, place, *_unsure(one, place)) for one, place in zip(found, places, strict=True)]
+
+
+def _unsure(calibration: Calibration, place: Placement) -> tuple[Finding, ...]:
+    """The doubt on a good camera that is less probable than cameras of parts of frames must be."""
+    if place.is_whole or calibration.field is None or calibration.verdict is not Verdict.GOOD:
+        return ()
+    numbers = calibration.field.tolerance, calibration.probability()
+    return () if numbers[1] >= SURE_OF_PART else (Finding(What.IMPROBABLE, numbers=numbers),)
 
 
 def said_plainly(
