@@ -182,6 +182,7 @@ def right_arguments():
         "folder": "none",
         "Results.save folder": "saved",
         "calibrate_rig sources": {"left": scene()},
+        "assess.joint_covariance calibrations": [calibration(), turned()],
         "assess.triangulate calibrations": [calibration(), turned()],
         "assess.triangulate pixels": [CAMERA.project((-40.0, 0.0, -2.0)), TURNED.project((-40.0, 0.0, -2.0))],
         "Camera.save path": "saved.json",

@@ -11,5 +11,6 @@ from .result import Calibration as Calibration
 from .sequence_calibration import SequenceCalibration as SequenceCalibration
 from .space_points import SpacePoint as SpacePoint
 from .space_points import height_above_ground as height_above_ground
+from .space_points import joint_covariance as joint_covariance
 from .space_points import triangulate as triangulate
 from .video import VideoCalibration as VideoCalibration

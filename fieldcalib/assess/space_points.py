@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from fieldcalib._types import Array, expect, listed, number, positive, real_array
 from fieldcalib.assess.result import Calibration
@@ -16,7 +17,7 @@ from fieldcalib.geometry.homography import homogenize
 from fieldcalib.problem.picture_shape import Placement
 
 LEAST_ANGLE = 1.0  # degrees between two rays: below it their crossing is open along them
-STEP = 1e-4  # metres, of central differences
+STEP = 1e-4  # metres, and standard deviations of parameters, of central differences
 MOST_STEPS, CONVERGED = 20, 1e-9  # of Gauss and Newton; metres
 
 
@@ -35,7 +36,8 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
     """The point in space that several cameras see at these pixels, with its covariance.
 
     The pixels are weighted by their own errors and by those of their cameras at the point, ``sd^2 I + J V J^T`` with V
-    the covariance of a camera's parameters; errors of different cameras are taken to be independent.
+    the covariance of a camera's parameters. Cameras on a field of one size have its error in common
+    (`joint_covariance`); apart from that their errors are independent.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
     >>> found = [calibrate_from_segments(field, labelled(camera), (960, 540)) for camera in cameras]
     >>> ball = triangulate(found, [camera.project((30.0, -5.0, -3.0)) for camera in cameras])
     >>> ball.X.round(), np.sqrt(np.diagonal(ball.covariance)).round(1)
-    (array([30., -5., -3.]), array([0.4, 0.6, 0.2]))
+    (array([30., -5., -3.]), array([0.3, 0.6, 0.1]))
     """
     seen = [expect(one, Calibration, "results[0]") for one in listed(calibrations, "calibrations")]
     cameras, xy = [one.required_camera for one in seen], real_array(pixels)
@@ -78,24 +80,21 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
         raise ValueError(f"the rays are nearly parallel ({angle:.2f} degrees): where they meet is open along them")
     across = np.eye(3) - rays[:, :, None] * rays[:, None]
     X = np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, C))
-    steps, moved = STEP * np.eye(3), [(one.required_camera, _moved(one)) for one in seen]
+    G = block_diag(*[_by_parameters(one, lambda camera: camera.project(X)) for one in seen])
+    weights = np.linalg.inv(pixel_sd**2 * np.eye(xy.size) + G @ joint_covariance(seen) @ G.T)
+    steps = STEP * np.eye(3)
     for _ in range(MOST_STEPS):
         ahead = [camera.project(X + steps) - camera.project(X - steps) for camera in cameras]
-        J = np.swapaxes(ahead, 1, 2) / (2.0 * STEP)
-        r = xy - [camera.project(X) for camera in cameras]
-        if not (np.all(np.isfinite(J)) and np.all(np.isfinite(r))):
+        J = np.swapaxes(ahead, 1, 2).reshape(-1, 3) / (2.0 * STEP)
+        r = np.ravel(xy - [camera.project(X) for camera in cameras])
+        if not (np.all(np.isfinite(J)) and np.all(np.isfinite(r)) and np.all(np.isfinite(weights))):
             raise ValueError("the rays do not meet in front of all cameras: are the pixels of one point?")
-        by_camera = [
-            np.array([one.project(X) - camera.project(X) for one in some]).reshape(-1, 2) for camera, some in moved
-        ]
-        weights = np.linalg.inv([pixel_sd**2 * np.eye(2) + one.T @ one for one in by_camera])
-        JTW = np.swapaxes(J, 1, 2) @ weights
-        covariance = np.linalg.inv((JTW @ J).sum(axis=0))
-        step = covariance @ np.einsum("nij,nj->i", JTW, r)
+        covariance = np.asarray(np.linalg.inv(J.T @ weights @ J), dtype=np.float64)
+        step = covariance @ J.T @ weights @ r
         X = X + step
         if np.linalg.norm(step) < CONVERGED:
             break
-    return SpacePoint(X, covariance, np.linalg.norm(r, axis=1))
+    return SpacePoint(X, covariance, np.linalg.norm(r.reshape(-1, 2), axis=1))
 
 
 def height_above_ground(
@@ -138,19 +137,76 @@ def height_above_ground(
     found, moves = height(camera, xy), np.where(np.eye(4), number(pixel_sd, "pixel_sd"), 0.0).reshape(4, 2, 2)
     if not (np.isfinite(found) and np.all(np.isfinite(moves))):
         raise ValueError("no ground is seen at the foot, no ray meets the top, or pixel_sd is not finite")
-    steps = [height(camera, xy + one) - found for one in moves]
-    steps += [height(one, xy) - found for one in _moved(calibration)]
-    return found, float(np.linalg.norm(steps))
+    moves = np.array([height(camera, xy + one) - found for one in moves])
+    (by_camera,) = _by_parameters(calibration, lambda one: np.array([height(one, xy)]))
+    return found, float(np.sqrt(moves @ moves + by_camera @ joint_covariance([calibration]) @ by_camera))
 
 
-def _moved(calibration: Calibration) -> list[Camera]:
-    """The camera moved by a standard deviation along each principal axis of its errors; none if they are not known."""
+def joint_covariance(calibrations: Sequence[Calibration]) -> Array:
+    """The covariance of the parameters of several cameras of one field, one camera after the other.
+
+    Errors of different cameras are independent but for that of the size of their field, s: with P the covariance of a
+    camera on a field of known size and K the derivatives of its parameters by the size, it has the blocks
+    ``P_i + K_i V K_i^T`` and ``K_i V K_j^T``, V being the covariance of s. Cameras on fields of different sizes, or of
+    known size, have nothing in common.
+
+    Parameters
+    ----------
+    calibrations : sequence of Calibration
+        Cameras as `calibrate_rig` gives them.
+
+    Returns
+    -------
+    (N, N) array
+        N is the sum of the sizes of the layouts, whose `names` are in ``calibration.uncertainty.layout``; a camera of a
+        homography, whose errors are not known, has none.
+
+    Raises
+    ------
+    ValueError
+        If the errors of a camera have no bound.
+
+    Examples
+    --------
+    >>> import fieldcalib
+    >>> field = fieldcalib.soccer()
+    >>> angles = (-0.4, 1.35, 0.0), (0.4, 1.35, 0.0)
+    >>> cameras = [fieldcalib.Camera.from_angles(*a, 700.0, (40 * a[0], 62.0, -15.0), (960, 540)) for a in angles]
+    >>> pixels = [{a: camera.project(field[a].sample(4.0)) for a in field if "rect" in a} for camera in cameras]
+    >>> rig = fieldcalib.calibrate_rig(dict(zip("ab", pixels)), image_size=(960, 540), progress=False)
+    >>> joint = joint_covariance([results[0] for results in rig.values()])
+    >>> n, x = len(joint) // 2, rig["a"][0].uncertainty.layout.names.index("x")
+    >>> round(float(joint[x, n + x] / joint[x, x]), 1)  # on a longer field they stand farther apart
+    -0.2
+    """
+    seen = [expect(one, Calibration, "results[0]") for one in listed(calibrations, "calibrations")]
+    is_shared = len({None if one.field is None else (one.field.length, one.field.width) for one in seen}) == 1
+    own, common = zip(*(_errors(one, is_shared=is_shared) for one in seen), strict=True)
+    return np.asarray(block_diag(*own) + np.vstack(common) @ np.vstack(common).T)
+
+
+def _errors(calibration: Calibration, *, is_shared: bool) -> tuple[Array, Array]:
+    """Covariance (n, n) of a camera on a field of known size, and what a deviation of each size adds to it, (n, 2)."""
     if not calibration.knows_errors:
-        return []
-    estimate = calibration.uncertainty
-    if not np.all(np.isfinite(estimate.covariance)):
+        return np.zeros((0, 0)), np.zeros((0, 2))
+    covariance, size = calibration.uncertainty.covariance, calibration.uncertainty.layout.field_size_block
+    if not np.all(np.isfinite(covariance)):
         raise ValueError("the labels leave a camera open: its errors have no bound")
-    values, vectors = np.linalg.eigh(estimate.covariance)
-    placement = Placement.of_cameras(calibration.required_camera, estimate.camera)
-    steps = vectors.T[values > 0.0] * np.sqrt(values[values > 0.0])[:, None]  # the covariance is their outer products
-    return [placement.camera_in_picture(estimate.layout.camera(estimate.theta + one)) for one in steps]
+    values, vectors = np.linalg.eigh(covariance[size, size])
+    if not (is_shared and np.any(values > 0.0)):
+        return covariance, np.zeros((len(covariance), 2))
+    inverse = np.where(values > 0.0, 1.0 / np.sqrt(np.maximum(values, np.finfo(float).tiny)), 0.0)
+    common = covariance[:, size] @ (vectors * inverse) @ vectors.T
+    return covariance - common @ common.T, common
+
+
+def _by_parameters(calibration: Calibration, seen: Callable[[Camera], Array]) -> Array:
+    """Derivatives (m, n) of what a camera sees by its parameters; n is 0 if their errors are not known."""
+    camera = calibration.required_camera
+    if not calibration.knows_errors:
+        return np.zeros((len(seen(camera)), 0))
+    estimate = calibration.uncertainty
+    placement, steps = Placement.of_cameras(camera, estimate.camera), STEP * np.sqrt(np.diagonal(estimate.covariance))
+    ends = (estimate.theta + side * np.diag(steps) for side in (1.0, -1.0))
+    after, before = ([seen(placement.camera_in_picture(estimate.layout.camera(one))) for one in some] for some in ends)
+    return np.subtract(after, before).T / np.where(steps > 0.0, 2.0 * steps, 1.0)

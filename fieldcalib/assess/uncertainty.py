@@ -121,8 +121,7 @@ class Uncertainty(Estimate):
 
     @cached_property
     def _covariance_by_considered(self) -> Array:
-        moment = np.tensordot(*self.possibilities, axes=1)
-        return np.asarray(self.by_considered @ moment @ self.by_considered.T)
+        return np.asarray(self.by_considered @ np.tensordot(*self.possibilities, axes=1) @ self.by_considered.T)
 
     @cached_property
     def observability(self) -> tuple[Direction, ...]:

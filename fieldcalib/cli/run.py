@@ -52,7 +52,7 @@ from fieldcalib.run_folder.frame_source import Frame, FrameSource, frames_of_fil
 from fieldcalib.run_folder.record import ESTIMATED, Outcome, RunRecord
 from fieldcalib.run_folder.results import OVERLAY, REPORT, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.work_units import UnitResult, grouped, joined, work
-from fieldcalib.solve.field_size import shared_field, shared_size
+from fieldcalib.solve.field_size import shared_size
 
 SAMPLE = 40  # images of one field from which its size is estimated
 ROUNDS = 2  # of calibrating these images and estimating the size
@@ -236,10 +236,9 @@ class ImageCalibrator:
         def on(field: Field, *, size_known: bool = True) -> How:
             return replace(how, task=replace(how.task, object_segments=replace(field, size_known=size_known)))
 
-        shown = shared_field(given, [])
-        for _ in range(ROUNDS - 1 if alike else 0):
-            shown = shared_field(given, calibrate_pictures(on(shown), alike))
-        found = shared_size(given, calibrate_pictures(on(shown), alike))
+        found = shared_size(given, [])
+        for _ in range(ROUNDS if alike else 0):
+            found = shared_size(given, calibrate_pictures(on(found.field), alike))
         note = f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})"
         say(note)
         results.notes = (*results.notes, note)

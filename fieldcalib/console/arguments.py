@@ -406,8 +406,7 @@ def field_of(options: argparse.Namespace) -> Field:
     crown = getattr(options, "crown", None)
     if crown is not None:
         field = field.with_ground(Ground(crown))
-    known = getattr(options, "field_size", None) == KNOWN
-    return replace(field, size_known=True) if known else field
+    return replace(field, size_known=True) if getattr(options, "field_size", None) == KNOWN else field
 
 
 def prior_of(options: argparse.Namespace) -> Prior:

@@ -96,8 +96,7 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
     array([ 100., -100.])
     """
     points = np.asarray(xy, dtype=float)
-    change = to_system(points + STEP, system, field) - to_system(points, system, field)
-    return np.asarray(change / STEP)
+    return np.asarray((to_system(points + STEP, system, field) - to_system(points, system, field)) / STEP)
 
 
 def check_system(system: str, field: Field) -> None:

@@ -251,10 +251,7 @@ def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
     return FrameFile(id, path, (opened, opened.getinfo(member)))
 
 
-@lru_cache(maxsize=4)
-def _opened(archive: str) -> zipfile.ZipFile:
-    """Open the zip of a pickled file, once for all of its members."""
-    return zipfile.ZipFile(archive)
+_opened = lru_cache(maxsize=4)(zipfile.ZipFile)  # the zip of pickled files is opened once for all of its members
 
 
 def check_utf8(path: object) -> None:
@@ -414,7 +411,8 @@ def find_files(
         ]
         if not chosen:
             names = " or ".join(f"{prefix}<id>{ending}" for ending in suffixes)
-            hint = "; folders in it are not searched" if _has_folders(path) else ""
+            has_folders = path.is_dir() and any(one.is_dir() for one in path.iterdir())
+            hint = "; folders in it are not searched" if has_folders else ""
             raise FileNotFoundError(f"{path} holds no {what}: expected files named {names}{hint}")
         files += chosen
     if apart:
@@ -428,10 +426,6 @@ def find_files(
             )
         found[file.id] = file
     return files
-
-
-def _has_folders(path: Path) -> bool:
-    return path.is_dir() and any(member.is_dir() for member in path.iterdir())
 
 
 def is_named(name: str, prefix: str, suffixes: tuple[str, ...], others: re.Pattern[str]) -> bool:

@@ -37,7 +37,6 @@ from fieldcalib.io.files import (
 from fieldcalib.io.image_files import encode_image, parse_image
 from fieldcalib.io.label_studio import format_label_studio, parse_label_studio
 from fieldcalib.io.labelme import format_labelme, parse_labelme
-from fieldcalib.io.pnlcalib import parse_detections
 from fieldcalib.io.soccernet import UNKNOWN_LABELS, format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.io.tvcalib import format_per_sample_output, parse_per_sample_output
 from fieldcalib.io.videos import VideoReader, VideoWriter
@@ -122,9 +121,6 @@ CAMERAS = Format("camera", (".json",), parse_camera, format_camera, prefix="came
 
 HOMOGRAPHIES = Format("homography", (".homographyMatrix",), parse_homography, format_homography)
 """Homographies as in WC14: ``<id>.homographyMatrix``."""
-
-DETECTIONS = Format("detections", (".json",), parse_detections, None)
-"""Points and lines that PnLCalib's networks found: ``<id>.json``."""
 
 RECORDS = Format(
     "TVCalib output",

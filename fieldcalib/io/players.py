@@ -112,8 +112,7 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
             raise BrokenFileError(f"{path}: is no text in UTF-8") from None
         except (csv.Error, BrokenFileError) as error:
             raise BrokenFileError(f"{path}, line {max(reader.line_num, 1)}: {error}") from None
-    names = [None if column is None else columns[column] for column in (group, track)]
-    return Players(frames, *names)
+    return Players(frames, *(None if column is None else columns[column] for column in (group, track)))
 
 
 def _columns(columns: Sequence[str], group_column: str | None) -> tuple[int, int | None, int | None]:

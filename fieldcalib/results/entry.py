@@ -59,7 +59,7 @@ from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import CLIP
 from fieldcalib.run_folder.work_units import grouped, unit_size, units_of
 from fieldcalib.solve.batch import calibrate_labels
-from fieldcalib.solve.field_size import shared_size
+from fieldcalib.solve.field_size import of_size, shared_size
 from fieldcalib.solve.request import GivenCamera, Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior
 
@@ -182,7 +182,9 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     """Calibrate several cameras of one field, which share its size and its ground.
 
     Each is calibrated by itself, then the size and the ground are estimated from all of them together, and each is
-    calibrated once more on that field. `fieldcalib.assess.triangulate` gives points in space from them.
+    calibrated once more on that field; the error of its size is in the errors of all cameras, which have it in common
+    (`fieldcalib.assess.joint_covariance`). `fieldcalib.assess.triangulate` gives points in space from them. Clips
+    estimate the size of their field each by itself.
 
     Parameters
     ----------
@@ -214,7 +216,13 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     alone = [calibrate(one, replace(given, size_known=True), **options) for one in each.values()]
     found = shared_size(given, [one for results in alone for one in results.values()])
     shown = given if given.size_known else replace(found.field, size_known=found.is_told)
-    return {name: calibrate(one, shown, **options) for name, one in sources.items()}
+    rig = {name: calibrate(one, shown, **options) for name, one in each.items()}
+    if not given.size_known:
+        for name, results in rig.items():
+            if isinstance(results.frames, KeptFrames):
+                with_size = results.frames.changed(lambda one: of_size(one, shown, found.covariance))
+                rig[name] = replace(results, frames=with_size)
+    return rig
 
 
 def _field(field: object) -> Field:

@@ -87,6 +87,11 @@ class KeptFrames:
         self.line = Cached(self._made_line)
         """Everything that is kept of a frame."""
 
+    def changed(self, change: Callable[[Calibration], Calibration]) -> KeptFrames:
+        """The same frames with other calibrations."""
+        found = [change(self.calibration(number)) for number in self._by_number]
+        return KeptFrames(self.ids, found, self.broken, self._details)
+
     def main(self, number: int) -> Mapping[str, Any]:
         """The line of a frame in ``cameras.jsonl``."""
         return split_line(self.line(number))[0]

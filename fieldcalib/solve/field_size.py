@@ -153,19 +153,27 @@ class _FieldFromLabels:
 
     def on_field(self, solved: Solved, field: Field, camera: Camera) -> Solved:
         """The labels of a frame at a camera and a field that fit them, and what they tell there of size and ground."""
-        alone, roles = solved.alone, np.full(2 if self.size.crown is None else 3, Role.FIXED)
+        roles = np.full(2 if self.size.crown is None else 3, Role.FIXED)
         roles[self.index] = Role.CONSIDERED
-        problem = alone.evaluation.problem
-        layout, prior = _layout_on(field, problem.layout, self.size, roles), problem.prior
-        assert prior is not None
-        quantities, before, observations = layout.quantities, problem.layout.field_size, problem.observations
-        if before is not None and not before.is_known:
-            observations = observations.moved(quantities[None, :2] - before.given)
-        both = GaussianPrior(
-            _beside(prior.mean, layout, quantities), _beside(prior.sigma, layout, np.ones_like(quantities))
-        )
-        known = replace(problem, observations=observations, layout=layout, prior=both)
-        return Solved(evaluate(known, layout.theta(camera)[None]), _beside(alone.unit, layout, 0.0 * quantities))
+        return _considering(solved, field, camera, self.size, roles)
+
+
+def _considering(solved: Solved, field: Field, camera: Camera, size: SizeBlock, roles: Array) -> Solved:
+    """A frame at a camera on a field whose size and crown have some roles."""
+    alone = solved.alone
+    problem = alone.evaluation.problem
+    layout, prior = _layout_on(field, problem.layout, size, roles), problem.prior
+    assert prior is not None
+    quantities, before, observations = layout.quantities, problem.layout.field_size, problem.observations
+    if before is not None and not before.is_known:
+        observations = observations.moved(quantities[None, :2] - before.given)
+    elif field.moves_with_size:  # it was solved as known
+        observations = replace(observations, motion=field.motion[[*map([*field].index, observations.labels)]])
+    both = GaussianPrior(
+        _beside(prior.mean, layout, quantities), _beside(prior.sigma, layout, np.ones_like(quantities))
+    )
+    known = replace(problem, observations=observations, layout=layout, prior=both)
+    return Solved(evaluate(known, layout.theta(camera)[None]), _beside(alone.unit, layout, 0.0 * quantities))
 
 
 def _deviations(evidence: SizeEvidence, moment: Array) -> Array:
@@ -356,11 +364,11 @@ def estimate_field_size(
         pitch, calibrations = given, calibrated(given)
     covariance, from_labels, crown = _uncertainty(accepted, size_prior)
     if prior is not None and not is_known:  # without a prior nothing is known of a size that labels leave open
-        calibrations = [_of_size(one, covariance) for one in calibrated(pitch, size_known=False)]
+        calibrations = [of_size(one, pitch, covariance) for one in calibrated(pitch, size_known=False)]
     return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
 
 
-def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
+def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
     """The field, its size and ground estimated from all calibrations; the given one if none of them is accepted.
 
     Parameters
@@ -368,17 +376,12 @@ def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
     field : Field
         Field of the most likely size, as for `estimate_field_size`.
     calibrations : sequence of Calibration
-        Calibrations of images of one size, on a field whose size they take as known.
+        Calibrations on a field whose size they take as known.
     """
     size_prior, accepted = _checked_prior(field), _with_status(calibrations, Status.ACCEPTED)
-    return _most_likely(accepted, size_prior, field).field if accepted else field
-
-
-def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
-    """The size of `shared_field`, with its uncertainty."""
-    accepted = _with_status(calibrations, Status.ACCEPTED)
-    covariance, from_labels, crown = _uncertainty(accepted, _checked_prior(field))
-    return FieldSize(shared_field(field, calibrations), covariance, from_labels, tuple(calibrations), crown)
+    pitch = _most_likely(accepted, size_prior, field).field if accepted else field
+    covariance, from_labels, crown = _uncertainty(accepted, size_prior)
+    return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
 
 
 def _checked_prior(field: Field) -> SizeBlock:
@@ -403,21 +406,19 @@ def _checked_prior(field: Field) -> SizeBlock:
     return SizeBlock(size, sizes.sigma, sizes.limits, crown=field.crown if field.ground is None else None)
 
 
-def _of_size(calibration: Calibration, covariance: Array) -> Calibration:
-    """A calibration on a pitch of a size that is known with a covariance (2, 2)."""
+def of_size(calibration: Calibration, pitch: Field, covariance: Array) -> Calibration:
+    """A calibration on a pitch, with the errors of the size of that, which is known with a covariance (2, 2)."""
     solved = calibration.solved
-    if solved is None:
+    if solved is None or solved.evaluation.problem.prior is None or calibration.field != pitch:
         return calibration
-    alone = solved.alone
-    problem, evidence = alone.evaluation.problem, alone.uncertainty.size
-    if not np.any(problem.layout.considered):
-        return calibration
-    considered = np.zeros(2 * (np.count_nonzero(problem.layout.considered),))
+    size, evidence = _checked_prior(pitch), solved.uncertainty.size
+    considered = np.zeros((2, 2) if size.crown is None else (3, 3))
     considered[:2, :2] = covariance
-    if evidence is not None and len(considered) > 2:
-        considered[2, 2] = evidence.moment[2, 2]
-    known = replace(problem, considered=considered)
-    return replace(calibration, errors=Solved(alone.evaluation.of(known), alone.unit))
+    if evidence is not None:
+        considered[2:, 2:] = evidence.moment[-1, -1]
+    found = _considering(solved, pitch, solved.camera, size, np.full(len(considered), Role.CONSIDERED))
+    known = replace(found.evaluation.problem, considered=considered)
+    return replace(calibration, errors=Solved(found.evaluation.of(known), found.unit))
 
 
 def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list[Calibration]:

@@ -148,5 +148,4 @@ def frames_to_show(count: int, worst: Sequence[int], most: int = PICTURES) -> li
     bits = max(count - 1, 1).bit_length()
     spread = sorted(range(count), key=lambda number: f"{number:0{bits}b}"[::-1])  # by halves, quarters, ...
     turns = [number for pair in zip(worst, spread, strict=False) for number in pair]
-    order = dict.fromkeys([*turns, *worst[len(spread) :], *spread[len(worst) :]])
-    return list(order)[:most]
+    return list(dict.fromkeys([*turns, *worst[len(spread) :], *spread[len(worst) :]]))[:most]

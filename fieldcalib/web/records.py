@@ -267,8 +267,7 @@ def horizon_of(camera: Camera) -> list[list[float]] | None:
     if len(near) < 2 or not _is_in_view(xy[near], camera.image_size):
         return None
     line = xy[near[0] : near[-1] + 1]
-    is_straight = camera.is_pinhole
-    return _rounded(line[[0, -1]] if is_straight else line, 1)
+    return _rounded(line[[0, -1]] if camera.is_pinhole else line, 1)
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:

@@ -110,8 +110,7 @@ def styles(*names: str) -> str:
 
 
 def _inlined(svg: str) -> str:
-    content = base64.b64encode((STATIC / svg).read_bytes()).decode()
-    return f"data:image/svg+xml;base64,{content}"
+    return f"data:image/svg+xml;base64,{base64.b64encode((STATIC / svg).read_bytes()).decode()}"
 
 
 def _variable(module: str) -> str:

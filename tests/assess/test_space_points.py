@@ -1,11 +1,14 @@
 """Points in space from several cameras: their errors are as large as they say; what cannot be located is refused."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
+from data_tools.rigs import errors_of
 from data_tools.simulated import observe
 from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer
-from fieldcalib.assess import height_above_ground, triangulate
+from fieldcalib.assess import height_above_ground, joint_covariance, triangulate
 from fieldcalib.assess.findings import NoCameraError
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -96,6 +99,40 @@ def test_heights_from_one_camera_are_as_sure_as_they_say():
     assert height_above_ground(exact_one, *feet, pixel_sd=1.0)[0] == pytest.approx(1.8, abs=1e-3)
     with pytest.raises(ValueError, match="no ground is seen at the foot"):
         height_above_ground(exact_one, (480.0, -4000.0), (480.0, -4100.0))
+
+
+@pytest.mark.parametrize("count", [8, pytest.param(60, marks=pytest.mark.slow)])
+def test_cameras_on_a_field_of_unknown_size_lie_in_their_regions_and_so_do_their_points(count):
+    found = list(errors_of("labels", count, np.random.default_rng(3)))
+    for kind, least in (("accepted cameras", 0.9), ("points from accepted cameras", 0.85)):
+        inside = [is_inside for name, is_inside, _ in found if name == kind]
+        assert len(inside) >= 0.9 * count
+        assert np.mean(inside) >= least
+
+
+def test_cameras_have_the_error_of_the_size_of_their_field_in_common():
+    rng, pitch = np.random.default_rng(0), soccer(101.0, 66.0)
+    cameras = [camera_at(np.array([x, 62.0, -15.0]), (x, 0.0, 0.0), 600.0) for x in (-20.0, 5.0, 20.0)]
+    pixels = {f"{number}": observe(camera, pitch, rng, 0.5) for number, camera in enumerate(cameras)}
+    rig = [one[0] for one in calibrate_rig(pixels, image_size=SIZE, progress=False).values()]
+    joint = joint_covariance(rig)
+    np.testing.assert_allclose(joint, joint.T, atol=1e-9 * joint.max())
+    assert np.linalg.eigvalsh(joint).min() > -1e-9 * joint.max()
+    ends = np.cumsum([0, *(one.uncertainty.layout.size for one in rig)])
+    blocks = [slice(*pair) for pair in pairwise(ends)]
+    for one, block in zip(rig, blocks, strict=True):
+        np.testing.assert_allclose(joint[block, block], one.uncertainty.covariance, atol=1e-9 * joint.max())
+    names = rig[0].uncertainty.layout.names
+    size = [block.start + np.array([names.index("length"), names.index("width")]) for block in blocks]
+    for other in size[1:]:  # all have the same size
+        np.testing.assert_allclose(joint[np.ix_(size[0], other)], joint[np.ix_(size[0], size[0])], rtol=1e-6)
+    left, right = (block.start + names.index("x") for block in (blocks[0], blocks[2]))
+    assert joint[left, right] < 0.0  # on a longer field both stand farther out
+
+    known = calibrate_rig(pixels, soccer(101.0, 66.0, size_known=True), image_size=SIZE, progress=False)
+    apart = joint_covariance([one[0] for one in known.values()])
+    first = known["0"][0].uncertainty.layout.size
+    assert not np.any(apart[:first, first:])
 
 
 def test_a_rig_shares_the_size_of_its_field():

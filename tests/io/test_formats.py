@@ -28,11 +28,11 @@ def test_a_format_recognises_the_files_that_it_writes(format, tmp_path):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("00001.json", {"ANNOTATIONS", "DETECTIONS", "RECORDS"}),
-        ("camera_00001.json", {"CAMERAS", "DETECTIONS"}),
-        ("per_sample_output.json", {"DETECTIONS", "RECORDS"}),
-        ("test_match_info_cam_gt.json", {"DETECTIONS", "RECORDS"}),
-        ("summary.json", {"DETECTIONS", "RECORDS"}),
+        ("00001.json", {"ANNOTATIONS", "RECORDS"}),
+        ("camera_00001.json", {"CAMERAS"}),
+        ("per_sample_output.json", {"RECORDS"}),
+        ("test_match_info_cam_gt.json", {"RECORDS"}),
+        ("summary.json", {"RECORDS"}),
         ("records.jsonl", {"RECORDS"}),
         ("00001.homographyMatrix", {"HOMOGRAPHIES"}),
         ("00001.WEBP", {"IMAGES"}),

@@ -56,8 +56,7 @@ def solve_around(keyframes: Keyframes, anchors: Anchors, images: Callable[[], It
     keyframes = _with_cuts(keyframes, anchors.cuts)
     held = {t: replace(one, labels=_heavy(one.labels)) for t, one in anchors.labels.items()}
     known = _without_contradicted(keyframes, held)
-    lines = find_clip_lines(solve_tripods(solve_shots(known)), images())
-    return finish_clip(_with_lines(lines, held))
+    return finish_clip(_with_lines(find_clip_lines(solve_tripods(solve_shots(known)), images()), held))
 
 
 def _heavy(labels: PixelTable) -> PixelTable:

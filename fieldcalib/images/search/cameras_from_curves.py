@@ -250,8 +250,7 @@ class SeenCircles:
             across = unit(np.cross(down, FORWARD))
             radius = np.sqrt(-_squared(Q, centre) / _squared(Q, across))
         good = (np.abs(down[:, 0]) < np.sin(LEVEL)) & (down[:, 1] > 0.0) & (centre[:, 2] > 0.0) & (radius > 0.0)
-        unknown = np.full_like(down, np.nan)
-        return cls(f, down, centre, radius, unknown, size).take(good)
+        return cls(f, down, centre, radius, np.full_like(down, np.nan), size).take(good)
 
     def with_directions(self, lines: LongLines) -> SeenCircles:
         """Combine each pair with each line that lies below its horizon."""

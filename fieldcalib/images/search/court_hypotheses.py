@@ -176,7 +176,7 @@ def hypotheses(
     on_field = FieldLines.of(field)
     quads = _Quads.of(lines, size, 0.5 * np.array(size) + (0.0, size[0] * (row or 0.0)))
     quads = quads.take(quads.are_rectangles) if from_above else quads
-    across, along = (_pairs(len(one)) for one in (on_field.across, on_field.along))
+    across, along = (np.column_stack(np.triu_indices(len(one), 1)) for one in (on_field.across, on_field.along))
     found = [(np.zeros(0, dtype=np.intp), np.zeros((0, 2), dtype=np.intp), np.zeros((0, 2), dtype=np.intp))]
     for step in ways(field):
         for i in across[:, ::step]:
@@ -188,11 +188,6 @@ def hypotheses(
     own, x, y = quads.take(chosen), on_field.across[i], on_field.along[j]
     solve = own.from_above if from_above else own.cameras
     return plausible([solve(x, y) if row is None else own.cut_out(x, y)], field, size, from_above=from_above)
-
-
-def _pairs(count: int) -> IntArray:
-    """Pairs (N, 2) of different indices below a count, in ascending order."""
-    return np.column_stack(np.triu_indices(count, 1))
 
 
 def ways(field: Field) -> tuple[int, ...]:

@@ -62,8 +62,7 @@ class Ranked:
     @property
     def turned(self) -> Ranked:
         """All cameras turned by 180 degrees about the centre mark, to the other side of the field."""
-        every = np.ones(len(self.score), dtype=bool)
-        return replace(self, cameras=self.cameras.turned(every))
+        return replace(self, cameras=self.cameras.turned(np.ones(len(self.score), dtype=bool)))
 
     def camera(self, index: int) -> Camera:
         """The camera at an index, with the lens of the picture."""
@@ -174,8 +173,7 @@ def first_apart(xy: Array, among: Sequence[int], size: tuple[int, int], apart: f
 
 def are_apart(xy: Array, others: Sequence[Array], size: tuple[int, int]) -> BoolArray:
     """Whether cameras with grids `xy` (B, N, 2) project the field elsewhere than each of some other grids (N, 2)."""
-    apart = [distances(xy, other, size, median=True) > OTHER for other in others]
-    return np.asarray(np.all(apart, axis=0))
+    return np.asarray(np.all([distances(xy, other, size, median=True) > OTHER for other in others], axis=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,8 +81,7 @@ def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
     if len(places) < 2:
         return np.zeros(len(calibrations), dtype=np.intp)
     C, V = _centres(calibrations)
-    distance = [_squared(C - place, V, NEAR * np.ones(3)) for place in places]
-    return np.asarray(np.argmin(distance, axis=0))
+    return np.asarray(np.argmin([_squared(C - place, V, NEAR * np.ones(3)) for place in places], axis=0))
 
 
 def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
