@@ -66,7 +66,10 @@ class Information:
         if self.has_prior:
             cross = self.matrix[:, some][:, :, ~some]
             rest = self.matrix[:, ~some][:, :, ~some] + np.eye(int(np.count_nonzero(~some)))
-            own = own - cross @ np.linalg.solve(rest, np.swapaxes(cross, 1, 2))
+            try:
+                own = own - cross @ np.linalg.solve(rest, np.swapaxes(cross, 1, 2))
+            except np.linalg.LinAlgError:  # so much information along some directions that 1 is rounded away
+                own = own - cross @ np.linalg.pinv(rest, hermitian=True) @ np.swapaxes(cross, 1, 2)
         names = tuple(name for name, wanted in zip(self.names, some, strict=True) if wanted)
         return Information(own, names, self.has_prior)
 

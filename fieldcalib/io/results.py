@@ -83,8 +83,7 @@ def joined_line(main: Mapping[str, Any], solver: Mapping[str, Any]) -> dict[str,
 
 def lines_file(folder: Path) -> Path:
     """The file in the folder of a run that has the lines of its frames; ``cameras.jsonl`` if there is none."""
-    is_table = (folder / TABLE).is_file() and not (folder / LINES).is_file()
-    return folder / (TABLE if is_table else LINES)
+    return folder / (TABLE if (folder / TABLE).is_file() and not (folder / LINES).is_file() else LINES)
 
 
 def is_table(path: Path) -> bool:

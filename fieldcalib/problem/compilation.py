@@ -46,8 +46,7 @@ def compiled_module() -> ModuleType | None:
 def kernels(layout: Layout, observations: Observations) -> ModuleType | None:
     """The compiled functions; None if they do not support the lens or the kinds of rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
-    supported = plain and all(rows.compiled for rows in observations.rows if rows)
-    return compiled_module() if supported else None
+    return compiled_module() if plain and all(rows.compiled for rows in observations.rows if rows) else None
 
 
 def compiled_closest_points(

@@ -448,8 +448,7 @@ def _median(values: Array, weights: Array) -> float:
     """Weighted median."""
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order])
-    middle = np.searchsorted(cumulative, 0.5 * cumulative[-1])
-    return float(values[order[middle]])
+    return float(values[order[np.searchsorted(cumulative, 0.5 * cumulative[-1])]])
 
 
 def _calibrate_without_prior(points: Points, task: Task, options: Options) -> Calibration:

@@ -212,5 +212,4 @@ def _fits_most(evaluation: Evaluation, scale: float) -> BoolArray:
     initial cameras up to 50 px off ended in another one, two of them in a lower one.
     """
     seen = evaluation.problem.observations.weight > 0.0
-    near = (np.abs(evaluation.r) < scale) & seen
-    return np.asarray(np.sum(near, axis=1) > 0.5 * np.sum(seen, axis=1))
+    return np.asarray(np.sum((np.abs(evaluation.r) < scale) & seen, axis=1) > 0.5 * np.sum(seen, axis=1))

@@ -252,3 +252,8 @@ def test_labels_that_were_given_up_do_not_agree():
     assert status is Status.IMPLAUSIBLE
     assert "only" in message
     assert verdict(replace(evidence, suspects=wrong[:1]), None)[0] is Status.ACCEPTED
+
+
+def test_information_beside_which_the_prior_is_rounded_away_is_no_error():
+    lots = Information(1e20 * np.ones((1, 3, 3)), ("x", "y", "z"), has_prior=True)
+    assert np.all(np.isfinite(lots.about(np.array([True, False, False])).matrix))

@@ -364,8 +364,7 @@ def place_of(found: Sequence[Calibration], share: float | None = None) -> Place 
 def _place(C: Array, share: float, cameras: Sequence[Camera]) -> Place:
     zoom = [camera.focal_length / camera.image_size[0] for camera in cameras]
     bend = float(np.median([Bend.of(camera).a for camera in cameras]))
-    sigma = np.full(3, share * float(np.linalg.norm(C)))
-    return Place(C, sigma, (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)
+    return Place(C, np.full(3, share * float(np.linalg.norm(C))), (min(zoom) / ZOOM, max(zoom) * ZOOM), bend)
 
 
 def pooled_place(
