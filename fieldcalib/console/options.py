@@ -127,7 +127,7 @@ class Parser(argparse.ArgumentParser):
         """Say what is wrong, and suggest names for options that do not exist."""
         command = self.chosen or self
         options = [name for action in command._actions for name in action.option_strings]
-        unknown = [name for name in _options_in(self._given) if not _is_known(name, options)]
+        unknown = [name for name in _options_in(self._given) if not any(one.startswith(name) for one in options)]
         hints = {name: did_you_mean(name, options) for name in unknown}
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
         name = command.prog
@@ -145,8 +145,3 @@ def _options_in(arguments: Sequence[str]) -> list[str]:
     """Arguments that look like options, without their values."""
     before = arguments[: arguments.index("--")] if "--" in arguments else arguments
     return [one.split("=")[0] for one in before if one.startswith("-") and len(one) > 1 and not NEGATIVE.match(one)]
-
-
-def _is_known(name: str, options: Iterable[str]) -> bool:
-    """Whether a name is an option or the beginning of one."""
-    return any(option.startswith(name) for option in options)

@@ -112,7 +112,8 @@ def top_view(image: Image, camera: Camera, overhead: Camera, field: Field | None
     for one in (camera, overhead):
         expect(one, Camera, CAMERA)
     picture = checked_image(image, camera.image_size)
-    X, terrain = _ground_of(overhead), terrain_of(field)
+    X = overhead.image_to_field(np.stack(np.meshgrid(*map(np.arange, overhead.image_size)), axis=-1))
+    terrain = terrain_of(field)
     xy = camera.project(X if terrain is None else terrain.raised(X))
     width, height = camera.image_size
     inside = np.all((xy >= EDGE - 0.5) & (xy <= (width - EDGE - 0.5, height - EDGE - 0.5)), axis=-1)
@@ -185,12 +186,6 @@ def mosaic(
         median = (low + high + 1) // 2
         result[rows] = np.where((count > 0)[..., None], median, np.array(UNSEEN, np.int16))
     return result, np.any(masks, axis=0)
-
-
-def _ground_of(overhead: Camera) -> Array:
-    """Ground points (height, width, 3) of the pixels of the picture."""
-    width, height = overhead.image_size
-    return overhead.image_to_field(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1))
 
 
 def _metres_per_pixel(xy: Array, overhead: Camera) -> Array:

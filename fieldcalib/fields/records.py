@@ -66,7 +66,7 @@ def whole_record(field: Field) -> dict[str, Any]:
     >>> whole_record(soccer(100, 64))["segments"]["Middle line"]
     {'kind': 'Line', 'start': (0.0, -32.0, 0.0), 'end': (0.0, 32.0, 0.0)}
     """
-    model, builder = field.size_model, _builder_of(field)
+    model, builder, of = field.size_model, _builder_of(field), field.probability
     return _size_of(field) | {
         "segments": {label: {"kind": type(one).__name__, **asdict(one)} for label, one in field.items()},
         "stands": [asdict(stand) for stand in field.stands],
@@ -78,7 +78,7 @@ def whole_record(field: Field) -> dict[str, Any]:
         "surface": field.surface,
         "halves": {circle: list(parts) for circle, parts in field.halves.items()},
         "size_model": None if model is None or builder is None else {**asdict(model), **builder},
-        "probability": None if field.probability is None else _of_probability(field.probability),
+        "probability": of and [*of.coefficients, *([] if of.least_in_picture is None else [of.least_in_picture])],
         "repeats": field.repeats,
         "crown": field.crown and asdict(field.crown),
     }
@@ -274,11 +274,6 @@ def _size_model(record: Any) -> SizePrior:
     build = _builder(record.get("build"), record)
     own = {name: value for name, value in record.items() if name not in _parameters(build)}
     return _from_attributes(SizePrior, {**own, **ranges, "build": build})
-
-
-def _of_probability(model: ProbabilityModel) -> list[float]:
-    """The five coefficients of a model; then its `least_in_picture`, if it has one."""
-    return [*model.coefficients, *([] if model.least_in_picture is None else [model.least_in_picture])]
 
 
 def _probability(numbers: Any) -> ProbabilityModel:

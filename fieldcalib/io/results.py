@@ -115,7 +115,9 @@ def parse_main(text: bytes) -> dict[str, Any]:
         if not isinstance(line.get(key, default), str):
             raise BrokenFileError(f"a result needs the key {key!r} with a text")
     size = line.get("image_size")
-    if size is not None and not (isinstance(size, list) and len(size) == 2 and all(map(_is_count, size))):
+    if size is not None and not (
+        isinstance(size, list) and len(size) == 2 and all(type(one) is int and one > 0 for one in size)
+    ):
         raise BrokenFileError(f"'image_size': expected two numbers of pixels, got {size!s:.100}")
     if line.get("K") is not None:
         _check_camera(line)
@@ -172,10 +174,6 @@ def _is_triple(values: object) -> bool:
 
 def _are_numbers(values: object) -> TypeGuard[list[float]]:
     return isinstance(values, list) and all(is_number(value) and abs(value) <= LARGEST for value in values)
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value > 0
 
 
 class ResultFile:

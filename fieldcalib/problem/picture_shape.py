@@ -561,13 +561,9 @@ def other_border(object_segments: ObjectSegments, pixels: Pixels, camera: Camera
         return None
     last = {label: lines[label] for label, x in right.items() if x > end - NEAR * width}
     ends = {label: xy[np.argmax(xy[:, 0])] for label, xy in last.items()}
-    rows = np.sort([xy[1] for label, xy in ends.items() if _goes_on(object_segments[label], camera, end)])
+    reach = {label: camera.project(object_segments[label].sample(2.0 * SPACING))[:, 0] for label in ends}
+    goes_on = {label for label, x in reach.items() if np.any(x > end + APART * width)}  # false for NaN
+    rows = np.sort([xy[1] for label, xy in ends.items() if label in goes_on])
     are_apart = np.any(np.diff(rows) > APART * height)
     is_usual = len(rows) and np.min(np.abs(end + 1.0 - np.array(WIDTHS))) < ROUNDED
     return round(end) if are_apart or is_usual else None
-
-
-def _goes_on(segment: Segment, camera: Camera, column: float) -> bool:
-    """Whether a segment continues to the right of a column, in the picture or beside it."""
-    x = camera.project(segment.sample(2.0 * SPACING))[:, 0]
-    return bool(np.any(x > column + APART * camera.image_size[0]))  # false for NaN

@@ -215,13 +215,9 @@ def tripods_in_words(found: VideoCalibration, frames_per_second: float = DEFAULT
 
 def _in_words(tripod: SequenceCalibration) -> Iterator[tuple[str, Any]]:
     yield "frames", len(tripod)
-    yield "reference_focal_length_px", _reference(tripod)
+    law = None if tripod.layout is None else tripod.layout.zoom_law
+    # that at which the shared principal point and lens hold; None if they do not depend on it
+    yield "reference_focal_length_px", None if law is None else float(np.exp(law.reference))
     yield "crown_m", tripod.crown
     for name, (value, deviation) in tripod.shared.items():
         yield WORDS.get(name, f"lens_{name}"), {"value": value, "standard_deviation": deviation}
-
-
-def _reference(tripod: SequenceCalibration) -> float | None:
-    """Focal length at which the shared principal point and lens hold; None if they do not depend on it."""
-    law = None if tripod.layout is None else tripod.layout.zoom_law
-    return None if law is None else float(np.exp(law.reference))

@@ -235,7 +235,8 @@ class RunRecord:
             return f"its files are of format {self.format}, this fieldcalib writes format {other.format}"
         names = [name for name in {**self.options, **other.options} if self._at(name) != other._at(name)]
         if names:
-            return "; ".join(f"{_option(name)} was {self._at(name)!r}, is {other._at(name)!r}" for name in names)
+            options = {name: f"--{name.replace('_', '-')}" for name in names}
+            return "; ".join(f"{options[name]} was {self._at(name)!r}, is {other._at(name)!r}" for name in names)
         if self.network != other.network:
             return "the network of --model has changed, its file or its JSON"
         if not of_shards and self.shard != other.shard:
@@ -302,10 +303,6 @@ def _is(value: Any, kind: str) -> bool:
 
 def _digest(what: Any) -> str:
     return sha256(json.dumps(what).encode()).hexdigest()[:32]
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"
 
 
 class Item(Protocol):

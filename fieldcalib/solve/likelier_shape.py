@@ -78,7 +78,8 @@ def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_
         return compared
     both_agree = is_near and not is_sure and _move_little(as_it_is, squashed)
     if both_agree and compared.verdict is Verdict.GOOD:
-        is_raised = _is_raised(as_it_is, squashed)
+        z, other_z = (one.required_camera.C[2] for one in (as_it_is, squashed))
+        is_raised = abs(other_z - z) > MOST_RAISED * abs(z)
         return in_picture(compared, Placement.whole(image_size), Finding(What.GROUND_ONLY)) if is_raised else compared
     if is_sure or not found.accepted or found.has_finding(What.SHAPE):
         return found
@@ -91,12 +92,6 @@ def _move_little(found: Calibration, other: Calibration) -> bool:
         return False
     field, ground = found.field, None if other.field is None else other.field.terrain
     return largest_move(found.camera, other.camera, field, ground) <= MOST_MOVED * field.tolerance
-
-
-def _is_raised(found: Calibration, other: Calibration) -> bool:
-    """Whether another camera of a picture stands higher or lower."""
-    z, other_z = (one.required_camera.C[2] for one in (found, other))
-    return bool(abs(other_z - z) > MOST_RAISED * abs(z))
 
 
 def with_likely_aspect(

@@ -30,10 +30,7 @@ LARGEST_MISFIT = 0.25  # of both equations for f^2, as a share of the squared co
 FARTHEST_CORNER = 2.5  # picture widths from the middle: lines that cross further away are nearly parallel
 MARGIN_FOV, MARGIN_HEIGHT = 1.5, 1.6  # factors by which cameras may exceed the ranges of the stands
 HIGHER = 2.0  # the factor above the highest stand: the upper tiers of arenas are 30 m above a court
-OVER, OVER_SHARE = (
-    0.3,
-    0.05,
-)  # m, and share of its length, by which a line in the picture may be longer than its marking
+OVER, OVER_SHARE = 0.3, 0.05  # m, and share of its length, by which a line may be longer than its marking
 STEEPEST_ROLL = np.radians(12.0)  # largest roll of a plausible camera
 # Rectangles seen from above: cosine of their corners, change of scale across them, misfit of their shape, and a usual
 # focal length, in widths of the picture, as they leave it open.

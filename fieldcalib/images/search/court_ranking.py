@@ -236,14 +236,18 @@ class PictureToSearch:
 
     image: Image
     """(height, width, 3), blue, green, red."""
-    _found: dict[bool | None, PictureStripes] = field(default_factory=dict, repr=False)
+    _found: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
 
-    def stripes(self, *, lighter: bool | None) -> PictureStripes:
-        """Stripes of the picture that are lighter than the ground, or darker; None for both, and edges of areas."""
-        if lighter not in self._found:
+    def stripes(self, *, lighter: bool | None, on_floor: bool = False) -> PictureStripes:
+        """Stripes of the picture that are lighter than the ground, or darker; None for both, and edges of areas.
+
+        `on_floor`: only those on the floor, of which more are then found.
+        """
+        if (lighter, on_floor) not in self._found:
             bend = next((one.bend for one in self._found.values()), None)  # that of other stripes is the lens's too
-            self._found[lighter] = PictureStripes.of(at_working_size(self.image), lighter=lighter, bend=bend)
-        return self._found[lighter]
+            found = PictureStripes.of(at_working_size(self.image), lighter=lighter, on_floor=on_floor, bend=bend)
+            self._found[lighter, on_floor] = found
+        return self._found[lighter, on_floor]
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,9 +264,11 @@ class PictureStripes:
     _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, image: Image, *, lighter: bool | None, bend: Bend | None = None) -> PictureStripes:
+    def of(
+        cls, image: Image, *, lighter: bool | None, on_floor: bool = False, bend: Bend | None = None
+    ) -> PictureStripes:
         """Find the stripes of an image of the working size, and its distortion from them unless `bend` is given."""
-        stripes = find_stripes(image, lighter=lighter)
+        stripes = find_stripes(image, lighter=lighter, on_floor=on_floor)
         bend = bend or bend_of(stripes)
         return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
 

@@ -12,8 +12,8 @@ or a circle onto an ellipse and a line onto a line                     cameras_f
   v
 the best cameras that differ, refined on the picture, with lens        refine_courts
   |  equal ones merged; evidence of the picture for each               here
-  |  in halls again for the stripes of each paint, for darker stripes, and for both with the edges of painted areas,
-  |  until one camera is sure
+  |  in halls again for the stripes on the floor alone, for those of each paint, for darker ones, and for both with the
+  |  edges of painted areas, until one camera is sure                floor
   v
 cameras by their probability of being right, each accepted or not
 
@@ -434,19 +434,21 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
 
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
-    """Yield the candidates from all stripes of a picture; in halls then from each paint's, darker ones, and edges."""
+    """Yield the candidates from all stripes; in halls then from the floor's, each paint's, darker ones, and edges."""
     in_hall = field.surface in FLOORS
-    looks = dict.fromkeys((field.lines.lighter, not field.lines.lighter, None))
-    for lighter in list(looks)[: 3 if in_hall else 1]:
-        is_own = lighter == field.lines.lighter
-        court = field if is_own else replace(field, lines=replace(field.lines, lighter=lighter))
+    stripes = picture.stripes(lighter=field.lines.lighter)
+    search = partial(_searched, task, picture.image, are_cut_out=is_often_cut_out(field), sized=sized)
+    yield search(stripes)
+    if stripes.bend.a != 0.0:
+        yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
+    for lighter in dict.fromkeys((field.lines.lighter, not field.lines.lighter, None)) if in_hall else ():
+        court = replace(field, lines=replace(field.lines, lighter=lighter))
         own = replace(task, object_segments=court)
-        search = partial(_searched, own, picture.image, are_cut_out=is_own and is_often_cut_out(field), sized=sized)
-        stripes = picture.stripes(lighter=lighter)
+        are_cut_out = lighter == field.lines.lighter and is_often_cut_out(field)
+        search = partial(_searched, own, picture.image, are_cut_out=are_cut_out, sized=sized)
+        stripes = picture.stripes(lighter=lighter, on_floor=True)
         yield search(stripes)
-        if is_own and stripes.bend.a != 0.0:
-            yield search(stripes.unbent)  # arcs of circles may have been mistaken for lines that a lens has bent
-        if in_hall and lighter is not None:
+        if lighter is not None:
             for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[:PAINTS]:
                 yield search(stripes.take(np.flatnonzero(paint)))
 
@@ -543,16 +545,11 @@ def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEviden
 
 def _are_alike(candidates: Sequence[_Candidate]) -> BoolArray:
     """Whether any two of N cameras project the field about alike, (N, N)."""
-    grids = [_grids_of(one) for one in candidates]
+    cameras = [one.refined.calibration.required_camera.scaled(one.stripes.maps.size) for one in candidates]
+    grids = [seen_grids(camera, _field_of(one.refined)) for camera, one in zip(cameras, candidates, strict=True)]
     seen = np.array([one[0] for one in grids]).reshape(len(grids), GRID * GRID, 2)
     alike = [~are_apart(seen, own, one.stripes.maps.size) for own, one in zip(grids, candidates, strict=True)]
     return np.array(alike, dtype=bool).reshape(len(grids), len(grids))
-
-
-def _grids_of(candidate: _Candidate) -> list[Array]:
-    """Grids of a candidate (`seen_grids`), in pixels of the picture of its stripes."""
-    camera, field = candidate.refined.calibration.required_camera, _field_of(candidate.refined)
-    return seen_grids(camera.scaled(candidate.stripes.maps.size), field)
 
 
 def _different(ranked: Ranked, field: Field) -> list[int]:

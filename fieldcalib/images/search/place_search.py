@@ -426,9 +426,6 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
     sample = [at_working_size(images[k]) for k in spread(len(images), SAMPLE)]
     stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]
     places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
-    scores = [sum(_best_score(one, field, place) for one in stripes) for place in places]
+    ranked = [[rank_from(place, one.with_bend(place.bend), field) for one in stripes] for place in places]
+    scores = [sum(float(np.max(one.score, initial=0.0)) for one in own) for own in ranked]
     return places[int(np.argmax(scores))]
-
-
-def _best_score(stripes: PictureStripes, field: Field, place: Place) -> float:
-    return float(np.max(rank_from(place, stripes.with_bend(place.bend), field).score, initial=0.0))

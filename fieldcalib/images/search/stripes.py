@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.images.search.floor import floor_of
 from fieldcalib.io.image_files import Image, size_of
 
 WORKING_WIDTH = 1280  # columns; enlarged to this, pictures of 426 columns are searched as well as larger ones
@@ -79,7 +80,7 @@ def at_working_size(image: Image) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 
-def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:
+def find_stripes(image: Image, *, lighter: bool | None = True, on_floor: bool = False) -> Stripes:
     """Find the painted stripes of a picture, without knowing what they belong to.
 
     Parameters
@@ -88,6 +89,8 @@ def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:
         Blue, green, red, of about `WORKING_WIDTH` columns.
     lighter : bool or None
         Whether stripes are lighter than the ground, else they are darker. None finds both, and the edges of areas.
+    on_floor : bool
+        Whether only those on the floor (`floor_of`) are found, of which more are kept then.
 
     Examples
     --------
@@ -105,6 +108,7 @@ def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:
     sharp = _response(luma, either=lighter is None)
     response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)
     across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
+    coherence = coherence * floor_of(image) if on_floor else coherence
     x, y, offset = _middles(response, across, coherence)
     normal = across[y, x].astype(float)
     step = np.column_stack([np.cos(normal), np.sin(normal)])

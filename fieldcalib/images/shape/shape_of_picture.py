@@ -319,7 +319,8 @@ def _judged(image: Image, calibration: Calibration) -> Calibration:
     """
     step = max(min(size_of(image)) // LOOKED_AT, 1)
     if calibration.accepted:
-        if calibration.required_camera.angles[1] > STEEPLY or _share_alike(image) < DRAWN:
+        alike = image[:, 1:] == image[:, :-1]  # left neighbours
+        if calibration.required_camera.angles[1] > STEEPLY or np.mean(np.all(alike, axis=2)) < DRAWN:
             return calibration
         drawn = "the picture is a drawing, which no camera has taken"
         return replace(calibration, status=Status.IMPROBABLE, message=f"{drawn}; {calibration.message}")
@@ -329,11 +330,6 @@ def _judged(image: Image, calibration: Calibration) -> Calibration:
     if is_small(size_of(image)):
         return replace(calibration, message=f"{small_words(size_of(image))}; {calibration.message}")
     return calibration
-
-
-def _share_alike(image: Image) -> float:
-    """Share of the pixels that are like their left neighbour."""
-    return float(np.mean(np.all(image[:, 1:] == image[:, :-1], axis=2)))
 
 
 def _asked(calibration: Calibration) -> Calibration:

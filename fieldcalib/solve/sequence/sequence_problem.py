@@ -248,19 +248,22 @@ def solved_rows(
     status = np.full(len(rows), ACCEPTED)
     for k, one in alone.items():
         status[k] = ACCEPTED if is_tied[k] else STATUSES.index(one.status)
+    suspects = {k: one.suspect_labels for k, one in alone.items() if one.suspect_labels}
+    refused = {k: one.message for k, one in alone.items() if not is_tied[k] and not one.accepted}
+    by_lines = np.where(is_tied, BASES.index(Basis.BOTH), BASES.index(Basis.LINES))
     return replace(
         rows,
         theta=evaluation.theta,
         own=errors.own,
         following=errors.following,
         status=np.where((status == ACCEPTED) & (metres > largest_error), IMPROBABLE, status),
-        basis=_bases(np.sum(counts, axis=1) > 0, is_tied),
+        basis=np.where(np.sum(counts, axis=1) > 0, by_lines, BASES.index(Basis.MATCHES)),
         rms=rms_of_labels(evaluation),
         ground_error=metres,
         label_errors=label_errors,
         label_counts=label_counts,
-        notes=_notes(alone, is_tied),
-        suspects={k: one.suspect_labels for k, one in alone.items() if one.suspect_labels},
+        notes={k: "; ".join(map(str, found)) for k, found in suspects.items()} | refused,
+        suspects=suspects,
     )
 
 
@@ -270,13 +273,3 @@ def without_camera(table: FrameTable, failed: Mapping[int, Calibration]) -> Fram
     status = table.status.copy()
     status[index] = [STATUSES.index(one.status) for one in failed.values()]
     return replace(table, status=status, notes={**table.notes, **{t: one.message for t, one in failed.items()}})
-
-
-def _bases(labelled: BoolArray, is_tied: BoolArray) -> IntArray:
-    by_lines = np.where(is_tied, BASES.index(Basis.BOTH), BASES.index(Basis.LINES))
-    return np.where(labelled, by_lines, BASES.index(Basis.MATCHES))
-
-
-def _notes(alone: Mapping[int, Calibration], is_tied: BoolArray) -> dict[int, str]:
-    notes = {k: "; ".join(map(str, one.suspect_labels)) for k, one in alone.items() if one.suspect_labels}
-    return notes | {k: one.message for k, one in alone.items() if not is_tied[k] and not one.accepted}

@@ -1,0 +1,68 @@
+"""The floor of a court in a picture, and the stripes on it."""
+
+import cv2
+import numpy as np
+import pytest
+from pictures import picture
+
+from data_tools.score_courts import Truth
+from fieldcalib import Camera
+from fieldcalib.fields import handball
+from fieldcalib.images.search.court_search import find_courts
+from fieldcalib.images.search.floor import floor_of
+from fieldcalib.images.search.stripes import find_stripes
+
+SIZE = (1280, 720)
+STAND = Camera.from_angles(np.radians(92), np.radians(76), 0.0, 900.0, (-36.0, 1.0, -9.0), SIZE)
+CORNERS = np.array([(-21.0, -11.0, 0.0), (21.0, -11.0, 0.0), (21.0, 11.0, 0.0), (-21.0, 11.0, 0.0)])
+
+
+def among_spectators():
+    """A court with faint lines before stands with rows of seats, and the mask of its surroundings."""
+    rng = np.random.default_rng(0)
+    crowd = np.full((*SIZE[::-1], 3), 90, np.uint8)
+    for _ in range(700):
+        (x, y), (dx, dy) = rng.integers(0, SIZE), rng.integers(-250, 250, 2)
+        cv2.line(crowd, (int(x), int(y)), (int(x + dx), int(y + dy)), rng.integers(0, 255, 3).tolist(), 5)
+    beyond = np.ones(SIZE[::-1], np.uint8)
+    cv2.fillConvexPoly(beyond, np.round(STAND.project(CORNERS)).astype(int), 0)
+    court = picture(STAND, handball()).astype(float)
+    faint = np.median(court, axis=(0, 1)) * 0.85 + court * 0.15
+    return np.where(beyond[..., None], crowd, np.round(faint)).astype(np.uint8), beyond > 0
+
+
+def test_the_floor_holds_the_markings_and_no_spectators():
+    image, beyond = among_spectators()
+    floor = floor_of(image)
+    markings = np.concatenate([one.sample(0.5) for one in handball().markings.values()])
+    column, row = np.round(STAND.project(markings[markings[:, 2] == 0.0])).astype(int).T
+    inside = (column >= 0) & (column < SIZE[0]) & (row >= 0) & (row < SIZE[1])
+    assert np.all(floor[row[inside], column[inside]])
+    assert np.mean(floor[beyond]) < 0.15
+
+
+def test_on_the_floor_more_of_its_stripes_are_found_and_hardly_others():
+    image, beyond = among_spectators()
+    anywhere, on_floor = (np.round(find_stripes(image, on_floor=on).xy).astype(int).T[::-1] for on in (False, True))
+    of_court = [np.count_nonzero(~beyond[tuple(xy)]) for xy in (anywhere, on_floor)]
+    of_others = [np.count_nonzero(beyond[tuple(xy)]) for xy in (anywhere, on_floor)]
+    assert of_court[1] > 5 * of_court[0]
+    assert of_others[1] < 0.2 * of_others[0]
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_a_picture_of_one_colour_is_all_floor(level):
+    assert np.all(floor_of(np.full((90, 160, 3), level, np.uint8)))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 900), (900, 1), (40, 3000)])
+def test_pictures_of_odd_shapes_have_a_floor(size):
+    noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
+    assert floor_of(noise).shape == size
+
+
+def test_a_court_among_spectators_is_found():
+    image, _ = among_spectators()
+    found = find_courts(image, handball())[0].calibration
+    assert found.accepted
+    assert Truth(STAND, handball()).distance(found.required_camera) < 3.0
