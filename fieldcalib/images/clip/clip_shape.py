@@ -51,7 +51,12 @@ from fieldcalib.fields.field import Field, ObjectSegments
 from fieldcalib.images.clip.clip_problem import ClipProblem, calibrate_frames_alone
 from fieldcalib.images.from_images import How
 from fieldcalib.images.shape.borders_and_windows import borders_of, parts_of, within_borders
-from fieldcalib.images.shape.shape_of_picture import SCORE_OF_SOFTNESS, log_ratio_of_squash, window_prior
+from fieldcalib.images.shape.shape_of_picture import (
+    SCORE_OF_SOFTNESS,
+    log_ratio_of_squash,
+    place_of_part,
+    window_prior,
+)
 from fieldcalib.io.image_files import Image, each_checked, size_of
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import PixelTable
@@ -105,9 +110,12 @@ class ShapeEstimator:
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
         """Estimate the shape of the frames of a clip; None for frames without borders that were not squashed."""
-        some = bright_frames(images) if self.finds_borders or self.finds_squash else []
+        part = self.how.part
+        some = bright_frames(images) if self.finds_borders or self.finds_squash or part is not None else []
         if not some:
             return None
+        if part is not None:
+            return Shape(place_of_part(np.max(some, axis=0), part)) or None
         found = self._part(some) if self.finds_borders else Shape(Placement.whole(size_of(some[0])))
         pixel_aspect = getattr(images, "pixel_aspect", 1.0)  # of a video whose file states it
         if self.finds_squash and pixel_aspect != 1.0:

@@ -229,16 +229,19 @@ def within_frame(calibrate: Method, images: Sequence[Image], *, part: Crop | Non
 
     A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture.
     """
-    import cv2
-
     assert part is not None
-    places = []
-    for image in images:
-        x, y, width, height = cv2.boundingRect(np.any(image, axis=2).astype(np.uint8))
-        right, bottom = (x + width, y + height) if width else size_of(image)  # of a black picture
-        places.append(Placement.around(size_of(image), *part.corner, right, bottom))
+    places = [place_of_part(image, part) for image in images]
     found = calibrate([place.image_in_frame(image) for image, place in zip(images, places, strict=True)])
     return [in_picture(one, place, *_unsure(one, place)) for one, place in zip(found, places, strict=True)]
+
+
+def place_of_part(frame: Image, part: Crop) -> Placement:
+    """Where a frame that is black elsewhere shows a picture of one of its parts."""
+    import cv2
+
+    x, y, width, height = cv2.boundingRect(np.any(frame, axis=2).astype(np.uint8))
+    right, bottom = (x + width, y + height) if width else size_of(frame)  # of a black picture
+    return Placement.around(size_of(frame), *part.corner, right, bottom)
 
 
 def _unsure(calibration: Calibration, place: Placement) -> tuple[Finding, ...]:
