@@ -203,6 +203,8 @@ class What(StrEnum):
 
     OFF_PAINT = "off paint"
     """A marking lies beside its paint, by some pixels."""
+    PAST_END = "paint past an end"
+    """The paint of a marking goes on past its end, for some pixels."""
     NO_PAINT = "no paint"
     """The image shows no paint where a marking is projected."""
     LITTLE_PAINT = "little paint"
@@ -341,6 +343,7 @@ NOTES = frozenset(
 SENTENCES: Mapping[What, str] = MappingProxyType(
     {
         What.OFF_PAINT: "{about!r} lies {0:.0f} px beside its paint",
+        What.PAST_END: "the paint of {about!r} goes on for {0:.0f} px past its end",
         What.NO_PAINT: "the image shows no paint at {about!r}",
         What.LITTLE_PAINT: "only {0:.0f} % of the markings in view show paint",
         What.WIDE_PAINT: "the lines are {0:.1f} times as wide as the field's: it may be a smaller one with the same "
@@ -542,7 +545,7 @@ CAUSE_REMEDIES: Mapping[What, Remedy] = MappingProxyType(
 """Remedies of what was typed wrong, the most certain first."""
 QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
     {
-        **dict.fromkeys((What.OFF_PAINT, What.NO_PAINT, What.LITTLE_PAINT), OFF_PAINT),
+        **dict.fromkeys((What.OFF_PAINT, What.PAST_END, What.NO_PAINT, What.LITTLE_PAINT), OFF_PAINT),
         What.SEVERAL_VIEWS: ONE_VIEW,
         What.WIDE_PAINT: SMALLER,
         What.SHAPE: NOT_WHOLE,

@@ -49,6 +49,8 @@ class MarkingInView:
     """Median width of its paint, in units of the width that the camera projects; 0 where it cannot be measured."""
     widths: int = 0
     """Number of places where its width was measured."""
+    past_end: float = 0.0
+    """Length of its paint past an end of the marking, pixels; 0 if there is none."""
 
     def __post_init__(self) -> None:
         """Check what may come from a file.
@@ -59,7 +61,7 @@ class MarkingInView:
             If something is of a wrong type, or a number is negative or not finite.
         """
         expect(self.label, str, "Base line")
-        for name in ("length", "share", "offset", "width", "places", "widths"):
+        for name in ("length", "share", "offset", "width", "places", "widths", "past_end"):
             if not 0.0 <= number(getattr(self, name), name) < inf:
                 raise ValueError(f"{name}: expected a number of at least 0, got {getattr(self, name)}")
         for name in ("places", "widths"):
@@ -89,8 +91,8 @@ class MarkingInView:
 
     @property
     def is_off(self) -> bool:
-        """Whether it is evidence against the camera: its paint lies beside it or is missing."""
-        return self.is_beside or self.is_unseen
+        """Whether it is evidence against the camera: its paint lies beside it, is missing, or goes on past its end."""
+        return self.is_beside or self.is_unseen or self.past_end > 0.0
 
 
 def checked_markings(markings: Sequence[MarkingInView]) -> tuple[MarkingInView, ...]:
@@ -100,7 +102,7 @@ def checked_markings(markings: Sequence[MarkingInView]) -> tuple[MarkingInView, 
 
 
 def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
-    """Find markings whose paint lies beside them or is missing, farthest first, and paint that is too wide.
+    """Find markings whose paint lies beside them, goes on past an end, or is missing; and paint that is too wide.
 
     Examples
     --------
@@ -113,6 +115,7 @@ def paint_findings(markings: Sequence[MarkingInView]) -> tuple[Finding, ...]:
     """
     beside = sorted((one for one in markings if one.is_beside), key=lambda one: -one.offset)
     found = [Finding(What.OFF_PAINT, one.label, (one.offset,)) for one in beside]
+    found += [Finding(What.PAST_END, one.label, (one.past_end,)) for one in markings if one.past_end > 0.0]
     found += [Finding(What.NO_PAINT, one.label) for one in _unseen(markings)]
     width = paint_width(markings)
     return (*found, *([Finding(What.WIDE_PAINT, numbers=(width,))] if width > TOO_WIDE else []))

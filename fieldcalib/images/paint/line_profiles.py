@@ -46,6 +46,7 @@ EDGE = np.float32(0.5)  # weight of the contrast on the edge of an area: less th
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
 OTHER_COLOUR = 4.0  # times the median colour difference of ground: what differs more is not ground; 99 % of ground less
 SAME_GROUND = 0.2  # of a line's contrast: smaller colour differences between both sides come from lossy compression
+PAST_END_FROM, PAST_END_STEP, PAST_END_STEPS = 0.6, 0.25, 31  # m: where paint past the end of a line is looked for
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
 
 
@@ -86,6 +87,47 @@ class Markings:
         across = ~self.on_ground & (self.X[:, 0] == 0.0) & (np.abs(self.along[:, 2]) < UPRIGHT)
         is_low = np.min(self.X[across, 2], initial=0.0) > -HIGHEST_NET
         return tuple(self.labels[k] for k in np.unique(self.member[across])) if is_low else ()
+
+    @cached_property
+    def past_ends(self) -> Markings:
+        """Continuations of the lines on the ground past both of their ends, where no other marking is.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> past = Markings.of(soccer()).past_ends
+        >>> np.max(np.abs(past.X[past.member == past.labels.index("Middle line")]), axis=0).round(1)
+        array([ 0. , 42.1,  0. ])
+        """
+        from scipy.spatial import KDTree  # a slow import
+
+        is_line = self.on_ground & ~self.is_arc[self.member] & (self.painted[self.member] == 1.0)
+        steps, count = PAST_END_FROM + PAST_END_STEP * np.arange(PAST_END_STEPS), len(self.labels)
+        parts = []
+        for sign, neighbour, more in (
+            (-1.0, np.diff(self.member, prepend=-1), 0),
+            (1.0, np.diff(self.member, append=count), count),
+        ):
+            at = np.repeat(np.flatnonzero(is_line & (neighbour != 0)), len(steps))
+            along = sign * self.along[at]
+            X = self.X[at] + np.resize(steps, len(at))[:, None] * along
+            free = KDTree(self.X).query(X)[0] > PAST_END_FROM - PAST_END_STEP
+            parts.append(
+                (self.member[at][free] + more, X[free], along[free], self.on_ground[at][free], self.width[at][free])
+            )
+        member, X, along, on_ground, width = map(np.concatenate, zip(*parts, strict=True))
+        return Markings(
+            2 * self.labels,
+            member,
+            X,
+            along,
+            on_ground,
+            width,
+            np.zeros_like(X),
+            np.tile(self.is_arc, 2),
+            np.tile(self.painted, 2),
+            self.look,
+        )
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:

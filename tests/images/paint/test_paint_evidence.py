@@ -18,14 +18,22 @@ from fieldcalib.assess.paint_in_view import MarkingInView, contradiction, paint_
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.sports.volleyball import volleyball
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.line_profiles import Markings, profiles_along
-from fieldcalib.images.paint.paint_evidence import Ridges, evidence_of, missing_net, paint_evidence
+from fieldcalib.images.paint.paint_evidence import (
+    Ridges,
+    evidence_of,
+    missing_net,
+    paint_evidence,
+    with_paint_past_ends,
+)
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.request import Task
@@ -314,3 +322,63 @@ def test_a_net_is_not_looked_for_from_above():
     assert missing_net(image, above, markings, evidence(image, above, markings).markings) == []
     beside, low = picture(COURT, ground), evidence(picture(COURT, ground), COURT, markings).markings
     assert missing_net(beside, COURT, markings, low)
+
+
+# --- past the ends ---
+
+
+def past_ends(image, camera, field):
+    """Lines whose paint goes on past an end of their projections, and for how many pixels."""
+    markings = Markings.of(field)
+    seen = evidence(image, camera, markings).markings
+    return {one.label: one.past_end for one in with_paint_past_ends(seen, image, camera, markings) if one.past_end}
+
+
+def shifted(camera, x=0.0, y=0.0):
+    """A camera that sees the field displaced by metres."""
+    return replace(camera, C=camera.C + (x, y, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("field", "truth"),
+    [
+        (FIELD, PENALTY_AREA),
+        (FIELD, camera(3, 75, 1000, (-2, 66, -16), roll=0.5)),
+        (FIELD.with_ground(Ground(0.4)), PENALTY_AREA),
+        (tennis(), camera(0, 65, 1400, (0, 28, -9))),
+        (volleyball(), camera(5, 60, 900, (1, 20, -9))),
+        (ice_hockey(), camera(0, 65, 700, (0, 35, -14))),
+    ],
+    ids=["penalty area", "middle", "crowned", "tennis", "volleyball", "ice hockey"],
+)
+def test_no_paint_goes_on_past_ends_of_a_right_camera(field, truth):
+    assert past_ends(picture(truth, field), truth, field) == {}
+
+
+@given(y=numbers(4.0, 7.0), far=st.booleans())
+@examples(10)
+def test_paint_goes_on_where_a_camera_is_off_along_a_line(y, far):
+    """The goal line and the lines along it lie on paint, but end too early on one side."""
+    found = past_ends(PICTURE, shifted(PENALTY_AREA, y=y if far else -y), FIELD)
+    assert {"Big rect. right main", "Small rect. right main"} & set(found)
+    assert all(px > 20.0 for px in found.values())
+
+
+def test_a_light_border_of_the_picture_is_no_paint():
+    """A line of the penalty area ends along the last rows of the picture."""
+    truth = camera(0, 70, 900, (40, 52, -16))
+    x, y = truth.project((36.0, 20.16, 0.0)).round().astype(int)
+    image, height = picture(truth), int(y) + 7
+    image[y - 1 : y + 2, :x] = 255
+    assert set(past_ends(image, truth, FIELD)) == {"Big rect. right bottom"}
+    assert past_ends(image[:height], truth.cropped((0, 0), (960, height)), FIELD) == {}
+
+
+def test_a_camera_with_paint_past_an_end_is_to_be_checked():
+    pixels = observe(whole_circle_markings(FIELD), PENALTY_AREA, np.random.default_rng(0), 0.3)
+    found = calibrate_from_segments(FIELD, pixels, PENALTY_AREA.image_size)
+    line = MarkingInView("Side line right", 400.0, 20, 1.0, 0.0)
+    good, doubted = (found.seen_in_image([replace(line, past_end=px)]) for px in (0.0, 43.2))
+    assert (good.verdict, doubted.verdict) == (Verdict.GOOD, Verdict.CHECK)
+    assert doubted.findings[0] == Finding(What.PAST_END, "Side line right", (43.2,))
+    assert doubted.reason.startswith("the paint of 'Side line right' goes on for 43 px past its end")
