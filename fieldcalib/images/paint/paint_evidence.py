@@ -65,6 +65,7 @@ NET_HEIGHTS = (1.0, 0.8, 1.25, 0.6, 1.5)  # times that of the net: right cameras
 # frames of clips, less than half of them show any, past wrong ends of cameras of upright parts 0.8 to all.
 LEAST_PAST, PAINTED_PAST = 5, 0.7
 FROM_BORDER = 10.0  # px: nearer to the border of the picture the ground is seen on one side only
+FROM_RAISED = 20.0  # px from what is above the ground
 LEAST_PAINTED = 0.3  # painted share of a dashed marking: with less it is left out
 DRAWS = 200  # random samples of a marking's ridges, each of which determines a line or an arc
 APART = 0.3  # least share of a marking's profiles between the outer ridges of a sample
@@ -345,13 +346,19 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
 
 
 def with_paint_past_ends(
-    seen: Sequence[MarkingInView], image: Image, camera: Camera, markings: Markings
+    seen: Sequence[MarkingInView], image: Image, camera: Camera, markings: Markings, along: Profiles
 ) -> tuple[MarkingInView, ...]:
-    """Add to painted lines how far their paint goes on past an end of their projections."""
-    middle = np.divide(camera.image_size, 2.0)
-    profiles, unit = profiles_along(camera, markings.past_ends), pixel_unit(camera.image_size)
-    profiles = profiles.take(np.flatnonzero(np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)))
-    profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # of what is not painted
+    """Add to painted lines how far their paint goes on past an end of their projections; `along` are their profiles.
+
+    Not near the border of the picture, nor before what is above the ground: the tape of a net, a crossbar.
+    """
+    unit, middle = pixel_unit(camera.image_size), np.divide(camera.image_size, 2.0)
+    profiles, raised = profiles_along(camera, markings.past_ends), along.xy[~along.on_ground]
+    is_free = np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)
+    distance = np.linalg.norm(profiles.xy[:, None] - raised, axis=2)
+    is_free &= np.min(distance, axis=1, initial=np.inf) > FROM_RAISED * unit
+    profiles = profiles.take(np.flatnonzero(is_free))
+    profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
     is_on = np.abs(find_lines(image, profiles, BESIDE)) < ON_PAINT * unit
     past = dict[str, float]()
     for k in np.unique(profiles.member):

@@ -330,8 +330,10 @@ def test_a_net_is_not_looked_for_from_above():
 def past_ends(image, camera, field):
     """Lines whose paint goes on past an end of their projections, and for how many pixels."""
     markings = Markings.of(field)
-    seen = evidence(image, camera, markings).markings
-    return {one.label: one.past_end for one in with_paint_past_ends(seen, image, camera, markings) if one.past_end}
+    profiles = profiles_along(camera, markings)
+    seen = paint_evidence(image, profiles, markings).markings
+    found = with_paint_past_ends(seen, image, camera, markings, profiles)
+    return {one.label: one.past_end for one in found if one.past_end}
 
 
 def shifted(camera, x=0.0, y=0.0):
@@ -372,6 +374,16 @@ def test_a_light_border_of_the_picture_is_no_paint():
     image[y - 1 : y + 2, :x] = 255
     assert set(past_ends(image, truth, FIELD)) == {"Big rect. right bottom"}
     assert past_ends(image[:height], truth.cropped((0, 0), (960, height)), FIELD) == {}
+
+
+def test_the_tape_of_a_net_before_a_far_line_is_not_its_paint():
+    truth = camera(90, 80, 2400, (-30, 0, -5.4))
+    image, field = picture(truth, tennis()), tennis()
+    x, y = truth.project(field["Service line right"].start).round().astype(int)
+    tape = truth.project(field["Net top"].sample(1.0))
+    assert np.all(np.abs(tape[:, 1] - y) < 12.0)
+    image[y - 1 : y + 2, :x] = 255  # a tape as high as the net may be
+    assert past_ends(image, truth, field) == {}
 
 
 def test_a_camera_with_paint_past_an_end_is_to_be_checked():
