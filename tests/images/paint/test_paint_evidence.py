@@ -336,9 +336,10 @@ def past_ends(image, camera, field):
     return {one.label: one.past_end for one in found if one.past_end}
 
 
-def shifted(camera, x=0.0, y=0.0):
-    """A camera that sees the field displaced by metres."""
-    return replace(camera, C=camera.C + (x, y, 0.0))
+def shifted(camera, y):
+    """A camera that sees the field displaced across it by metres."""
+    C = camera.C + (0.0, y, 0.0)
+    return Camera.from_angles(*camera.angles, camera.focal_length, C, camera.image_size, k=camera.dist[0, :2])
 
 
 @pytest.mark.parametrize(
@@ -361,7 +362,7 @@ def test_no_paint_goes_on_past_ends_of_a_right_camera(field, truth):
 @examples(10)
 def test_paint_goes_on_where_a_camera_is_off_along_a_line(y, far):
     """The goal line and the lines along it lie on paint, but end too early on one side."""
-    found = past_ends(PICTURE, shifted(PENALTY_AREA, y=y if far else -y), FIELD)
+    found = past_ends(PICTURE, shifted(PENALTY_AREA, y if far else -y), FIELD)
     assert {"Big rect. right main", "Small rect. right main"} & set(found)
     assert all(px > 20.0 for px in found.values())
 
