@@ -178,7 +178,7 @@ class Receiver:
     def __init__(self, address: str) -> None:
         try:
             parts = urlsplit(address)
-            self._format, host, port = parts.scheme, parts.hostname, parts.port
+            self._format, host, port = parts.scheme, parts.hostname, parts.port if not any(parts[2:]) else None
         except ValueError:
             host = port = None
         if not (host and port and self._format in (LINES, FREED)):

@@ -266,7 +266,8 @@ def test_without_a_camera_no_packet_is_sent(know, film, tmp_path, on_stdin, prog
 
 
 @pytest.mark.parametrize(
-    "address", ["127.0.0.1:4000", "udp://127.0.0.1:4000", "json://127.0.0.1", "freed://:4000", "json://a:b"]
+    "address",
+    ["127.0.0.1:4000", "udp://127.0.0.1:4000", "json://127.0.0.1", "freed://:4000", "json://a:b", "json://a:4000/b"],
 )
 def test_addresses_of_no_receiver(know, film, tmp_path, on_stdin, capfd, address):
     know([None] * 20)

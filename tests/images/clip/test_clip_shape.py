@@ -56,6 +56,19 @@ def squashed(image, size=SQUASHED):
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
+def test_a_declared_part_is_cut_out_of_its_frame(clip):
+    """The rest of the frame is black, and where the part is dark does not matter."""
+    _, pictures = clip
+    frames = [np.zeros_like(image) for image in pictures[:3]]
+    for frame, image in zip(frames, pictures, strict=False):
+        frame[30:, 120:400] = np.maximum(image[30:, 120:400], 1)
+    frames[1][60:, 120:] = 0
+    how = How(Task(FIELD), estimate_aspect=False, take_off_borders=False, part=Crop(SIZE, (120, 30)))
+    shape = ShapeEstimator(how).shape(frames)
+    assert shape.placement.crop == Crop((280, 240), (-120, -30))
+    np.testing.assert_array_equal(shape.placement.image_in_frame(frames[0]), frames[0][30:, 120:400])
+
+
 class Asked(KnownCameras):
     """What cameras see, in the order in which their frames are looked at, again and again."""
 
