@@ -10,6 +10,7 @@ import numpy as np
 from fieldcalib.fields.catalogue import COMPARED
 from fieldcalib.fields.catalogue import field as field_named
 from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.search.court_ranking import PictureToSearch
 from fieldcalib.images.search.court_search import courts_in
@@ -106,8 +107,11 @@ def _score(picture: PictureToSearch, field: Field, network: Network | None) -> t
     """Log likelihood ratio of the best camera of a field, and whether it is accepted."""
     if network is not None and not classes_without_segment(network.classes, field):
         (found,) = calibrate_from_images(field, [picture.image], network)
-        maps = picture.stripes(lighter=field.lines.lighter).maps
-        camera, points = found.camera, MarkingPoints.of(field, POINTS)
-        return (max(maps.score(camera.scaled(maps.size), points)[0], 0.0), found.accepted) if camera else (0.0, False)
+        return (_of_camera(picture, field, found.camera), found.accepted) if found.camera is not None else (0.0, False)
     best = next(iter(courts_in(picture, field)), None)
     return (0.0, False) if best is None else (max(best.evidence.score, 0.0), best.calibration.accepted)
+
+
+def _of_camera(picture: PictureToSearch, field: Field, camera: Camera) -> float:
+    maps = picture.stripes(lighter=field.lines.lighter).maps
+    return max(maps.score(camera.scaled(maps.size), MarkingPoints.of(field, POINTS))[0], 0.0)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 
@@ -128,7 +129,6 @@ def format_coco(annotations: Iterable[Annotation]) -> str:
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         for label, points in shapes:
             closed = np.array(points + points[:1] * max(LEAST_POINTS - len(points), 0))
-            x, y = (closed - closed.mean(axis=0)).T
             made.append(
                 {
                     "id": len(made) + 1,
@@ -136,9 +136,14 @@ def format_coco(annotations: Iterable[Annotation]) -> str:
                     "category_id": categories.setdefault(label, len(categories) + 1),
                     "segmentation": [closed.ravel().tolist()],
                     "bbox": [*closed.min(axis=0).tolist(), *np.ptp(closed, axis=0).tolist()],
-                    "area": float(abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2.0),
+                    "area": _area(closed),
                     "iscrowd": 0,
                 }
             )
     named = [{"id": id, "name": name, "supercategory": ""} for name, id in categories.items()]
     return json.dumps({"images": images, "annotations": made, "categories": named}) + "\n"
+
+
+def _area(xy: Array) -> float:
+    x, y = (xy - xy.mean(axis=0)).T
+    return float(abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2.0)
