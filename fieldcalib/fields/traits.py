@@ -288,6 +288,14 @@ class CameraDistribution:
             raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
         if not (is_number(self.principal_point) and 0.0 < self.principal_point < np.inf):
             raise ValueError(f"{self.name!r}: principal_point must be a positive share, got {self.principal_point}")
+        if self.frame is not None and not (_are_pairs(self.frame) and min(self.frame[0]) > 0):
+            raise ValueError(f"{self.name!r}: frame must be ((width, height), (x, y)) in pixels, got {self.frame!r}")
+
+
+def _are_pairs(values: Any) -> bool:
+    """Whether these are two tuples of two numbers."""
+    pairs = values if isinstance(values, tuple) and len(values) == 2 else [None]
+    return all(isinstance(one, tuple) and len(one) == 2 and all(map(is_number, one)) for one in pairs)
 
 
 def _is_range(limits: Any) -> bool:

@@ -210,7 +210,8 @@ class Task:
             _check_given(given, flags)
         max_iterations, tolerance = _checked_criteria(self.criteria)
         distributions = self._distributions
-        middle = gaussian_priors(distributions[:1], layout).mean[0, PRINCIPAL_POINT]
+        frame_size, corner = distributions[0].frame or (image_size, (0, 0))
+        middle = np.divide(frame_size, 2.0) - corner
         known = _known_parameters(layout, given, flags, middle) if start is None else layout.theta(start)
         if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):
             raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {self.tau}")

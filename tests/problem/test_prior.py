@@ -65,6 +65,12 @@ def test_a_part_of_a_frame_has_the_prior_of_the_frame(rng, x, y, width, height):
     np.testing.assert_allclose(of_part.z_scores(its[None])[:, :-1], of_whole.z_scores(theta)[:, :-1], atol=1e-7)
 
 
+@pytest.mark.parametrize("frame", [(1920, 1080), ((0, 1080), (0, 0)), ((1920, 1080), (0,)), "1920x1080+0+0"])
+def test_a_frame_is_a_size_and_a_pixel(frame):
+    with pytest.raises(ValueError, match=r"frame must be \(\(width, height\), \(x, y\)\) in pixels, got"):
+        replace(DISTRIBUTIONS["main center"], frame=frame)
+
+
 def test_focal_length_of_a_right_angle_is_half_the_width():
     np.testing.assert_allclose(focal_length_from_fov(np.radians([90.0, 90.0]), 1280), 640.0)
 
