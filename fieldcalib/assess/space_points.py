@@ -70,7 +70,9 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
     seen = [expect(one, Calibration, "results[0]") for one in listed(calibrations, "calibrations")]
     cameras, xy = [one.required_camera for one in seen], real_array(pixels)
     if len(seen) < 2 or xy.shape != (len(seen), 2) or not np.all(np.isfinite(xy)):
-        raise ValueError(f"expected two calibrations or more, and a pixel of each, got {len(seen)} and {xy.shape}")
+        raise ValueError(
+            f"expected two calibrations or more, and a pixel of one point in each, got {len(seen)} and {xy.shape}"
+        )
     positive(pixel_sd, "pixel_sd")
     C = np.array([camera.C for camera in cameras])
     rays = np.array([homogenize(camera.normalized(one)) @ camera.R for camera, one in zip(cameras, xy, strict=True)])

@@ -61,6 +61,7 @@ def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
     (found,) = calibrate_pictures(how(KnownCameras([seen]), part), [frame])
     assert found.accepted
     assert not {What.SHAPE, What.PART} & {one.what for one in found.findings}
+    assert "borders" not in found.message
     assert found.camera.image_size == part.frame_size
     np.testing.assert_allclose(found.camera.principal_point, (498.0, 360.0), atol=8.0)
     assert camera_difference(found.camera.cropped(corner, UPRIGHT.image_size), seen, FIELD).reprojection < 3.0

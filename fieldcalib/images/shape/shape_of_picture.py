@@ -232,7 +232,10 @@ def within_frame(calibrate: Method, images: Sequence[Image], *, part: Crop | Non
     assert part is not None
     places = [place_of_part(image, part) for image in images]
     found = calibrate([place.image_in_frame(image) for image, place in zip(images, places, strict=True)])
-    return [in_picture(one, place, *_unsure(one, place)) for one, place in zip(found, places, strict=True)]
+    return [  # where the picture lies was said by the user
+        replace(in_picture(one, place, *_unsure(one, place)), message=one.message)
+        for one, place in zip(found, places, strict=True)
+    ]
 
 
 def place_of_part(frame: Image, part: Crop) -> Placement:
