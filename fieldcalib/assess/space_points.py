@@ -166,7 +166,7 @@ def joint_covariance(calibrations: Sequence[Calibration]) -> Array:
     Raises
     ------
     ValueError
-        If the errors of a camera have no bound.
+        If the errors of a camera have no bound, or there are no calibrations.
 
     Examples
     --------
@@ -182,6 +182,8 @@ def joint_covariance(calibrations: Sequence[Calibration]) -> Array:
     -0.2
     """
     seen = [expect(one, Calibration, "results[0]") for one in listed(calibrations, "calibrations")]
+    if not seen:
+        raise ValueError("expected one calibration or more, got none")
     is_shared = len({None if one.field is None else (one.field.length, one.field.width) for one in seen}) == 1
     own, common = zip(*(_errors(one, is_shared=is_shared) for one in seen), strict=True)
     return np.asarray(block_diag(*own) + np.vstack(common) @ np.vstack(common).T)

@@ -358,7 +358,7 @@ def test_no_paint_goes_on_past_ends_of_a_right_camera(field, truth):
     assert past_ends(picture(truth, field), truth, field) == {}
 
 
-@given(y=numbers(6.0, 9.0), far=st.booleans())
+@given(y=numbers(6.0, 8.0), far=st.booleans())
 @examples(10)
 def test_paint_goes_on_where_a_camera_is_off_along_a_line(y, far):
     """The goal line and the lines along it lie on paint, but end too early on one side."""
