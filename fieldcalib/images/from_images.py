@@ -109,7 +109,7 @@ class How:
     declared: Declared = Declared.NOTHING
     """What the user says of the shape of the pictures."""
     part: Crop | None = None
-    """The part of their frames, black elsewhere, that pictures show, if the user says it; not of clips."""
+    """The part of their frames, black elsewhere, that pictures show, if the user says it."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a value that is invalid by itself."""
@@ -148,6 +148,17 @@ class How:
         if field is None or not self.estimate_size:
             return self
         return replace(self, task=replace(self.task, object_segments=with_painted_lines(field)))
+
+    def on_part(self) -> How:
+        """Take the prior of the frames for a declared part that a network looks at.
+
+        The part is dropped where that prior would not count, and pictures are calibrated in their black frames: without
+        a network, or with a camera matrix, which is that of the frames.
+        """
+        is_prior = self.network is not None and self.task.prior is not None and self.task.given.camera_matrix is None
+        if self.part is None or not is_prior:
+            return replace(self, part=None)
+        return replace(self, task=of_part_of_frames(self.task, self.part))
 
     def on_side(self) -> tuple[CameraSide, How]:
         """Find the side of the camera, and restrict the task to it; the network then names the ends as seen from it."""
@@ -348,22 +359,19 @@ def calibrate_from_images(
 def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | None = None) -> list[Calibration]:
     """Calibrate a camera for each of several checked images (`calibrate_from_images`)."""
     on, how = how.on_side()
+    how = how.on_part()
     task, by_network, without_matrix = how.task, how.network is not None, how.task.given.camera_matrix is None
     if by_network and how.place is not None:
         raise ValueError("a place is of courts that are searched for: leave it or the network out")
     is_open = by_network and task.prior is not None  # the network finds the camera, its principal point under a prior
     may_be_enlarged = how.may_be_enlarged and is_open and how.refine and task.given.is_empty
-    part = how.part if is_open and without_matrix else None
-    if part is not None:
-        task = of_part_of_frames(task, part)
-        how = replace(how, task=task)
-    may_be_padded = is_open and without_matrix and (how.estimate_aspect or part is not None)
+    may_be_padded = is_open and without_matrix and (how.estimate_aspect or how.part is not None)
     # Each step wraps the calibration of pictures by the steps after it, down to `calibrate_alone`. The outermost step
     # comes first.
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
         (how.take_off_borders and without_matrix, without_borders),
-        (part is not None, partial(within_frame, part=part)),
+        (how.part is not None, partial(within_frame, part=how.part)),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
         (may_be_padded, partial(with_narrow_padded, how=how)),

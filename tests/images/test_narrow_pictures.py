@@ -1,5 +1,7 @@
 """Narrow pictures in which a network finds the field once they are padded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, seen_by
@@ -10,7 +12,8 @@ from fieldcalib.assess.findings import Status, Verdict, What
 from fieldcalib.images.from_images import How, calibrate_pictures
 from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.problem.picture_shape import Crop, Declared
-from fieldcalib.solve.request import Task
+from fieldcalib.solve.request import GivenCamera, Task
+from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS
 
 ANGLES, f, C = (0.45, 1.33, 0.0), 1400.0, (5.0, 66.0, -17.0)
 UPRIGHT, PADDED = (Camera.from_angles(*ANGLES, f, C, size) for size in ((420, 560), (747, 560)))
@@ -74,6 +77,17 @@ def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked():
     assert found.has_finding(What.NARROW)
     assert "lie on their paint" in found.reason
     assert not found.has_finding(What.SHAPE)
+
+
+def test_a_part_is_no_prior_with_a_camera_matrix_or_without_a_network():
+    """Then pictures stay in their frames, whose matrix it is, and in which courts are searched for."""
+    part = Crop((996, 720), (288, 80))
+    known = how(SeesWide(), part)
+    assert known.on_part().part == part
+    K = Camera.from_angles(*ANGLES, f, C, part.frame_size).K
+    given = replace(known, task=Task(FIELD, GivenCamera(K), KNOWN_INTRINSICS_FLAGS))
+    for other in (given, replace(known, network=None), replace(known, task=Task(FIELD, prior=None))):
+        assert (other.on_part().part, other.on_part().task) == (None, other.task)
 
 
 def test_a_black_picture_has_no_part():

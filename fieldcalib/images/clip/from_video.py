@@ -39,7 +39,7 @@ from fieldcalib.images.clip.joined_parts import joined_parts
 from fieldcalib.images.clip.keyframes import read_keyframes
 from fieldcalib.images.clip.solved_shots import solve_shots, solve_tripods
 from fieldcalib.images.from_images import How, Mount
-from fieldcalib.images.shape.shape_of_picture import has_cameras, notes_without_camera, of_part_of_frames
+from fieldcalib.images.shape.shape_of_picture import has_cameras, notes_without_camera
 from fieldcalib.io.clips import ClipFrames, Reading, clip_frames
 from fieldcalib.io.image_files import Image, checked_image, read_ahead, size_of
 from fieldcalib.localize import Network
@@ -229,8 +229,7 @@ class Clip:
         network = None if network is None else Padded(network)
         is_free = how.may_be_enlarged and how.task.given.is_empty and network is not None
         on, how = replace(how, network=network, may_be_enlarged=is_free).on_paint().on_side()
-        if how.part is not None and how.task.prior is not None:
-            how = replace(how, task=of_part_of_frames(how.task, how.part))
+        how = how.on_part()
         frames = clip_frames(source)
         with frames.opened() as images:
             return cls(frames, how, on, ShapeEstimator(how).shape(images))
