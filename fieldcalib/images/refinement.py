@@ -291,9 +291,7 @@ def _in_passes(
             # distant lines may belong to other markings, and a free principal point would absorb them
             in_this_pass = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
         else:
-            own = [t for t in detected if t in cameras]  # without labels that are far from the segments of a camera
-            near = near_labels(task.object_segments, [cameras[t] for t in own], [labels[t] for t in own], STRAY)
-            labels |= {t: labels[t].take(is_near[labels[t].label]) for t, is_near in zip(own, near, strict=True)}
+            labels |= _without_stray(task.object_segments, cameras, {t: labels[t] for t in detected if t in cameras})
         lines = [
             with_replaced(
                 labels[t], pixels_of_lines(markings, one.profiles, _lines(one, markings, labelled[t], search_range))
@@ -355,6 +353,14 @@ def near_labels(
     pixels = PixelTable.joined(object_segments, frames)
     rms = rms_by_label(evaluate_cameras(cameras, object_segments, pixels))
     return np.asarray(rms < distance * pixel_unit(cameras[0].image_size))
+
+
+def _without_stray(
+    object_segments: ObjectSegments, cameras: Mapping[int, Camera], labels: Mapping[int, PixelTable]
+) -> dict[int, PixelTable]:
+    """Drop the labels of a network that are far from where a camera that fits the lines projects their segments."""
+    near = near_labels(object_segments, [cameras[t] for t in labels], list(labels.values()), STRAY)
+    return {t: one.take(is_near[one.label]) for (t, one), is_near in zip(labels.items(), near, strict=True)}
 
 
 def _lines(

@@ -198,9 +198,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
     still = np.linalg.norm(y - x, axis=1) < STILL
     every = np.ones(len(x), bool)
     starts = [~still, every] if np.mean(~still) > MOVING_SHARE else [every]
-    ends = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size  # the corners of the picture
-    rests = H is not None and bool(np.max(np.abs(mapped(H, ends) - ends)) < RESTING)
-    if rests and np.mean(still) > RESTING_SHARE:
+    if H is not None and np.mean(still) > RESTING_SHARE and _rests(H, size):
         starts.reverse()
     # static graphics and the background may each look like a motion: the likelier kind of corners is tried first
     for candidates in starts:
@@ -267,3 +265,9 @@ def _spread(xy: Array, size: tuple[int, int]) -> bool:
     column, row = np.floor(xy / size * GRID).T
     cells = np.unique(row * GRID[0] + column)
     return bool(deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1] and len(cells) >= LEAST_CELLS)
+
+
+def _rests(H: Array, size: tuple[int, int]) -> bool:
+    """Whether a motion leaves the corners of the picture where they are."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size
+    return bool(np.max(np.abs(mapped(H, corners) - corners)) < RESTING)
