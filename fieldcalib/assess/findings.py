@@ -87,6 +87,12 @@ MORE_THAN_GROUND = Remedy(
     "ground",
     (Advice.KNOWN_CAMERA,),
 )
+IF_ON_PAINT = Remedy(
+    f"{LOOK}: if the projected markings lie on their paint, use the camera; if not, markings {BY_HAND}",
+    (Advice.LOOK, Advice.BY_HAND),
+)
+MORE_LABELS = Remedy(f"more markings in view, or {KNOWN_CAMERA}", (Advice.KNOWN_CAMERA,))
+MENDED_LABELS = Remedy("correct these labels, or leave them out")
 SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 NOT_SOCCER = Remedy(f"if it is not soccer, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 
@@ -555,6 +561,8 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
     }
 )
 """Remedies of what is open about an accepted camera, the most important first."""
+LABEL_QUESTIONS = MappingProxyType({**QUESTIONS, **dict.fromkeys((What.SUSPECTS, What.MISSED), MENDED_LABELS)})
+"""Remedies of what is open about an accepted camera of labels that a person set."""
 
 
 def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: bool, may_be_resized: bool) -> Remedy:
@@ -568,7 +576,8 @@ def remedy_of(status: Status, findings: Iterable[Finding], *, are_annotated: boo
     'say which part of a frame the picture is, or that nothing is cut off'
     """
     found, accepted = {one.what for one in findings}, status is Status.ACCEPTED
-    of_findings = {**CAUSE_REMEDIES, **(QUESTIONS if accepted else {})}
+    questions = LABEL_QUESTIONS if are_annotated else QUESTIONS
+    of_findings = {**CAUSE_REMEDIES, **(questions if accepted else {})}
     first = next((remedy for what, remedy in of_findings.items() if what in found), NOTHING)
     if first is not NOTHING or accepted:
         return OFF_PAINT_OF_KNOWN_SIZE if first is OFF_PAINT and not may_be_resized else first

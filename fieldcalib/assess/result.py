@@ -22,6 +22,8 @@ from fieldcalib._types import Array, ReadOnlyDict, expect, number, positive, tru
 from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors, Picture, Solved
 from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, Estimate, GroundError, RelativeTo
 from fieldcalib.assess.findings import (
+    IF_ON_PAINT,
+    MORE_LABELS,
     NOTHING,
     Advice,
     Finding,
@@ -249,8 +251,9 @@ class Calibration:
         """Advice in plain words; empty where none is known, or needed; see `advice`.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
-        paint, a picture that may be a part of a frame, a view of which only the ground is known, or a field whose size
-        is not visible, so that positions relative to the centre mark are not known to half a metre.
+        paint, suspect labels, a picture that may be a part of a frame, a view of which only the ground is known, or a
+        field whose size is not visible, so that positions relative to the centre mark are not known to half a metre;
+        what else is "check" is to be looked at, or needs more labels.
 
         Examples
         --------
@@ -271,7 +274,11 @@ class Calibration:
         if found is not NOTHING or not self.accepted:
             return found
         said = self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
-        return Remedy(said, (Advice.FIELD_SIZE,)) if said else NOTHING
+        if said:
+            return Remedy(said, (Advice.FIELD_SIZE,))
+        if self.verdict is Verdict.GOOD:
+            return NOTHING
+        return MORE_LABELS if self.are_annotated else IF_ON_PAINT
 
     @property
     def knows_errors(self) -> bool:

@@ -151,7 +151,7 @@ def implausibilities(
         reasons["it stands below the ground"] = C[:, 2] > 0.0
         reasons[f"it stands more than {farthest:g} m away"] = np.linalg.norm(C, axis=1) > farthest
         if not may_be_inside:
-            reasons["it stands on the field"] = np.all(np.abs(C[:, :2]) < half, axis=1)
+            reasons["it stands inside the field"] = np.all(np.abs(C[:, :2]) < half, axis=1)
         # a rotation has two sets of angles, whose rolls differ by half a turn: the one with the smaller roll counts
         is_rolled = np.abs(np.sin(theta[:, ROLL])) > np.sin(LARGEST_ROLL)
         reasons["it is rolled by more than 45 degrees"] = is_rolled & (np.cos(theta[:, TILT]) < np.cos(STEEPLY))

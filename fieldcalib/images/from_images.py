@@ -243,7 +243,7 @@ def _with_advice(calibration: Calibration) -> Calibration:
     if calibration.status is not Status.TOO_FEW_SEGMENTS:
         return calibration
     if not calibration.pixel_counts:
-        return replace(calibration, message=f"{NO_MARKING}: {SHOW_MORE}")
+        return replace(calibration, message=f"{NO_MARKING}: if it shows a field, {SHOW_MORE}")
     labels, equations, unknowns = next(one for one in found_of(calibration) if one.what is What.TOO_FEW_LABELS).numbers
     few = f"{labels:.0f} segment{'s' * (labels != 1)}: {equations:.0f} equations for {unknowns:.0f} unknowns"
     return replace(calibration, message=f"{few}; {SHOW_MORE}")

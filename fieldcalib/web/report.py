@@ -31,7 +31,7 @@ import numpy as np
 import fieldcalib
 from fieldcalib._progress import Progress, progress_bar
 from fieldcalib._types import IntArray, expect, file_path
-from fieldcalib.assess.findings import Advice, Remedy, Tool, Verdict, advice_from_json, how
+from fieldcalib.assess.findings import IF_ON_PAINT, Advice, Remedy, Tool, Verdict, advice_from_json, how
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.frame_states import Row
 from fieldcalib.fields.field import Field
@@ -54,9 +54,6 @@ PICTURE = re.compile(r'url\("([\w-]+\.svg)"\)')
 OTHER = re.compile(r"^(?:import|export)\b.*|\bimport\(.*", re.MULTILINE)
 
 PAGE = (STATIC / "report.html").read_text(encoding="utf-8")
-LOOK_AND_LABEL = Remedy(
-    "look at the picture: if the projected markings lie on their paint, use the camera; if not, label the frame by hand"
-)
 UNREADABLE = Remedy("the file cannot be read: get it again, or leave it out")
 MOST_BYTES = 20_000_000  # of the file
 PICTURE_BYTES = 7_500_000  # of JPEGs; as base64 in the file they take 4/3 of this
@@ -160,7 +157,7 @@ def remedy_of(line: Mapping[str, Any]) -> Remedy:
     if line["status"] == BROKEN:
         return UNREADABLE
     said = line.get("remedy")
-    return Remedy(said, advice_from_json(line.get("advice"))) if said else LOOK_AND_LABEL
+    return Remedy(said, advice_from_json(line.get("advice"))) if said else IF_ON_PAINT
 
 
 @dataclass(frozen=True)
@@ -172,7 +169,7 @@ class Commands:
     >>> commands = Commands("out", "match.mp4")
     >>> commands.how(Remedy("more markings in view, or labelled by hand", (Advice.BY_HAND,)))
     'fieldcalib open out (choose this frame, a marking on the map, and click along it; then Save)'
-    >>> commands.how(LOOK_AND_LABEL).split(" (")[0]
+    >>> commands.how(IF_ON_PAINT).split(" (")[0]
     'fieldcalib open out'
     """
 

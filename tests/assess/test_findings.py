@@ -1,6 +1,7 @@
 """Advice on cameras: in words of no tool, and how each tool follows it."""
 
 import argparse
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,9 @@ from fieldcalib.assess.findings import (
     OF_LABELS,
     OTHER_SPORT,
     REMEDIES,
+    SENTENCES,
     SHAPE,
+    UNUSUAL,
     Advice,
     Finding,
     Remedy,
@@ -66,9 +69,37 @@ def test_the_command_line_has_the_options_that_are_named():
     assert named <= options
 
 
+PROJECT = Path(__file__).parents[2]
+REFUSED = (PROJECT / "docs" / "refused.md").read_text(encoding="utf-8")
+PHRASES = [
+    phrase
+    for row in REFUSED.splitlines()
+    if row.startswith('| "')
+    for phrase in re.findall(r'"([^"]+)"', row.split("|")[1])
+]
+OF_NO_PICTURE = {What.SAID, What.EXPLAINED, What.SEARCHED, What.TO_SEARCH, What.MOVED}
+OF_NO_PICTURE |= {What.FRAMES_BESIDE_CLIP, What.CUTS_BESIDE_CLIP}  # said of a run, not of a camera
+
+
 def test_the_docs_say_where_they_are():
-    docs = (Path(__file__).parents[2] / "docs" / "refused.md").read_text(encoding="utf-8")
-    assert "`fieldcalib.assess.how`" in docs
+    assert "`fieldcalib.assess.how`" in REFUSED
+
+
+@pytest.mark.parametrize("what", [what for what in What if what not in OF_NO_PICTURE])
+def test_the_docs_have_words_of_every_reason(what):
+    sentences = SENTENCES.get(what) or {
+        What.UNUSUAL: " ".join(UNUSUAL.values()),
+        What.CONTRADICTED: str(Finding(What.CONTRADICTED, "cx", (3.0,))),
+        What.INACCURATE: str(Finding(What.INACCURATE, numbers=(1.0,))),
+        What.TOO_FEW_LABELS: str(Finding(What.TOO_FEW_LABELS, "point", (3, 6, 7))),
+    }.get(what, "")
+    assert any(phrase in sentences for phrase in PHRASES)
+
+
+def test_the_docs_have_no_words_that_no_reason_has():
+    code = "".join(path.read_text(encoding="utf-8") for path in (PROJECT / "fieldcalib").rglob("*.py"))
+    code = re.sub(r'"\n\s*f?"', "", code)  # of sentences that go on in the next line
+    assert [phrase for phrase in PHRASES if phrase not in code] == []
 
 
 def test_a_picture_in_which_next_to_nothing_is_seen_may_be_of_another_sport():

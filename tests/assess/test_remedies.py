@@ -42,7 +42,7 @@ from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.picture_shape import Crop, Declared, Placement
 from fieldcalib.run_folder.record import calibration_line, camera_content
 from fieldcalib.solve.solver_options import CalibrationFlags
-from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, remedy_of
+from fieldcalib.web.report import UNREADABLE, remedy_of
 
 SIZE = (960, 540)
 PITCH, KNOWN_PITCH = soccer(), soccer(size_known=True)
@@ -103,7 +103,7 @@ def scaled_pitch(scale):
 def test_no_remedy_is_left_out():
     of_module = [one for one in vars(findings).values() if isinstance(one, Remedy) and one != findings.NOTHING]
     of_status = [*REMEDIES.values(), *OF_LABELS.values(), *CAUSE_REMEDIES.values()]
-    assert {*of_module, *of_status, LOOK_AND_LABEL, UNREADABLE} == set(FOLLOWED)
+    assert {*of_module, *of_status, UNREADABLE} == set(FOLLOWED)
 
 
 # labels
@@ -139,6 +139,43 @@ def test_more_markings_a_known_camera_and_nothing_wrong_that_is_given():
     wrong = doubted(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE, K * (2, 2, 1), flags=KNOWN), 0.5)
     assert wrong.remedy == REMEDIES[Status.IMPROBABLE].text
     assert is_better(doubted(calibrate_from_segments(PITCH, frame_of(LEFT), SIZE), 0.5), wrong)
+
+
+@follows(findings.MORE_LABELS)
+def test_more_labels_or_a_known_camera_where_only_the_probability_is_low():
+    few = frame_of(LEFT, FEW, noise=1.0)
+    before = calibrate_from_segments(KNOWN_PITCH, few, SIZE)
+    assert [one.what for one in before.findings] == [What.IMPROBABLE]
+    assert before.remedy == findings.MORE_LABELS.text
+    rvec, tvec, K, _ = LEFT.to_opencv()
+    flags = KNOWN | CalibrationFlags.CALIB_FIX_POSITION
+    for after in (
+        calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE),
+        calibrate_from_segments(KNOWN_PITCH, few, SIZE, K, rvec=rvec, tvec=tvec, flags=flags),
+    ):
+        assert (after.verdict, after.remedy) == (Verdict.GOOD, "")
+
+
+@follows(findings.IF_ON_PAINT)
+def test_a_picture_to_look_at_that_is_labelled():
+    few = frame_of(LEFT, FEW, noise=1.0)
+    before = calibrate_from_segments(KNOWN_PITCH, few, SIZE, trust_labels=True)
+    assert (before.verdict, before.remedy) == (Verdict.CHECK, findings.IF_ON_PAINT.text)
+    assert remedy_of(calibration_line("frame", before, None)) == findings.IF_ON_PAINT
+    assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
+
+
+@follows(findings.MENDED_LABELS)
+def test_suspect_labels_that_are_corrected_or_left_out():
+    right = frame_of(BOTH)
+    wrong = {**right, "Big rect. left main": right["Big rect. left main"] + (40.0, 20.0)}
+    before = calibrate_from_segments(KNOWN_PITCH, wrong, SIZE)
+    assert before.remedy == findings.MENDED_LABELS.text
+    without = {label: xy for label, xy in right.items() if label != "Big rect. left main"}
+    for labels in (right, without):
+        after = calibrate_from_segments(KNOWN_PITCH, labels, SIZE)
+        assert is_better(after, before)
+        assert after.remedy == ""
 
 
 @follows(REMEDIES[Status.TOO_FEW_SEGMENTS])
@@ -372,15 +409,6 @@ def test_another_sport_by_its_name():
 
 
 # what a report says
-
-
-@follows(LOOK_AND_LABEL)
-def test_a_frame_to_look_at_that_is_labelled():
-    few = frame_of(LEFT, FEW, noise=1.0)
-    before = calibrate_from_segments(KNOWN_PITCH, few, SIZE)
-    assert (before.verdict, before.remedy) == (Verdict.CHECK, "")
-    assert remedy_of(calibration_line("frame", before, None)) == LOOK_AND_LABEL
-    assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
 
 
 @follows(UNREADABLE)

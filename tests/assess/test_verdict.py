@@ -239,8 +239,8 @@ def test_what_is_not_asked_for_is_under_its_prior():
 def test_a_camera_on_the_field_is_implausible_unless_the_user_says_so(y, inside):
     camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, y, -5.0), SIZE)
     centre = {"CENTER_MARK": camera.project([[0.0, 0.0, 0.0]])}
-    assert ("it stands on the field" in complaints(camera, centre, may_be_inside=False)) == inside
-    assert "it stands on the field" not in complaints(camera, centre)
+    assert ("it stands inside the field" in complaints(camera, centre, may_be_inside=False)) == inside
+    assert "it stands inside the field" not in complaints(camera, centre)
 
 
 def test_labels_that_were_given_up_do_not_agree():

@@ -12,11 +12,21 @@ from networks import FIELD, looked_at
 
 import fieldcalib
 from fieldcalib import Camera, soccer
-from fieldcalib.assess.findings import NOT_SOCCER, NOT_WHOLE, OFF_PAINT, REMEDIES, SMALLER, Advice, Tool, how
+from fieldcalib.assess.findings import (
+    IF_ON_PAINT,
+    NOT_SOCCER,
+    NOT_WHOLE,
+    OFF_PAINT,
+    REMEDIES,
+    SMALLER,
+    Advice,
+    Tool,
+    how,
+)
 from fieldcalib.draw.scene import render_field
 from fieldcalib.web import report
 from fieldcalib.web.pictures import Thumbnails, frames_to_show
-from fieldcalib.web.report import LOOK_AND_LABEL, UNREADABLE, Commands, ReportTable, bundled, one_file, write_report
+from fieldcalib.web.report import UNREADABLE, Commands, ReportTable, bundled, one_file, write_report
 
 TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 3)]
 LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
@@ -158,9 +168,9 @@ def test_frames_with_one_reason_are_counted_together():
     table = ReportTable.of(lines, soccer())
     assert [(one.verdict, one.count, one.remedy) for one in table.reasons] == [
         ("", 1, UNREADABLE.text),
-        ("check", 3, LOOK_AND_LABEL.text),
+        ("check", 3, IF_ON_PAINT.text),
     ]
-    assert [one.how for one in table.reasons] == [Commands().how(one) for one in (UNREADABLE, LOOK_AND_LABEL)]
+    assert [one.how for one in table.reasons] == [Commands().how(one) for one in (UNREADABLE, IF_ON_PAINT)]
     assert table.reasons[0].words == "is cut off"
     assert table.reasons[1].words == "… lies … px beside its paint"
     assert [table.columns["group"][number] for number in (0, 1, 10, 30)] == [1, -1, 1, 0]
@@ -168,7 +178,7 @@ def test_frames_with_one_reason_are_counted_together():
 
 
 @pytest.mark.parametrize(
-    "remedy", [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, LOOK_AND_LABEL, UNREADABLE]
+    "remedy", [*REMEDIES.values(), NOT_SOCCER, NOT_WHOLE, OFF_PAINT, SMALLER, IF_ON_PAINT, UNREADABLE]
 )
 def test_each_advice_says_what_to_type(remedy):
     said = Commands("my folder", "match.mp4").how(remedy)
