@@ -124,13 +124,13 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
         },
         Advice.PICTURE: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
-            Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
+            Tool.PYTHON: "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)",
             Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it. A part of a frame, "
             "or a whole one: fieldcalib run with --crop-of, and open its results",
         },
         Advice.PART: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off)",
-            Tool.PYTHON: "put the part into a frame of the whole size, or give its camera_matrix=",
+            Tool.PYTHON: "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)",
             Tool.PAGE: "fieldcalib run with --crop-of, and open its results",
         },
         Advice.OTHER_FIELD: {

@@ -22,6 +22,7 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.problem.picture_shape import LEAST_RATIO, Crop, Declared, Placement
+from fieldcalib.run_folder.frame_source import placed
 from fieldcalib.run_folder.record import ESTIMATED
 from fieldcalib.solve.request import GivenCamera
 from fieldcalib.solve.solver_options import KNOWN_INTRINSICS_FLAGS, LENS_FLAGS, CalibrationFlags
@@ -78,20 +79,6 @@ def _of_opencv(content: bytes) -> Intrinsics:
 
     found = parse_opencv(content)
     return Intrinsics(found.camera_matrix, found.dist_coeffs, found.image_size, found.fisheye)
-
-
-def crop(text: str) -> Crop:
-    """Parse "WIDTHxHEIGHT+X+Y", for argparse.
-
-    Examples
-    --------
-    >>> crop("1920x1080+960+0")
-    Crop(frame_size=(1920, 1080), corner=(960, 0))
-    """
-    found = re.fullmatch(r"([0-9]+x[0-9]+)\+([0-9]+)\+([0-9]+)", text.lower())
-    if found is None:
-        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got {text!r}")
-    return Crop(image_size(found[1]), (int(found[2]), int(found[3])))
 
 
 def aspect(text: str) -> str | float:
@@ -168,7 +155,7 @@ class KnownCamera:
     crop_of: Crop | None = option(
         "the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
         "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
-        type=crop,
+        type=told_by(Crop.parse),
         metavar="WxH+X+Y",
     )
     intrinsics: Intrinsics | None = option(
@@ -281,7 +268,4 @@ class KnownCamera:
                 f"is wide, {size[0]}x{size[1]}, and --display-size upright, {display_size[0]}x{display_size[1]}: "
                 f"it is width x height (--aspect says that upright pictures were stretched)"
             )
-        if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
-            width, height = display_size
-            raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
-        return Placement(size, display_size, part)
+        return placed(size, display_size, part)

@@ -118,14 +118,12 @@ class RunRequest:
             network,
             self.side,
             refine=self.refine,
-            take_off_borders=self.known.crop_of is None,
             estimate_aspect=self.known.is_aspect_estimated,
             estimate_size=self.estimate_size,
             may_be_enlarged=self.known.may_be_enlarged,
             camera=self.camera,
             declared=self.known.declared,
-            part=self.known.crop_of,
-        )
+        ).of_part(self.known.crop_of)
 
     @property
     def read(self) -> ReadImage:

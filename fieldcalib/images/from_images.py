@@ -40,6 +40,7 @@ from fieldcalib.images.refinement import (
 from fieldcalib.images.search.court_search import search_courts
 from fieldcalib.images.search.place_search import Place, search_from
 from fieldcalib.images.shape.shape_of_picture import (
+    SURE_OF_PART,
     Method,
     Step,
     of_part_of_frames,
@@ -148,6 +149,13 @@ class How:
         if field is None or not self.estimate_size:
             return self
         return replace(self, task=replace(self.task, object_segments=with_painted_lines(field)))
+
+    def of_part(self, part: Crop | None) -> How:
+        """Take which part of their frames pictures show, as the user says: nothing is asked of their shape any more."""
+        if part is None:
+            return self
+        shown = replace(self, take_off_borders=False, estimate_aspect=False, may_be_enlarged=False)
+        return replace(shown, part=part, declared=Declared.FRAME)
 
     def on_part(self) -> How:
         """Take the prior of the frames for a declared part that a network looks at.
@@ -359,7 +367,7 @@ def calibrate_from_images(
 def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | None = None) -> list[Calibration]:
     """Calibrate a camera for each of several checked images (`calibrate_from_images`)."""
     on, how = how.on_side()
-    how = how.on_part()
+    whole, how = replace(how, part=None), how.on_part()
     task, by_network, without_matrix = how.task, how.network is not None, how.task.given.camera_matrix is None
     if by_network and how.place is not None:
         raise ValueError("a place is of courts that are searched for: leave it or the network out")
@@ -371,7 +379,7 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
         (how.take_off_borders and without_matrix, without_borders),
-        (how.part is not None, partial(within_frame, part=how.part)),
+        (how.part is not None, partial(within_frame, part=how.part, as_whole=partial(calibrate_pictures, whole))),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
         (may_be_padded, partial(with_narrow_padded, how=how)),
@@ -562,7 +570,8 @@ def with_second_opinion(calibrate: Method, images: Sequence[Image], *, how: How)
 def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) -> list[Calibration]:
     """Calibrate pictures; narrow ones whose camera is rejected once more, as the network sees them padded.
 
-    Cameras found so are "check": of 16 in upright parts of frames 3 are wrong, one of which would be good.
+    Cameras found so are "check": of 16 in upright parts of frames 3 are wrong, one of which would be good. In declared
+    parts those that are probable are right.
     """
     found = calibrate(images)
     assert how.network is not None
@@ -571,7 +580,8 @@ def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) 
         if not found[index].accepted and Padded.missing(size_of(image)):
             (again,) = calibrate_alone(how, [image])
             if again.accepted:
-                found[index] = with_findings(again, SHAPE if how.part is None else NARROW)
+                is_sure = again.has_probability and again.probability() >= SURE_OF_PART
+                found[index] = with_findings(again, *([SHAPE] if how.part is None else [NARROW][is_sure:]))
     return found
 
 

@@ -29,6 +29,7 @@ Borders, windows and lack of detail show in pixels alone (`fieldcalib.images.sha
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -38,7 +39,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldcalib._types import Array, whole_number
+from fieldcalib._types import Array, expect, whole_number
 from fieldcalib.fields.field import ObjectSegments
 from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -121,6 +122,23 @@ class Crop:
     frame_size: tuple[int, int]
     corner: tuple[int, int]
     """Pixel of the frame at the first pixel of the part."""
+
+    @classmethod
+    def parse(cls, text: str) -> Crop:
+        """The crop of the notation of the command line.
+
+        Examples
+        --------
+        >>> Crop.parse("1920x1080+960+0")
+        Crop(frame_size=(1920, 1080), corner=(960, 0))
+        """
+        found = re.fullmatch(
+            r"([1-9][0-9]*)x([1-9][0-9]*)\+([0-9]+)\+([0-9]+)", expect(text, str, '"1920x1080+960+0"').lower()
+        )
+        if found is None:
+            raise ValueError(f"expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got {text!r}")
+        width, height, x, y = map(int, found.groups())
+        return cls((width, height), (x, y))
 
     def __str__(self) -> str:
         """The crop in the notation of the command line."""

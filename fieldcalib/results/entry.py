@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._progress import Progress, progress_bar, solving
 from fieldcalib._types import expect, file_path, is_number, number, truth
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, in_picture
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.catalogue import AUTO
 from fieldcalib.fields.catalogue import field as field_named
@@ -39,6 +39,7 @@ from fieldcalib.io.results import lines_file
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.localize import Network
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, check_segments, thinned
+from fieldcalib.problem.picture_shape import Crop
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.results.collection import Results
 from fieldcalib.results.frames import EQ3, Collected, KeptFrames, Pictures, StoredFrames, auto_field
@@ -51,6 +52,7 @@ from fieldcalib.run_folder.frame_source import (
     ReadImage,
     is_clip,
     is_video,
+    part_of_frame,
     pixels_of,
     videos_in,
 )
@@ -85,6 +87,7 @@ def calibrate(
     clip: bool | None = None,
     rgb: bool = False,
     image_size: tuple[int, int] | None = None,
+    crop_of: str | None = None,
     network: Network | None = None,
     camera_matrix: ArrayLike | None = None,
     dist_coeffs: ArrayLike | None = None,
@@ -130,6 +133,9 @@ def calibrate(
         Whether arrays are in red, green, blue.
     image_size : (int, int), optional
         Width and height of the pictures in which pixels were labelled, if the labels do not have it.
+    crop_of : str, optional
+        The part of their frames that pictures show, ``"1920x1080+960+0"``: the size of the frames, and where the upper
+        left corners of the pictures are. Their own size with ``+0+0`` says that nothing is cut off.
     network : Network, optional
         Finds the markings in pictures; by default the one that comes with the package, for soccer. Courts of other
         fields are found by search (`fieldcalib.images.find_courts`).
@@ -172,9 +178,11 @@ def calibrate(
     if isinstance(field, str) and field == AUTO:
         field = auto_field(pictures_of(taken))
     task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
-    how = How(task, network, side, camera=camera)
+    part = None if crop_of is None else Crop.parse(crop_of)
+    how = How(task, network, side, camera=camera).of_part(part)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
+    options |= {} if part is None else {"crop_of": str(part)}
     return replace(taken.calibrate(how, progress, executor), options=options)
 
 
@@ -452,6 +460,8 @@ class Labelled:
         """Calibrate all of it."""
         if how.side is not None:
             raise ValueError("side is of pictures: labelled pixels name the ends of the field, leave it out")
+        if how.part is not None:
+            raise ValueError("crop_of is of pictures: add its corner to labelled pixels, with the frame's image_size")
         _check_no_clip(how)
         field = how.task.field
         assert field is not None  # `fieldcalib.calibrate` makes it
@@ -495,7 +505,7 @@ class OneByOne:
         """Calibrate all of it."""
         _check_no_clip(how)
         how, collected = how.with_network(), Collected()
-        frames, total = self._frames()
+        frames, total = self._frames(how.part)
         with progress_bar(unit="frame", total=total, progress=progress) as bar:
             parts = in_parts(frames, IMAGES_AT_ONCE, pixels_of)
             for part, calibrations in in_order(executor, partial(_calibrated, how), parts):
@@ -512,7 +522,7 @@ class OneByOne:
             raise BrokenFileError(_none_is_readable(collected.broken, self.pictures))
         return Results(collected.frames(), self.pictures)
 
-    def _frames(self) -> tuple[Iterator[Frame], int | None]:
+    def _frames(self, part: Crop | None) -> tuple[Iterator[Frame], int | None]:
         """Open the frames; also returns how many there are, None if unknown."""
         if self.iterator is not None:
             numbers = self.pictures.cut.numbers()
@@ -523,12 +533,13 @@ class OneByOne:
         source = self.pictures.frames(_warn) if self.pictures.is_video or len(self.pictures.images) else None
         if source is not None:
             return iter(source), source.count or None
-        return map(ReadImage(), self.pictures.files), len(self.pictures.files)
+        return map(ReadImage(check=partial(part_of_frame, part)), self.pictures.files), len(self.pictures.files)
 
 
 def _calibrated(how: How, part: Sequence[Frame]) -> tuple[Sequence[Frame], list[Calibration]]:
     """Calibrate the images of frames one by one; also returns the frames, without images that would have to be sent."""
-    calibrations = calibrate_images(how, [frame.image for frame in part if frame.image is not None])
+    images = [frame.image for frame in part if frame.image is not None]
+    calibrations = calibrate_images(how, images, partial(part_of_frame, how.part))
     return [replace(frame, image=None) for frame in part], calibrations
 
 
@@ -550,12 +561,15 @@ class Clip:
         """Calibrate all of it."""
         _warn_of(self.pictures.beyond())
         source = self.pictures.frames(_warn)
-        input = ClipInput(source, progress=progress)
+        input = ClipInput(source, partial(part_of_frame, how.part), progress)
         with solving(SOLVING, progress):
             found = calibrate_clip(how, input, executor=executor)
         readable = [id for id in input.ids if id not in source.broken]
         basis = {id: {"basis": str(one)} for id, one in zip(readable, found.basis, strict=True)}
         kept = KeptFrames(input.ids, found, dict(source.broken), basis)
+        placement = input.placement()
+        if placement is not None and not placement.is_whole:
+            kept = kept.changed(partial(in_picture, placement=placement))
         return Results(kept, self.pictures, partial(_with_rate, found, source.frames_per_second))
 
 
@@ -576,7 +590,7 @@ class LiveStream:
         _check_no_clip(how)
         if executor is not None:
             raise ValueError("executor is of files and arrays: the frames of a stream are calibrated as they come")
-        how, collected = how.with_network(), Collected()
+        how, collected, place = how.with_network(), Collected(), partial(part_of_frame, how.part)
         if how.network is None:
             raise ValueError(
                 "the network that comes with fieldcalib knows soccer fields only: of a stream give network=, one that "
@@ -584,11 +598,11 @@ class LiveStream:
             )
         with (
             StreamReader(self.stream, cut=self.cut) as reader,
-            live_tracker(how, self.stream, reader) as (frames, tracker),
+            live_tracker(how, self.stream, reader, place) as (frames, tracker),
             progress_bar(unit="frame", total=len(reader.numbers), progress=progress) as bar,
         ):
             for frame in frames:
-                collected.add(frame.id, tracked(tracker, frame), basis=str(tracker.basis), time_s=frame.seconds)
+                collected.add(frame.id, tracked(tracker, frame, place), basis=str(tracker.basis), time_s=frame.seconds)
                 bar.update()
         _warn_of(reader.remark)
         _warn_of(reader.loss())

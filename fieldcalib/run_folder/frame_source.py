@@ -17,6 +17,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
+import numpy as np
+
 from fieldcalib._progress import Progress, progress_bar, say, waiting_for
 from fieldcalib._types import is_number
 from fieldcalib.io.clips import OneSize, Reading, in_order
@@ -27,7 +29,7 @@ from fieldcalib.io.frame_range import WHOLE, Cut, ends_before
 from fieldcalib.io.image_files import MOST_PIXELS, Image, checked_image, size_of
 from fieldcalib.io.streams import Input, Stream
 from fieldcalib.io.videos import FrameReader, VideoReader
-from fieldcalib.problem.picture_shape import Placement
+from fieldcalib.problem.picture_shape import Crop, Placement
 from fieldcalib.run_folder.labelled_frames import name_skipped
 from fieldcalib.run_folder.record import Outcome
 from fieldcalib.run_folder.work_units import read_each
@@ -510,6 +512,19 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
 def whole_frame(image: Image) -> Placement:
     """Placement of an image that is a whole frame."""
     return Placement.whole(size_of(image))
+
+
+def part_of_frame(part: Crop | None, image: Image) -> Placement:
+    """Placement of an image that is a part of a frame, or a whole one."""
+    return placed(size_of(image), size_of(image), part)
+
+
+def placed(size: tuple[int, int], display_size: tuple[int, int], part: Crop | None) -> Placement:
+    """Placement of images of a size, as shown, in their frames; a BrokenFileError if they do not fit there."""
+    if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
+        width, height = display_size
+        raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of {part}")
+    return Placement(size, display_size, part)
 
 
 class ClipInput:

@@ -137,9 +137,9 @@ def test_black_borders_are_left_out(know, tmp_path):
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
     for name, size in (("a", (540, 480)), ("b", (540, 500))):
         (tmp_path / f"{name}.png").write_bytes(encoded(np.zeros((*size, 3), np.uint8)))
-    know([None, None])  # once more padded
+    know(3 * [None])  # once more padded, and once more as a whole picture
     assert run("run", tmp_path, "--out", tmp_path / "out", "--crop-of", "960x540+480+0") == 1
-    problem = "does not fit, with 500 x 540 pixels, into the frame of --crop-of 960x540+480+0"
+    problem = "does not fit, with 500 x 540 pixels, into the frame of 960x540+480+0"
     assert capsys.readouterr().err.startswith(
         f"fieldcalib: {tmp_path / 'b.png'}: {problem}\nfieldcalib: 1 frame to look"
     )

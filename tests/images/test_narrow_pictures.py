@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, seen_by
 from pictures import picture
+from synthetic import observe
 
-from fieldcalib import Camera, calibrate_from_images
-from fieldcalib.assess.findings import Status, Verdict, What
-from fieldcalib.images.from_images import How, calibrate_pictures
+from fieldcalib import Camera, calibrate_from_images, calibrate_from_segments
+from fieldcalib.assess.findings import NARROW, Status, Verdict, What
+from fieldcalib.assess.result import with_findings
+from fieldcalib.images import from_images
+from fieldcalib.images.from_images import How, calibrate_pictures, with_narrow_padded
+from fieldcalib.images.shape.shape_of_picture import SURE_OF_PART, within_frame
 from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.problem.picture_shape import Crop, Declared
 from fieldcalib.solve.request import GivenCamera, Task
@@ -61,7 +65,7 @@ def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
     frame = np.zeros((720, 996, 3), np.uint8)
     (left, top), (width, height) = corner, UPRIGHT.image_size
     frame[top : top + height, left : left + width] = picture(seen)
-    (found,) = calibrate_pictures(how(KnownCameras([seen]), part), [frame])
+    (found,) = calibrate_pictures(how(KnownCameras(2 * [seen]), part), [frame])
     assert found.accepted
     assert not {What.SHAPE, What.PART} & {one.what for one in found.findings}
     assert "borders" not in found.message
@@ -70,13 +74,47 @@ def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
     assert camera_difference(found.camera.cropped(corner, UPRIGHT.image_size), seen, FIELD).reprojection < 3.0
 
 
-def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked():
-    whole = Crop(UPRIGHT.image_size, (0, 0))
-    (found,) = calibrate_pictures(how(SeesWide(), whole), [picture(UPRIGHT)])
+def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked_unless_it_is_sure(monkeypatch):
+    declared, image = how(SeesWide(), Crop(UPRIGHT.image_size, (0, 0))), picture(UPRIGHT)
+    (sure,) = calibrate_pictures(declared, [image])
+    assert sure.verdict is Verdict.GOOD
+    assert sure.probability() >= SURE_OF_PART
+    monkeypatch.setattr(from_images, "SURE_OF_PART", 1.0)
+    (found,) = with_narrow_padded(lambda images: [REJECT], [image], how=declared.on_part())
     assert found.verdict is Verdict.CHECK
     assert found.has_finding(What.NARROW)
     assert "lie on their paint" in found.reason
-    assert not found.has_finding(What.SHAPE)
+    assert not replace(found, declared=Declared.FRAME).has_finding(What.SHAPE)
+
+
+GOOD = calibrate_from_segments(FIELD, observe(FIELD.markings, PADDED, np.random.default_rng(0)), PADDED.image_size)
+CHECK, REJECT = with_findings(GOOD, NARROW), replace(GOOD, status=Status.IMPROBABLE)
+
+
+@pytest.mark.parametrize(
+    ("of_part", "of_whole", "is_taken"),
+    [
+        (REJECT, CHECK, True),
+        (REJECT, GOOD, True),
+        (REJECT, REJECT, False),
+        (CHECK, GOOD, True),
+        (CHECK, CHECK, False),
+        (CHECK, REJECT, False),
+    ],
+)
+def test_where_a_part_gives_no_good_camera_a_better_one_of_a_whole_picture_is_taken(of_part, of_whole, is_taken):
+    whole, part = np.full((560, 747, 3), 9, np.uint8), Crop(PADDED.image_size, (0, 0))
+    others = [GOOD, replace(of_whole, message="of a whole picture")]
+    shown = []
+
+    def as_whole(images):
+        shown.extend(images)
+        return others[1:]
+
+    first, found = within_frame(lambda images: [GOOD, of_part], [whole, whole], part=part, as_whole=as_whole)
+    assert first == GOOD
+    assert len(shown) == 1
+    assert (found.message == "of a whole picture") == is_taken
 
 
 def test_a_part_is_no_prior_with_a_camera_matrix_or_without_a_network():
@@ -92,7 +130,7 @@ def test_a_part_is_no_prior_with_a_camera_matrix_or_without_a_network():
 
 def test_a_black_picture_has_no_part():
     part = Crop((200, 120), (20, 10))
-    (found,) = calibrate_pictures(how(KnownCameras([None]), part), [np.zeros((120, 200, 3), np.uint8)])
+    (found,) = calibrate_pictures(how(KnownCameras(2 * [None]), part), [np.zeros((120, 200, 3), np.uint8)])
     assert found.status is Status.TOO_FEW_SEGMENTS
 
 

@@ -11,7 +11,7 @@ import pytest
 from commands import run
 from hypothesis import given
 from hypothesis import strategies as st
-from networks import FIELD, Blind, KnownCameras, looked_at
+from networks import FIELD, Blind, KnownCameras, KnownPictures, looked_at
 from strategies import examples, numbers, texts
 
 import fieldcalib
@@ -191,6 +191,24 @@ def test_arrays(rendered, knows, tmp_path):
     assert len(calibrate(rendered, clip=True, progress=False).video) == 4
 
 
+@pytest.mark.parametrize("clip", [None, True])
+def test_pictures_that_are_parts_of_frames(clip):
+    """The principal point of the camera is the middle of the frame, in pixels of the pictures."""
+    frame = Camera.from_angles(0.45, 1.33, 0.0, 1400.0, (5.0, 66.0, -17.0), (996, 720))
+    truth = frame.cropped((288, 80), (560, 420))
+    shown = render_field(truth, FIELD, rng=np.random.default_rng(0))
+    network = KnownPictures([shown], [truth])
+    told = {"clip": clip, "network": network, "progress": False}
+    results = calibrate([shown, shown], soccer(size_known=True), crop_of="996x720+288+80", **told)
+    assert results.options["crop_of"] == "996x720+288+80"
+    for one in results.values():
+        assert one.accepted
+        assert one.camera.image_size == truth.image_size
+        np.testing.assert_allclose(one.camera.principal_point, truth.principal_point, atol=8.0)
+    with pytest.raises(BrokenFileError, match="does not fit, with 560 x 420 pixels, into the frame of 996x720"):
+        calibrate([shown, shown], crop_of="996x720+500+80", **told)
+
+
 @pytest.mark.parametrize("given", [list, iter, np.array, lambda images: images[0]])
 def test_arrays_in_red_green_blue(rendered, given):
     """What the network gets is the picture in blue, green, red."""
@@ -279,6 +297,8 @@ def test_a_stream_is_read_up_to_its_end(rendered, knows, tmp_path, monkeypatch):
         (labelled(), {}, "give image_size="),
         ({"a": {"Midle line": [(1, 2)]}}, {"image_size": SIZE}, "frame a: .*did you mean 'Middle line'"),
         (labelled(), {"image_size": SIZE, "start": 3}, "are of pictures"),
+        (labelled(), {"image_size": SIZE, "crop_of": "960x540+0+0"}, "crop_of is of pictures"),
+        (np.zeros((270, 480, 3), np.uint8), {"crop_of": "960x540"}, "expected WIDTHxHEIGHT.X.Y"),
         (np.zeros((270, 480, 3), np.uint8), {"image_size": SIZE}, "image_size is of labelled pixels"),
         (np.zeros((270, 480, 3)), {}, "image must be uint8"),
         ([], {}, "got nothing"),

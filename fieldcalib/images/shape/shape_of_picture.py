@@ -224,14 +224,22 @@ def of_part_of_frames(task: Task, part: Crop) -> Task:
     return replace(task, prior=tuple(replace(one, frame=(part.frame_size, part.corner)) for one in stands))
 
 
-def within_frame(calibrate: Method, images: Sequence[Image], *, part: Crop | None) -> list[Calibration]:
+def within_frame(
+    calibrate: Method, images: Sequence[Image], *, part: Crop | None, as_whole: Method
+) -> list[Calibration]:
     """Calibrate pictures in their place in frames, which are black elsewhere.
 
-    A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture.
+    A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture. Where that
+    gives no good camera, one that is better under the prior of whole pictures is taken.
     """
     assert part is not None
     places = [place_of_part(image, part) for image in images]
-    found = calibrate([place.image_in_frame(image) for image, place in zip(images, places, strict=True)])
+    shown = [place.image_in_frame(image) for image, place in zip(images, places, strict=True)]
+    found = calibrate(shown)
+    unsure = [index for index, one in enumerate(found) if one.verdict is not Verdict.GOOD]
+    for index, one in zip(unsure, as_whole([shown[index] for index in unsure]), strict=True):
+        if one.accepted and (one.verdict is Verdict.GOOD or not found[index].accepted):
+            found[index] = one
     return [  # where the picture lies was said by the user
         replace(in_picture(one, place, *_unsure(one, place)), message=one.message)
         for one, place in zip(found, places, strict=True)
