@@ -92,6 +92,8 @@ IF_ON_PAINT = Remedy(
     (Advice.LOOK, Advice.BY_HAND),
 )
 MORE_LABELS = Remedy(f"more markings in view, or {KNOWN_CAMERA}", (Advice.KNOWN_CAMERA,))
+RIGHT_SIZE = Remedy("check the length and width of the field", (Advice.FIELD_SIZE,))
+WITHOUT_GIVEN = Remedy(LEFT_OUT, (Advice.KNOWN_CAMERA,))
 MENDED_LABELS = Remedy("correct these labels, or leave them out")
 SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 NOT_SOCCER = Remedy(f"if it is not soccer, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
@@ -556,6 +558,8 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
         What.WIDE_PAINT: SMALLER,
         What.SHAPE: NOT_WHOLE,
         What.NARROW: OFF_PAINT_OF_KNOWN_SIZE,
+        What.OTHER_SIZE: RIGHT_SIZE,
+        What.CONTRADICTED: WITHOUT_GIVEN,
         **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),
         What.GROUND_ONLY: MORE_THAN_GROUND,
     }

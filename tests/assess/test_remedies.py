@@ -165,6 +165,24 @@ def test_a_picture_to_look_at_that_is_labelled():
     assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
 
 
+@follows(findings.RIGHT_SIZE)
+@pytest.mark.parametrize("size", [(98.0, 62.0), (112.0, 75.0), (120.0, 80.0)])
+def test_the_right_size_where_labels_tell_another_one(size):
+    labels = frame_of(WIDE, field=soccer(*size))
+    before = calibrate_from_segments(PITCH, labels, SIZE)
+    assert before.remedy == findings.RIGHT_SIZE.text
+    after = calibrate_from_segments(soccer(*size, size_known=True), labels, SIZE)
+    assert not after.has_finding(What.OTHER_SIZE)
+    assert is_better(after, before)
+
+
+@follows(findings.WITHOUT_GIVEN)
+def test_a_given_value_that_the_labels_contradict_is_left_out():
+    before = calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE, LEFT.K * [[1.06], [1.06], [1.0]], flags=KNOWN)
+    assert before.remedy == findings.WITHOUT_GIVEN.text
+    assert is_better(calibrate_from_segments(KNOWN_PITCH, frame_of(LEFT), SIZE), before)
+
+
 @follows(findings.MENDED_LABELS)
 def test_suspect_labels_that_are_corrected_or_left_out():
     right = frame_of(BOTH)

@@ -112,7 +112,7 @@ def test_where_a_part_gives_no_good_camera_a_better_one_of_a_whole_picture_is_ta
         return others[1:]
 
     first, found = within_frame(lambda images: [GOOD, of_part], [whole, whole], part=part, as_whole=as_whole)
-    assert first == GOOD
+    assert first == replace(GOOD, declared=Declared.FRAME)
     assert len(shown) == 1
     assert (found.message == "of a whole picture") == is_taken
 

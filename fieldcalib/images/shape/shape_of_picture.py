@@ -235,7 +235,7 @@ def within_frame(
     assert part is not None
     places = [place_of_part(image, part) for image in images]
     shown = [place.image_in_frame(image) for image, place in zip(images, places, strict=True)]
-    found = calibrate(shown)
+    found = [replace(one, declared=Declared.FRAME) for one in calibrate(shown)]
     unsure = [index for index, one in enumerate(found) if one.verdict is not Verdict.GOOD]
     for index, one in zip(unsure, as_whole([shown[index] for index in unsure]), strict=True):
         if one.accepted and (one.verdict is Verdict.GOOD or not found[index].accepted):
