@@ -93,7 +93,7 @@ IF_ON_PAINT = Remedy(
 )
 MORE_LABELS = Remedy(f"more markings in view, or {KNOWN_CAMERA}", (Advice.KNOWN_CAMERA,))
 RIGHT_SIZE = Remedy("check the length and width of the field", (Advice.FIELD_SIZE,))
-WITHOUT_GIVEN = Remedy(LEFT_OUT, (Advice.KNOWN_CAMERA,))
+WITHOUT_GIVEN = Remedy(LEFT_OUT, (Advice.KNOWN_CAMERA, Advice.PART))
 MENDED_LABELS = Remedy("correct these labels, or leave them out")
 SMALLER = Remedy(f"if the field is a smaller one, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
 NOT_SOCCER = Remedy(f"if it is not soccer, {OTHER_FIELD}", (Advice.OTHER_FIELD,))
@@ -228,7 +228,8 @@ class What(StrEnum):
     MORE_LENS = "more lens coefficients"
     """The labels require more lens coefficients than were free."""
     CONTRADICTED = "contradicted"
-    """A parameter that was given is not what the labels want: by how much it should be larger."""
+    """A parameter that was given is not what the labels want: by how much it should be larger; of the part of a frame
+    the log evidence against it."""
     OTHER_SIZE = "other size"
     """The field is more probably of another size: length and width in metres."""
     PART = "part of a frame"
@@ -497,6 +498,8 @@ def _wanted(name: str, offset: float) -> str:
             return f"a position {abs(offset):.1f} m from the given one (along {name})"
         case "cx" | "cy":
             return f"a principal point {abs(offset):.0f} px from the given one (along {name[1]})"
+        case "part":
+            return "another part of a frame than the given one"
     return "another lens than the given one"
 
 

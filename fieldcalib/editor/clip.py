@@ -100,10 +100,20 @@ class Proposal:
     """Revisions of the anchors that were solved, by number of the frame."""
 
     @property
-    def is_one(self) -> bool:
-        """Whether the cameras of all anchors are those of the clip."""
-        pairs = ((self.calibrations[n].camera, self.video[n - self.window.begin].camera) for n in self.anchors)
-        return all(here is in_clip or largest_move(here, in_clip) < SAME for here, in_clip in pairs)
+    def contradicted(self) -> dict[int, str]:
+        """What the labels of anchors that keep cameras of their own contradict in the clip, by number of the frame."""
+        found = dict[int, str]()
+        for n in sorted(self.anchors):
+            here, in_clip = self.calibrations[n].camera, self.video[n - self.window.begin]
+            if here is in_clip.camera or largest_move(here, in_clip.camera) < SAME:
+                continue
+            found[n] = "its cameras"
+            if in_clip.has_finding(What.OTHER_SIZE):
+                found[n] = "the size of its field"
+            elif here is not None and in_clip.camera is not None:
+                metres = np.linalg.norm(here.C - in_clip.camera.C)
+                found[n] = f"the place of its camera, {metres:.1f} m from where they put it"
+        return found
 
     def whole(
         self, before: VideoCalibration | None, count: int, *, mended_outside: bool = False
@@ -120,7 +130,7 @@ class Proposal:
             video = VideoCalibration.joined([before[:begin], self.video, before[end:]])
         if video is None:
             return None
-        findings = () if self.is_one and not mended_outside else (BESIDE,)
+        findings = (BESIDE,) if self.contradicted or mended_outside else ()
         return replace(video, notes=tuple(dict.fromkeys(video.notes)), findings=findings)
 
     def basis(self, number: int) -> str:

@@ -380,7 +380,12 @@ def calibrate_pictures(how: How, images: Iterable[Image], executor: Executor | N
     steps: tuple[tuple[bool, Step], ...] = (
         (True, partial(said_plainly, object_segments=task.object_segments, by_network=by_network)),
         (how.take_off_borders and without_matrix, without_borders),
-        (how.part is not None, partial(within_frame, part=how.part, as_whole=partial(calibrate_pictures, whole))),
+        (
+            how.part is not None,
+            partial(
+                within_frame, part=how.part, tasks=(how.task, whole.task), as_whole=partial(calibrate_pictures, whole)
+            ),
+        ),
         (may_be_enlarged, partial(with_enlarged_parts, task=task)),
         (is_open and how.refine and may_be_searched(task), partial(with_second_opinion, how=how)),
         (may_be_padded, partial(with_narrow_padded, how=how)),

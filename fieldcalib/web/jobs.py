@@ -139,12 +139,13 @@ class ClipJob:
         status = self._status
         changes = None
         if status.state == "ready" and status.proposal is not None:
-            numbers = list(status.proposal.calibrations)
+            numbers, ids = list(status.proposal.calibrations), self._editor.ids
             moves = [status.proposal.moves[n] for n in numbers]
             changes = {
                 "frames": numbers,
                 "pixels": [None if math.isnan(move) else round(move, 2) for move in moves],
                 "verdict": [str(one.verdict) for one in status.proposal.calibrations.values()],
+                "contradicted": {ids[n]: what for n, what in status.proposal.contradicted.items()},
             }
         return {
             **{name: getattr(status, name) for name in ("state", "done", "total", "stage", "error")},

@@ -20,7 +20,9 @@ from editors import (  # noqa: F401
 )
 
 import fieldcalib
-from fieldcalib import Camera, soccer
+from fieldcalib import Camera, calibrate_from_segments, soccer
+from fieldcalib.assess.findings import Finding, What
+from fieldcalib.assess.result import with_findings
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.editor.clip import BESIDE, CUTS, Proposal, Window, largest_move, with_cuts
 from fieldcalib.editor.journal import JOURNAL
@@ -29,6 +31,8 @@ from fieldcalib.editor.saved_files import MOVED
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.record import CAMERA_FILE, camera_content
+
+TRUTH, OTHER = (Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (x, 66.0, -16.0), (960, 540)) for x in (1.0, 4.0))
 
 
 def nothing(count, starts=(0,), notes=()):
@@ -41,6 +45,26 @@ def proposal(video, window, anchors=(), revisions=None):
     calibrations = {window.begin + k: one for k, one in enumerate(video)}
     moves = dict.fromkeys(calibrations, np.nan)
     return Proposal(window, video, calibrations, frozenset(anchors), moves, revisions or {})
+
+
+@pytest.mark.parametrize(
+    ("other", "found", "what"),
+    [
+        (TRUTH, (), None),
+        (OTHER, (), "the place of its camera, 3.0 m from where they put it"),
+        (OTHER, (Finding(What.OTHER_SIZE, numbers=(101.0, 68.0)),), "the size of its field"),
+        (None, (), "its cameras"),
+    ],
+)
+def test_what_the_labels_of_a_frame_contradict_is_said(other, found, what):
+    """Before anything is kept: its camera is not that of the clip."""
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    pixels = {label: TRUTH.project(soccer()[label].sample(9.0)) for label in labels}
+    one = replace(calibrate_from_segments(soccer(), pixels, TRUTH.image_size), camera=TRUTH)
+    window, own = Window(4, 6), {4: one, 5: replace(one, camera=other)}
+    in_clip = [with_findings(one, *found)] * 2
+    kept = Proposal(window, in_clip, own, frozenset([4, 5]), dict.fromkeys(own, 0.0))
+    assert kept.contradicted == ({} if what is None else {5: what})
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pictures import picture
 from synthetic import observe
 
 from fieldcalib import Camera, calibrate_from_images, calibrate_from_segments
-from fieldcalib.assess.findings import NARROW, Status, Verdict, What
+from fieldcalib.assess.findings import NARROW, Advice, Status, Verdict, What
 from fieldcalib.assess.result import with_findings
 from fieldcalib.images import from_images
 from fieldcalib.images.from_images import How, calibrate_pictures, with_narrow_padded
@@ -74,6 +74,20 @@ def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
     assert camera_difference(found.camera.cropped(corner, UPRIGHT.image_size), seen, FIELD).reprojection < 3.0
 
 
+@pytest.mark.parametrize("corner", [(0, 80), (576, 0)])
+def test_a_part_that_the_lines_contradict_is_told(corner):
+    frame = Camera.from_angles(*ANGLES, f, C, (996, 720))
+    seen = frame.cropped((288, 80), UPRIGHT.image_size)
+    placed = np.zeros((720, 996, 3), np.uint8)
+    (left, top), (width, height) = corner, UPRIGHT.image_size
+    placed[top : top + height, left : left + width] = picture(seen)
+    (found,) = calibrate_pictures(how(KnownCameras(2 * [seen]), Crop((996, 720), corner)), [placed])
+    assert found.verdict is Verdict.CHECK
+    assert [one.about for one in found.findings if one.what is What.CONTRADICTED] == ["part"]
+    assert "another part of a frame than the given one" in found.reason
+    assert Advice.PART in found.advice
+
+
 def test_a_narrow_part_that_is_looked_at_padded_is_to_be_checked_unless_it_is_sure(monkeypatch):
     declared, image = how(SeesWide(), Crop(UPRIGHT.image_size, (0, 0))), picture(UPRIGHT)
     (sure,) = calibrate_pictures(declared, [image])
@@ -111,7 +125,8 @@ def test_where_a_part_gives_no_good_camera_a_better_one_of_a_whole_picture_is_ta
         shown.extend(images)
         return others[1:]
 
-    first, found = within_frame(lambda images: [GOOD, of_part], [whole, whole], part=part, as_whole=as_whole)
+    told = {"part": part, "tasks": 2 * (Task(FIELD),), "as_whole": as_whole}
+    first, found = within_frame(lambda images: [GOOD, of_part], [whole, whole], **told)
     assert first == replace(GOOD, declared=Declared.FRAME)
     assert len(shown) == 1
     assert (found.message == "of a whole picture") == is_taken

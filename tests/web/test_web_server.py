@@ -655,6 +655,7 @@ def test_a_clip_is_solved_in_the_background(tmp_path):
     assert changes["frames"] == list(range(30))
     assert changes["pixels"] == [None] * 30
     assert set(changes["verdict"]) == {"reject"}
+    assert changes["contradicted"] == {}
     assert one.get("api/clip/proposed/7").json()["camera"] is None
     assert one.post("api/clip/discard", {}).json()["state"] == "none"
     assert one.get("api/clip/proposed/7").status_code == 400

@@ -51,6 +51,7 @@ from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import Prior, checked_prior
 
 SCORE_OF_SOFTNESS = 5.0  # score of a softness of 1, in the units of `fieldcalib.problem.picture_shape.score_of_part`
+LIKELIER_WHOLE = 1.0  # log evidence for a whole picture against a declared part; of true ones it is -4 to -1
 SURE_OF_PART = 0.8  # least probability of a good camera of a part of a frame
 LEAST_SCORE = 1.0  # score of softness and labels together above which a picture may be an enlarged part
 
@@ -136,17 +137,21 @@ def log_ratio_of_squash(
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0
     tasks = (task, as_it_is.camera.image_size), (task_of_shown or task, shown.camera.image_size)
-    ratios = []
-    for own in (as_it_is, shown):
-        if not own.accepted or own.camera is None or own.solved is None:
-            continue
-        lines, own_size, field = own.solved.pixels, own.camera.image_size, own.field or task.object_segments
-        evidence, evidence_shown = (
-            evidence_of(calibrate_on_lines(on, [lines.scaled(np.divide(size, own_size))], size)[0])
-            for on, size in ((replace(one, object_segments=field), size) for one, size in tasks)
-        )
-        ratios.append(evidence_shown - evidence)
+    ratios = [_log_ratio(own, *tasks) for own in (as_it_is, shown) if own.accepted]
     return float(np.mean(ratios)) if ratios else 0.0
+
+
+def _log_ratio(own: Calibration, *tasks: tuple[Task, tuple[int, int]]) -> float:
+    """Log evidence for the second of two tasks, each with a size of the picture, from the lines of a calibration."""
+    assert own.camera is not None
+    assert own.solved is not None
+    lines, own_size = own.solved.pixels, own.camera.image_size
+    on_field = [(task if own.field is None else replace(task, object_segments=own.field), size) for task, size in tasks]
+    first, second = (
+        evidence_of(calibrate_on_lines(task, [lines.scaled(np.divide(size, own_size))], size)[0])
+        for task, size in on_field
+    )
+    return second - first
 
 
 def with_enlarged_parts(calibrate: Method, images: Sequence[Image], *, task: Task) -> list[Calibration]:
@@ -225,25 +230,38 @@ def of_part_of_frames(task: Task, part: Crop) -> Task:
 
 
 def within_frame(
-    calibrate: Method, images: Sequence[Image], *, part: Crop | None, as_whole: Method
+    calibrate: Method, images: Sequence[Image], *, part: Crop | None, tasks: tuple[Task, Task], as_whole: Method
 ) -> list[Calibration]:
     """Calibrate pictures in their place in frames, which are black elsewhere.
 
     A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture. Where that
-    gives no good camera, one that is better under the prior of whole pictures is taken.
+    gives no good camera, the lines of one that is found under the prior of whole pictures are tried.
+
+    `tasks` are those of such parts and of whole pictures.
     """
     assert part is not None
     places = [place_of_part(image, part) for image in images]
     shown = [place.image_in_frame(image) for image, place in zip(images, places, strict=True)]
     found = [replace(one, declared=Declared.FRAME) for one in calibrate(shown)]
     unsure = [index for index, one in enumerate(found) if one.verdict is not Verdict.GOOD]
-    for index, one in zip(unsure, as_whole([shown[index] for index in unsure]), strict=True):
+    for index, whole in zip(unsure, as_whole([shown[index] for index in unsure]), strict=True):
+        one = _as_part(tasks[0], shown[index], whole) if whole.accepted else whole
         if one.accepted and (one.verdict is Verdict.GOOD or not found[index].accepted):
             found[index] = one
     return [  # where the picture lies was said by the user
-        replace(in_picture(one, place, *_unsure(one, place)), message=one.message)
+        replace(in_picture(one, place, *_doubts_of_part(one, place, tasks)), message=one.message)
         for one, place in zip(found, places, strict=True)
     ]
+
+
+def _as_part(task: Task, image: Image, whole: Calibration) -> Calibration:
+    """Solve the camera of a whole picture again, from its lines, as that of a declared part, and refine it."""
+    assert whole.solved is not None
+    task, lines = replace(task, object_segments=whole.field or task.object_segments), whole.solved.pixels
+    (start,) = calibrate_on_lines(task, [lines], size_of(image), [whole.required_camera])
+    given = ToRefine(image, start, lines, are_detected=True)
+    (refined,) = refine_all(task, Markings.of(task.object_segments), [given])
+    return replace(refined.judged, declared=Declared.FRAME)
 
 
 def place_of_part(frame: Image, part: Crop) -> Placement:
@@ -255,12 +273,18 @@ def place_of_part(frame: Image, part: Crop) -> Placement:
     return Placement.around(size_of(frame), *part.corner, right, bottom)
 
 
-def _unsure(calibration: Calibration, place: Placement) -> tuple[Finding, ...]:
-    """The doubt on a good camera that is less probable than cameras of parts of frames must be."""
-    if place.is_whole or calibration.field is None or calibration.verdict is not Verdict.GOOD:
+def _doubts_of_part(calibration: Calibration, place: Placement, tasks: tuple[Task, Task]) -> tuple[Finding, ...]:
+    """Doubts on an accepted camera: less probable than cameras of parts must be, or of lines that want no such part."""
+    if calibration.field is None or not calibration.accepted or calibration.solved is None:
         return ()
-    numbers = calibration.field.tolerance, calibration.probability()
-    return () if numbers[1] >= SURE_OF_PART else (Finding(What.IMPROBABLE, numbers=numbers),)
+    doubts = list[Finding]()
+    if calibration.verdict is Verdict.GOOD and calibration.has_probability and not place.is_whole:
+        numbers = calibration.field.tolerance, calibration.probability()
+        doubts += [Finding(What.IMPROBABLE, numbers=numbers)] if numbers[1] < SURE_OF_PART else []
+    size = calibration.required_camera.image_size
+    if (log_ratio := _log_ratio(calibration, *((task, size) for task in tasks))) > LIKELIER_WHOLE:
+        doubts.append(Finding(What.CONTRADICTED, "part", (log_ratio,)))
+    return tuple(doubts)
 
 
 def said_plainly(

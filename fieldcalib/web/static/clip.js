@@ -84,9 +84,11 @@ export class ClipBar {
     if (state === "running") return [stage || "Solving the clip", total ? `${done} of ${total}` : ""].filter(Boolean).join(", ");
     if (state === "failed") return error || "The clip could not be solved.";
     if (state === "ready") {
-      const { frames, pixels } = changes;
+      const { frames, pixels, contradicted } = changes;
       if (!frames.length) return "Solved again: no frame changes.";
-      return `Solved again: ${counted(frames.length, "frame")} would change, by up to ${shownNumber(Math.max(...pixels.map((one) => one ?? 0)), 1)} px.`;
+      const moved = `${counted(frames.length, "frame")} would change, by up to ${shownNumber(Math.max(...pixels.map((one) => one ?? 0)), 1)} px`;
+      const told = Object.entries(contradicted).map(([id, what]) => ` The labels of ${id} contradict the clip, ${what}: that frame keeps its own camera.`);
+      return `Solved again: ${moved}.${told.join("")}`;
     }
     return this.anchors ? `${counted(this.anchors, "frame")} mended by hand ${this.anchors === 1 ? "holds" : "hold"} the clip.` : "Mend a frame, and the clip can be solved again around it.";
   }
