@@ -13,7 +13,8 @@ from fieldcalib.assess.findings import NARROW, Advice, Status, Verdict, What
 from fieldcalib.assess.result import with_findings
 from fieldcalib.images import from_images
 from fieldcalib.images.from_images import How, calibrate_pictures, with_narrow_padded
-from fieldcalib.images.shape.shape_of_picture import SURE_OF_PART, within_frame
+from fieldcalib.images.shape import shape_of_picture
+from fieldcalib.images.shape.shape_of_picture import SURE_OF_PART, of_part_of_frames, within_frame
 from fieldcalib.metrics.cameras import camera_difference
 from fieldcalib.problem.picture_shape import Crop, Declared
 from fieldcalib.solve.request import GivenCamera, Task
@@ -74,6 +75,17 @@ def test_of_a_part_of_a_frame_the_network_sees_the_part_alone(corner):
     assert camera_difference(found.camera.cropped(corner, UPRIGHT.image_size), seen, FIELD).reprojection < 3.0
 
 
+def test_a_camera_of_a_whole_picture_is_solved_again_as_that_of_a_part():
+    part = Crop((996, 720), (288, 80))
+    seen = Camera.from_angles(*ANGLES, f, C, part.frame_size).cropped(part.corner, UPRIGHT.image_size)
+    image = picture(seen)
+    (whole,) = calibrate_from_images(FIELD, [image], KnownCameras(4 * [seen]), estimate_size=False)
+    found = shape_of_picture._as_part(of_part_of_frames(Task(FIELD), part), image, whole)
+    np.testing.assert_allclose(found.camera.principal_point, seen.principal_point, atol=8.0)
+    assert np.max(np.abs(whole.camera.principal_point - seen.principal_point)) > 20.0
+    assert camera_difference(found.camera, seen, FIELD).reprojection < 1.0
+
+
 @pytest.mark.parametrize("corner", [(0, 80), (576, 0)])
 def test_a_part_that_the_lines_contradict_is_told(corner):
     frame = Camera.from_angles(*ANGLES, f, C, (996, 720))
@@ -116,7 +128,10 @@ CHECK, REJECT = with_findings(GOOD, NARROW), replace(GOOD, status=Status.IMPROBA
         (CHECK, REJECT, False),
     ],
 )
-def test_where_a_part_gives_no_good_camera_a_better_one_of_a_whole_picture_is_taken(of_part, of_whole, is_taken):
+def test_where_a_part_gives_no_good_camera_a_better_one_of_a_whole_picture_is_taken(
+    of_part, of_whole, is_taken, monkeypatch
+):
+    monkeypatch.setattr(shape_of_picture, "_as_part", lambda task, image, whole: whole)
     whole, part = np.full((560, 747, 3), 9, np.uint8), Crop(PADDED.image_size, (0, 0))
     others = [GOOD, replace(of_whole, message="of a whole picture")]
     shown = []

@@ -61,8 +61,8 @@ LOOKED_AT = 0.87  # if more than this share of the profiles show paint at the pr
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
 WIDEST = 15.0  # px: the edge of a net that is nearer is too wide to be found as a line
 NET_HEIGHTS = (1.0, 0.8, 1.25, 0.6, 1.5)  # times that of the net: right cameras of half courts are up to a third off
-# Successive places from an end of a line on, and the least share of them with paint. Of right cameras of 186 pictures and
-# of 463 frames of clips one each shows them; five places, none of these: but then less of the wrong ones of parts.
+# Successive places from an end of a line on, and the least share of them with paint. Of right cameras of 186 pictures
+# and of 463 frames of clips one each shows them; five places show none of these, but fewer wrong cameras of parts.
 LEAST_PAST, PAINTED_PAST = 4, 0.7
 FROM_BORDER = 10.0  # px: nearer to the border of the picture the ground is seen on one side only
 FROM_RAISED = 20.0  # px from what is above the ground
