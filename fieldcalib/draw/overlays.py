@@ -16,7 +16,7 @@ from fieldcalib._types import CAMERA, Array, expect, is_number, listed, positive
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, inset_map
-from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size
+from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, draw_text, fixed_point, image_curves_of, text_size, wrapped
 from fieldcalib.fields.field import Field, ObjectSegments, terrain_of
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image_files import Image, checked_image
@@ -232,7 +232,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     expect(calibration, Calibration, "that of calibrate_from_segments")
     truth(show_paint, "show_paint")
     check_object(field)
-    height, camera, accepted = checked_image(image).shape[0], calibration.camera, calibration.accepted
+    (height, width), camera, accepted = checked_image(image).shape[:2], calibration.camera, calibration.accepted
     if camera is None:
         picture = np.array(image, order="C")
     else:
@@ -246,10 +246,11 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
         if accepted:
             inset_map(picture, camera, field)
             return picture
-    scale = height / 900.0
-    place = (round(20.0 * scale), height - round(20.0 * scale))
-    reason = calibration.message.partition(";")[0]
-    _write(picture, f"no camera: {calibration.status}, {reason}", place, scale, (255, 255, 255))
+    scale = min(height, 1.5 * width) / 900.0
+    margin, reason = round(20.0 * scale), calibration.message.partition(";")[0]
+    lines = wrapped(f"no camera: {calibration.status}, {reason}", scale, width - 2 * margin)
+    for row, line in enumerate(reversed(lines)):
+        _write(picture, line, (margin, height - round((20.0 + 40.0 * row) * scale)), scale, (255, 255, 255))
     return picture
 
 

@@ -298,6 +298,20 @@ def text_size(text: str, scale: float) -> tuple[int, int, int]:
     return width, above, below
 
 
+def wrapped(text: str, scale: float, width: int) -> list[str]:
+    """The lines of a text, at most `width` pixels long unless one word is longer; at least one line."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        if text_size(longer, scale)[0] <= width:
+            lines[-1] = longer
+        elif lines[-1]:
+            lines.append(word)
+        else:
+            lines[-1] = word
+    return lines
+
+
 def _in_utf8(text: str) -> str:
     """A text with a "?" for each byte of a file's name that is not in UTF-8: OpenCV ends the process at these."""
     return text.encode(errors="replace").decode()

@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldcalib._types import expect, listed, whole_number
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.scene import Colour, draw_text, text_size
+from fieldcalib.draw.scene import Colour, draw_text, wrapped
 from fieldcalib.io.image_files import LONGEST_SIDE, Image, checked_image
 
 BACKGROUND: Colour = (30, 27, 25)
@@ -65,7 +65,7 @@ def contact_sheet(
     first = checked_image(pictures[0])
     height = max(round(width * first.shape[0] / first.shape[1]), 1)
     top = GAP + TITLE_HEIGHT * bool(title)
-    lines = [_wrapped(caption, width - INDENT) for caption in captions]
+    lines = [wrapped(caption, CAPTION, width - INDENT) for caption in captions]
     step = np.array([height + CAPTION_HEIGHT + LINE_HEIGHT * (max(map(len, lines)) - 1) + GAP, width + GAP])
     rows = -(-len(pictures) // columns)
     sheet = np.full((*(np.array([top, GAP]) + step * (rows, columns)), 3), BACKGROUND, np.uint8)
@@ -147,17 +147,3 @@ def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
     off = max((one.offset for one in calibration.markings), default=0.0)
     error = np.nan if calibration.field is None else calibration.errors.largest_error(calibration.field)
     return (2 if calibration.accepted else 1), -off, -float(np.nan_to_num(error, nan=np.inf))
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    """The lines of a caption, at most `width` pixels long unless one word is longer; at least one line."""
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        if text_size(longer, CAPTION)[0] <= width:
-            lines[-1] = longer
-        elif lines[-1]:
-            lines.append(word)
-        else:
-            lines[-1] = word
-    return lines

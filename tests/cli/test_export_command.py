@@ -72,6 +72,7 @@ def test_the_command(format, calibrated_folder, tmp_path, capsys):
     printed = capsys.readouterr()
     assert printed.out == f"4 cameras of 4 frames in {out}\n"
     assert ("without it the image moves by up to" in printed.err) == (format in LOST)
+    assert ("cameras of one rig" in printed.err) == (format == "toml")
     assert run("export", calibrated_folder, "--format", format, "--out", out) == 2
     assert "already: give --overwrite" in capsys.readouterr().err
     assert run("export", calibrated_folder, "--format", format, "--out", out, "--overwrite") == 0

@@ -6,7 +6,9 @@ import pytest
 from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
+from fieldcalib.assess.findings import Status
 from fieldcalib.assess.paint_in_view import MarkingInView
+from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.minimap import draw_minimap
 from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud
@@ -318,3 +320,15 @@ def test_markings_off_their_paint_have_a_colour_of_their_own():
     blue, _, red = np.moveaxis(shown[changed].astype(int), -1, 0)
     assert np.count_nonzero(changed) > 500
     assert np.mean(red - blue) > 100  # magenta has as much of both
+
+
+@pytest.mark.parametrize("size", [(300, 600), (960, 540), (240, 180)])
+def test_the_reason_is_written_within_the_picture(size):
+    width, height = size
+    nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no marking was found in the image: " + 12 * "more ")
+    drawn = draw_calibration(np.zeros((height, width, 3), np.uint8), nothing, soccer())
+    rows, columns = (np.flatnonzero(np.any(drawn, axis=(axis, 2))) for axis in (1, 0))
+    assert columns.max() < width - 3
+    assert 0.7 * width < columns.max() - columns.min()
+    assert rows.max() < height - 1
+    assert np.count_nonzero(np.diff(rows) > 1) >= 1  # several lines with space between them
