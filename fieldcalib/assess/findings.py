@@ -138,7 +138,7 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
         Advice.OTHER_FIELD: {
             Tool.COMMAND: "--field NAME (--help has the names), or auto",
             Tool.PYTHON: "field=NAME (fieldcalib.fields.FIELDS has the names), or 'auto'",
-            Tool.PAGE: "fieldcalib open with --field NAME (--help has the names)",
+            Tool.PAGE: "choose the sport above the map",
         },
         Advice.FIELD_SIZE: {
             Tool.COMMAND: "--field-length and --field-width with --field-size known",

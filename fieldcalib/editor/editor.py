@@ -9,7 +9,8 @@ from functools import cached_property, partial
 from typing import Any, Self
 from warnings import warn
 
-from fieldcalib._types import expect, file_path, truth, whole_number
+from fieldcalib._progress import counted
+from fieldcalib._types import expect, file_path, one_of, truth, whole_number
 from fieldcalib.assess.findings import Status
 from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.clip import FirstPass, Progress, Proposal, first_pass, ignored, next_frame, solve, window_around
@@ -18,9 +19,10 @@ from fieldcalib.editor.fitting import automatic, marks_of, network_marks, networ
 from fieldcalib.editor.folder import NOTHING_KEPT, Folder, field_of, frames_of, places_of
 from fieldcalib.editor.frame import FrameEditor, moved_marks
 from fieldcalib.editor.frame_states import FrameState, FrameStates, Row, Table, basis_of, is_by_hand
-from fieldcalib.editor.journal import JOURNAL, FrameHistory, Replayed, read_journal
+from fieldcalib.editor.journal import JOURNAL, FrameHistory, Replayed, chosen_field, read_journal
 from fieldcalib.editor.label_files import GivenLabels, LabelWarning, given_labels
 from fieldcalib.editor.saved_files import LastSave, NewRun, Stored
+from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.field import Field
 from fieldcalib.images.camera_side import CameraSide
 from fieldcalib.io.decoders import DEFAULT_RATE
@@ -43,7 +45,8 @@ class Editor:
     source : path, or list of (height, width, 3) uint8 arrays
         A picture, a folder of pictures, a video, or a folder of results, which says where its pictures are.
     field : Field or str, optional
-        The field, its name, or the path of a file with one; by default that of the results, or soccer.
+        The field, its name, or the path of a file with one; by default that which was chosen on the page, that of the
+        results, or soccer.
     out : path, optional
         The folder of results; by default the source if it is one, or ``<name>-fieldcalib`` beside it. It is made with
         the first change. Arrays have none unless it is given.
@@ -77,7 +80,9 @@ class Editor:
     ) -> None:
         paths, folder = places_of(source, out)
         stored = None if folder is None else Stored(folder, overwrite=truth(overwrite, "overwrite"))
-        self.field, self.field_name = field_of(field, stored)
+        chosen = None if folder is None or field is not None else chosen_field(folder / JOURNAL)
+        self.field, self.field_name = field_of(field or chosen, stored)
+        self._source, self._overwrite = source, overwrite
         check = partial(check_edit, field=self.field)
         replayed = Replayed(check) if folder is None else read_journal(folder / JOURNAL, check)
         self.title = "images" if paths is None else paths[0].name
@@ -195,6 +200,33 @@ class Editor:
         """
         with self.lock:
             return "" if self._folder is None else self._folder.journal.claim()
+
+    def on_field(self, name: str) -> Editor:
+        """Close this editor, and open its source and folder on the field of another sport.
+
+        The folder remembers the field. Labels belong to the markings of one field, so no frame may have any by hand.
+
+        Raises
+        ------
+        ValueError
+            If there is no such field, frames are labelled, or another program writes to the folder.
+        OSError
+            If the journal cannot be written.
+        """
+        one_of(name, FIELDS, "the sport")
+        opened = {number: state.is_anchor for number, state in self._states.items()}
+        if labelled := sum(opened.get(number, row.by_hand) for number, row in enumerate(self._states.rows)):
+            raise ValueError(
+                f"{counted(labelled, 'frame')} labelled by hand on the field of {self.field_name}: remove these labels "
+                f"first, or choose another folder of results (--out)"
+            )
+        if refused := self.claim():
+            raise ValueError(refused)
+        if self._folder is not None:
+            self._folder.journal.add(field=name)
+        self.close()
+        out = None if self.stored is None else self.stored.folder
+        return Editor(self._source, name, out=out, overwrite=self._overwrite)
 
     def revision(self, number: int) -> int:
         """How often a frame was changed."""

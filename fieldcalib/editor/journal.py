@@ -3,10 +3,11 @@
 A line is a change of a frame (``{"frame": id, "begin": edit, "base": calibration}``, then ``"then": edit``,
 ``"undo": true`` or ``"redo": true``), the cuts of a clip (``{"cuts": [...]}``), or a note that everything so far was
 saved (``{"saved": {name of a file: its size, time and digest}}``, with ``"frames": [ids]`` if not all), that this was
-taken back (``"taken_back"``), that other files were written (``"written"``), or the format of the labels that were
-given (``{"format": name}``). Before files are replaced, the note that will follow is announced (``{"announced": note,
-"before": states}``); if the process ends in between, the next one completes the save. Nothing is ever removed from the
-journal. An impossible edit is left out when the journal is read, which ``{"frame": id, "left_out": true}`` then notes.
+taken back (``"taken_back"``), that other files were written (``"written"``), the format of the labels that were given
+(``{"format": name}``), or the field that was chosen (``{"field": name}``). Before files are replaced, the note that
+will follow is announced (``{"announced": note, "before": states}``); if the process ends in between, the next one
+completes the save. Nothing is ever removed from the journal. An impossible edit is left out when the journal is read,
+which ``{"frame": id, "left_out": true}`` then notes.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.editor.edit import FARTHEST, Edit, History, Known, Mark, Marks
 from fieldcalib.editor.label_files import SOCCERNET
 from fieldcalib.editor.label_versions import Announced, State, Versions
+from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import WRONG_RECORD, BrokenFileError, parse_json_object
 from fieldcalib.io.formats import OTHER_ANNOTATIONS
@@ -134,6 +136,8 @@ class Replayed:
             self._note(line)
         elif "format" in line:
             self.format = one_of(line["format"], (SOCCERNET, *OTHER_ANNOTATIONS), "format")
+        elif "field" in line:
+            one_of(line["field"], FIELDS, "field")
         elif "begin" in line:
             self._begin(line)
         else:
@@ -208,6 +212,12 @@ def _states(record: Mapping[str, Any]) -> dict[str, State]:
         if path.is_absolute() or ".." in path.parts or not path.parts:
             raise ValueError(f"expected the name of a file in the folder, got {name[:80]!r}")
     return states
+
+
+def chosen_field(path: Path) -> str | None:
+    """Name of the field that was chosen on the page last; None if none was."""
+    lines = [text for text in _lines(path) if text.startswith(b'{"field"')]
+    return parse_json_object(lines[-1], "a field")["field"] if lines else None
 
 
 def read_journal(path: Path, check: Check = lambda edit: None) -> Replayed:

@@ -206,11 +206,14 @@ class Page:
     """Answers the page of an editor."""
 
     def __init__(self, editor: Editor) -> None:
+        self.files = page_files()
+        self._show(editor)
+
+    def _show(self, editor: Editor) -> None:
         self.editor = editor
         self.worker = Worker(editor)
         self.job = ClipJob(editor)
         self.pictures = ShownPictures(editor.frames)
-        self.files = page_files()
         if len(editor):
             self.worker.state(0)  # the first frame is calibrated before the browser asks for it
 
@@ -227,6 +230,7 @@ class Page:
             get("/api/project", answered(self.project)),
             get("/api/frames", answered(self.table)),
             get("/api/field", answered(self.field)),
+            post("/api/v1/field", answered(self.change_field)),
             get("/api/frame/{n}", answered(self.frame)),
             post("/api/frame/{n}/edit", answered(self.edit)),
             get("/api/frame/{n}/likely", answered(self.likely)),
@@ -241,12 +245,12 @@ class Page:
             get("/api/clip/job", answered(self.job_report)),
             get("/api/clip/proposed/{n}", answered(self.proposed)),
             get("/api/clip/next", answered(self.next_to_mend)),
-            post("/api/clip/solve", answered(self._told(self.job.start))),
-            post("/api/clip/draw", answered(self._told(self.job.draw))),
-            post("/api/clip/cancel", answered(self._told(self.job.cancel))),
+            post("/api/clip/solve", answered(self._told(ClipJob.start))),
+            post("/api/clip/draw", answered(self._told(ClipJob.draw))),
+            post("/api/clip/cancel", answered(self._told(ClipJob.cancel))),
             post("/api/clip/keep", answered(self.keep)),
-            post("/api/clip/undo_keep", answered(self._told(self.job.undo_keep))),
-            post("/api/clip/discard", answered(self._told(self.job.cancel))),
+            post("/api/clip/undo_keep", answered(self._told(ClipJob.undo_keep))),
+            post("/api/clip/discard", answered(self._told(ClipJob.cancel))),
             post("/api/clip/cuts", answered(self.cuts)),
             get("/image/{n}", answered(self.image)),
             get("/image/{n}/crop", answered(self.crop)),
@@ -256,11 +260,14 @@ class Page:
 
     def close(self) -> None:
         """End the threads and close the files, after a save that is being written."""
+        self._end_threads()
+        with self.editor.lock:
+            self.editor.close()
+
+    def _end_threads(self) -> None:
         until = time.monotonic() + ENDING
         for thread in [*self.job.end(), *self.worker.end()]:
             thread.join(max(until - time.monotonic(), 0.0))
-        with self.editor.lock:
-            self.editor.close()
 
     async def index(self, request: Request) -> Response:
         """The page."""
@@ -292,6 +299,7 @@ class Page:
                 "refused": editor.claim(),
                 "unsaved": editor.unsaved,
                 "has_results": editor.stored is not None and len(editor.stored.ids) > 0,
+                "field": editor.field_name,
                 "sports": list(FIELDS),
                 "cuts": editor.cuts,
             }
@@ -304,6 +312,22 @@ class Page:
     async def field(self, request: Request) -> Response:
         """The field."""
         return Json({"name": self.editor.field_name, **field_record(self.editor.field)})
+
+    async def change_field(self, request: Request) -> Response:
+        """Open the frames on the field of another sport; the answer is that field."""
+        name = (await _body(request)).get("name")
+        await run_in_threadpool(self._open_on, str(name))
+        return await self.field(request)
+
+    def _open_on(self, name: str) -> None:
+        if self.job.report()["state"] in ("running", "ready"):
+            raise ValueError("the clip is being solved or drawn: wait, and keep or discard its solution first")
+        editor = self.editor
+        self._end_threads()
+        try:
+            editor = editor.on_field(name)
+        finally:
+            self._show(editor)
 
     async def frame(self, request: Request) -> Response:
         """The state of a frame."""
@@ -419,12 +443,12 @@ class Page:
         """The camera of a frame in the solution that is not kept yet."""
         return Json(await run_in_threadpool(self.job.proposed, self._number(request)))
 
-    def _told(self, change: Callable[[], None]) -> Answer:
+    def _told(self, change: Callable[[ClipJob], None]) -> Answer:
         """Answer with the report of the job, after a change of it."""
 
         async def answer(request: Request) -> Response:
             await _body(request)
-            await run_in_threadpool(change)
+            await run_in_threadpool(change, self.job)
             return await self.job_report(request)
 
         return answer

@@ -375,7 +375,7 @@ def _next_mark(one: FrameEditor) -> dict[str, Any] | None:
 
 
 def error_map(one: FrameEditor) -> dict[str, Any]:
-    """Shift of ground points in view, in metres, if all clicks are 2 px off, over a grid on the field.
+    """Shift of ground points in view, in metres, if all clicks are 2 px off, over a grid on the field, and its pixels.
 
     There are no values if the camera was not calibrated from labels of this frame alone.
     """
@@ -387,7 +387,8 @@ def error_map(one: FrameEditor) -> dict[str, Any]:
     X = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1)
     xy = calibration.camera.project(X)
     in_view = np.all((xy >= 0.0) & (xy < calibration.camera.image_size), axis=-1)
-    return {**grid, "metres": to_json(np.where(in_view, one.click_errors(X), np.nan).round(3))}
+    metres = np.where(in_view, one.click_errors(X), np.nan)
+    return {**grid, "metres": to_json(metres.round(3)), "pixels": to_json(xy.round(1))}
 
 
 def frames_state(editor: Editor) -> dict[str, Any]:

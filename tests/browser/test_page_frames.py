@@ -185,16 +185,28 @@ def test_metres_are_measured(serve, window, picture):
     assert image.shape == (1080, 1920, 3)
 
 
+def drawn_share(one):
+    """Share of the picture that has something drawn over it."""
+    return one.canvas.evaluate(
+        "canvas => { const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height); "
+        "return data.filter((value, k) => k % 4 === 3 && value > 0).length / (data.length / 4) }"
+    )
+
+
 def test_the_error_map_is_shown_over_the_field(serve, window, picture):
     one = window(serve(picture))
     one.label_by_clicks()
+    plain = drawn_share(one)
     one.press("Shift+E")
     one.page.locator(".heat-scale").wait_for()
+    assert drawn_share(one) > plain + 0.2
     low, high = (float(part.split(" m")[0]) for part in one.text(".heat-scale").split("m\n"))
     assert 0.0 < low < high
     assert one.page.locator(".map-heat rect").count() > 50
     one.press("Shift+E")
+    one.page.get_by_role("combobox", name="Sport").wait_for()
     assert one.page.locator(".map-heat rect").count() == 0
+    assert drawn_share(one) == plain
 
 
 def test_marks_beside_the_picture_are_not_set(serve, window, picture):

@@ -423,3 +423,25 @@ def test_a_court_that_no_network_knows_appears_when_it_is_found(serve, window, t
     one.wait("() => document.querySelector('#verdict strong')?.innerText === 'Good'")
     assert abs(one.state()["camera"]["focal_length"] - 2800.0) < 30.0
     assert one.state()["automatic"]
+
+
+def test_the_sport_is_chosen_above_the_map(serve, window, tmp_path, shoot):
+    court = Camera.from_angles(1.5, 1.3, 0.0, 2800.0, (-32.0, 1.0, -9.0), SIZE)
+    cv2.imwrite(str(tmp_path / "court.png"), render_field(court, tennis()))
+    server = serve(tmp_path / "court.png")
+    one, other = window(server), window(server, size=(820, 1180))
+    for each in (one, other):
+        each.wait_for_frame(0)
+    shoot(one, "page-sport")
+    sport = one.page.get_by_role("combobox", name="Sport")
+    assert sport.input_value() == "soccer"
+    sport.select_option("tennis")
+    for each in (one, other):  # the other window sees it too
+        each.page.locator(".sport").get_by_text("23.77").wait_for()
+        each.wait("() => document.querySelector('#verdict strong')?.innerText === 'Good'")
+    shoot(one, "page-sport-tennis")
+    shoot(other, "page-sport-narrow")
+    other.mark(next(iter(tennis())), [(900.0, 500.0)])
+    sport.select_option("padel")
+    one.page.get_by_text("1 frame labelled by hand on the field of tennis").wait_for()
+    assert sport.input_value() == "tennis"

@@ -25,6 +25,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.editor.clip import largest_move
 from fieldcalib.editor.edit import Marks
 from fieldcalib.editor.editor import Editor
+from fieldcalib.editor.label_files import LabelWarning
 from fieldcalib.editor.saved_files import Stored
 from fieldcalib.fields import tennis
 from fieldcalib.io.files import BrokenFileError
@@ -103,6 +104,61 @@ def labelled(client):
         answer = client.edit("mark", label=label, xy=ends(label))
         assert answer.status_code == 200, answer.text
     return client.state()
+
+
+# --- the sport ---
+
+
+COURT = Camera.from_angles(0.0, 1.15, 0.0, 1000.0, (0.0, 22.0, -9.0), SIZE)
+
+
+@pytest.fixture
+def court(tmp_path):
+    cv2.imwrite(str(tmp_path / "court.png"), render_field(COURT, tennis()))
+    one = Client(tmp_path / "court.png", tmp_path / "out")
+    yield one
+    one.close()
+
+
+def test_the_sport_is_changed_and_remembered(court, tmp_path):
+    court.state()
+    assert court.get("api/project").json()["field"] == "soccer"
+    answer = court.post("api/v1/field", {"name": "tennis"})
+    assert answer.status_code == 200, answer.text
+    assert {one["label"] for one in answer.json()["segments"]} == set(tennis())
+    assert (answer.json()["length"], court.get("api/project").json()["field"]) == (23.77, "tennis")
+    wait_until(lambda: court.state()["camera"] is not None)  # the court is searched for
+    assert np.linalg.norm(np.subtract(court.state()["camera"]["position"], COURT.C)) < 2.0
+    assert court.edit("mark", label=next(iter(tennis())), xy=[[480.0, 300.0]]).status_code == 200
+    court.close()
+    with Editor(tmp_path / "court.png", out=tmp_path / "out") as editor:
+        assert editor.field_name == "tennis"
+    with (
+        pytest.warns(LabelWarning, match="the field has no 'Base line right'.*: such marks are kept"),
+        Editor(tmp_path / "court.png", "soccer", out=tmp_path / "out") as editor,
+    ):
+        assert editor.field_name == "soccer"
+
+
+def test_the_sport_of_labelled_frames_stays(client, tmp_path):
+    labelled(client)
+    answer = client.post("api/v1/field", {"name": "tennis"})
+    assert answer.status_code == 400
+    assert "1 frame labelled by hand on the field of soccer: remove these labels first" in answer.json()["error"]
+    assert client.state()["marks"]
+    assert client.post("api/v1/field", {"name": "chess"}).status_code == 400
+    client.edit("automatic")
+    with pytest.warns(LabelWarning, match="such marks are kept, and have no effect"):  # those of the network
+        assert client.post("api/v1/field", {"name": "tennis"}).status_code == 200
+    assert client.get("api/project").json()["field"] == "tennis"
+
+
+def test_the_sport_of_pictures_without_a_folder_is_changed():
+    page = Page(Editor([render_field(COURT, tennis())]))
+    with TestClient(page.unguarded()) as client:
+        assert client.post("/api/v1/field", json={"name": "tennis"}).status_code == 200
+        assert client.get("/api/project").json()["field"] == "tennis"
+    page.close()
 
 
 # --- what is answered ---
@@ -227,7 +283,10 @@ def test_measuring(client):
     drawn = client.get(f"api/frame/0/offside.png?{at}")
     assert drawn.headers["content-type"] == "image/png"
     assert "attachment" in drawn.headers["content-disposition"]
-    metres = client.get("api/frame/0/errors").json()["metres"]
+    errors = client.get("api/frame/0/errors").json()
+    metres, (x, y) = errors["metres"], (np.array(errors[axis])[[14, 20]] for axis in "xy")
+    shown = np.array([errors["pixels"][14][14], errors["pixels"][20][20]])
+    np.testing.assert_allclose(shown, TRUTH.project(np.column_stack([x, y, 0.0 * x])), atol=4.0)
     assert any(value is not None and value < 0.5 for row in metres for value in row)
     assert client.get("api/frame/0/ground?x=480&y=-4000").json() == {"X": None, "sd": None, "rms": None}
     x, y = np.mean(ends(LINES[0]), axis=0)

@@ -109,6 +109,7 @@ class App {
   }
 
   showProject(project) {
+    if (this.project && project.field !== this.project.field) location.reload(); // changed in another window
     this.project = project;
     this.cuts = project.cuts;
     this.notices.refused(project.refused);
@@ -170,7 +171,7 @@ class App {
     const kept = this.unsent.get(number);
     this.edits = kept?.pending.length ? kept : this.editsOf(state);
     this.select([], false);
-    this.picture.proposed = [];
+    this.picture.proposed = this.picture.errors = [];
     this.measured.setFrame(number);
     if (failure) this.showEmpty("No picture here.", failure);
     else at("stage-empty").hidden = true;
@@ -186,7 +187,7 @@ class App {
     this.current = this.wanted = number;
     this.edits = this.unsent.get(number)?.pending.length ? this.unsent.get(number) : this.editsOf(state);
     this.picture.selected = new Set();
-    this.picture.proposed = [];
+    this.picture.proposed = this.picture.errors = [];
     if (loaded) this.picture.show(loaded, state);
     at("stage-empty").hidden = !failure;
     if (failure) this.showEmpty("No picture here.", failure);
@@ -417,13 +418,35 @@ class App {
     await this.showHeat();
   }
 
-  /** Colour the map by how far the ground shifts if clicks are 2 px off. */
+  /** Colour the map and the picture by how far the ground shifts if clicks are 2 px off. */
   async showHeat() {
     const number = this.current;
-    const range = this.heat ? this.map.showErrors(await get(`api/frame/${number}/errors`).catch(() => null)) : this.map.showErrors(null);
+    const errors = this.heat ? await get(`api/frame/${number}/errors`).catch(() => null) : null;
+    if (number !== this.current) return;
+    const range = this.map.showErrors(errors);
+    this.picture.errors = range?.cells ?? [];
+    this.picture.drawLines();
+    const nothing = element("p", { class: "dim small", text: "Without a camera there is no error map." });
+    at("heat-scale").replaceChildren(range ? heatScale(range) : this.heat ? nothing : this.sportChoice());
+  }
+
+  /** The sport, which can be changed as long as no frame is labelled, and the size of its field. */
+  sportChoice() {
     const { name, length, width } = this.field;
-    const words = this.heat ? "Without a camera there is no error map." : [name, `${length} × ${width} m`].filter(Boolean).join(", ");
-    at("heat-scale").replaceChildren(range ? heatScale(range) : element("p", { class: "dim small", text: words }));
+    const sports = [...new Set([name, ...this.project.sports])].sort();
+    const choice = element("select", { "aria-label": "Sport", "data-tip": "Choose another sport", on: { change: () => this.changeSport(choice.value) } }, sports.map((value) => element("option", { value, text: value })));
+    choice.value = name;
+    return element("div", { class: "sport dim small" }, choice, `${length} × ${width} m`);
+  }
+
+  async changeSport(name) {
+    try {
+      await post("api/v1/field", { name });
+      location.reload();
+    } catch (error) {
+      this.showHeat();
+      this.complain(error);
+    }
   }
 
   goToNext() {

@@ -196,17 +196,17 @@ export class FieldMap {
     const known = errors.metres.flat().filter((value) => Number.isFinite(value) && value > 0).sort((a, b) => a - b);
     if (!known.length) return null;
     const [low, high] = [known[0], Math.max(known[Math.floor(0.97 * (known.length - 1))], 1.2 * known[0])];
+    const colourOf = (value) => heatColour(Math.min(Math.max(Math.log(value / low) / Math.log(high / low), 0), 1));
     const [dx, dy] = [errors.x[1] - errors.x[0], errors.y[1] - errors.y[0]];
     errors.metres.forEach((row, j) =>
       row.forEach((value, i) => {
         if (!Number.isFinite(value) || value === null) return;
-        const share = Math.min(Math.max(Math.log(value / low) / Math.log(high / low), 0), 1);
         const cell = svgElement("rect", { x: errors.x[i] - dx / 2, y: errors.y[j] - dy / 2, width: 1.02 * dx, height: 1.02 * dy });
-        cell.style.fill = heatColour(share);
+        cell.style.fill = colourOf(value);
         this.heat.append(cell);
       }),
     );
-    return { low, high };
+    return { low, high, cells: cellsOf(errors, colourOf) };
   }
 
   /** Show places on the ground: [{x, y, words}]. */
@@ -218,6 +218,17 @@ export class FieldMap {
       ),
     );
   }
+}
+
+/** The quadrilaterals between places of an error map that are in the picture, {points, colour}. */
+function cellsOf({ metres, pixels }, colourOf) {
+  const corners = [[0, 0], [0, 1], [1, 1], [1, 0]];
+  const at = (grid, j, i) => corners.map(([down, right]) => grid[j + down]?.[i + right] ?? null);
+  return metres.flatMap((row, j) => row.flatMap((_, i) => {
+    const points = at(pixels, j, i);
+    const value = at(metres, j, i).find(Number.isFinite);
+    return value !== undefined && points.every((xy) => xy?.every(Number.isFinite)) ? [{ points, colour: colourOf(value) }] : [];
+  }));
 }
 
 /** The colour for a share of the range of errors. */

@@ -36,6 +36,7 @@ export class Picture {
     this.layers = { markings: true, horizon: false, marks: true };
     this.measuring = false; // then marks are hidden
     this.texts = []; // places of the texts that are drawn
+    this.errors = []; // quadrilaterals of the ground, coloured by how far it may be off
     this.proposed = []; // curves of another camera, drawn over those of the frame
     this.drawings = []; // functions of (context, picture) that draw on top
     this.pixels = element("canvas", { class: "picture-pixels", "aria-hidden": "true" });
@@ -158,6 +159,7 @@ export class Picture {
       const corner = this.view.toBox(-0.5, -0.5);
       context.rect(corner.x, corner.y, this.source.width * this.view.zoom, this.source.height * this.view.zoom);
       context.clip();
+      this.drawErrors(context);
       if (this.layers.horizon && this.frame.horizon) this.drawCurve(context, this.frame.horizon, { colour: "--accent", dash: [12, 6] });
       if (this.layers.markings) this.drawMarkings(context);
       for (const { points } of this.proposed) this.drawCurve(context, points, { colour: "--accent", dash: [6, 4], width: 1.5 });
@@ -174,6 +176,17 @@ export class Picture {
       dataset.judged = this.frame.judged;
       dataset.view = [this.view.x, this.view.y, this.view.zoom].join();
     }
+  }
+
+  drawErrors(context) {
+    context.globalAlpha = 0.5;
+    for (const { points, colour } of this.errors) {
+      context.beginPath();
+      for (const { x, y } of points.map(([x, y]) => this.view.toBox(x, y))) context.lineTo(x, y);
+      context.fillStyle = colour;
+      context.fill();
+    }
+    context.globalAlpha = 1;
   }
 
   drawMarkings(context) {
