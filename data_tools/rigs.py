@@ -90,7 +90,7 @@ def errors_of(
         given = replace(pitch, size_known=True) if known else soccer()
         rig = calibrate_rig(sources_of(kind, cameras, pitch, rng), given, progress=False, **options)
         pairs = [(results[0], camera) for results, camera in zip(rig.values(), cameras, strict=True)]
-        accepted = [(one, camera) for one, camera in pairs if one.accepted]
+        accepted = [(one, camera) for one, camera in pairs if one.accepted and one.knows_errors]  # not found by search
         good = [(one, camera) for one, camera in pairs if one.verdict == Verdict.GOOD]
         for name, some in (("accepted", accepted), ("good", good)):
             for one, camera in some:

@@ -221,7 +221,7 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     (['left', 'right'], True)
     """
     given, each = _field(field), expect(sources, Mapping, '{"left": "left.mp4", "right": "right.mp4"}')
-    alone = [calibrate(one, replace(given, size_known=True), **options) for one in each.values()]
+    alone = [calibrate(one, given, **options) for one in each.values()]
     found = shared_size(given, [one for results in alone for one in results.values()])
     shown = given if given.size_known else replace(found.field, size_known=found.is_told)
     rig = {name: calibrate(one, shown, **options) for name, one in each.items()}

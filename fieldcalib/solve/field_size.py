@@ -362,7 +362,8 @@ def estimate_field_size(
     accepted = _with_status(calibrations, Status.ACCEPTED)
     if not accepted and pitch is not given:
         pitch, calibrations = given, calibrated(given)
-    covariance, from_labels, crown = _uncertainty(accepted, size_prior)
+    joint = _joint(accepted, size_prior, _role(accepted)) if accepted else None
+    covariance, from_labels, crown = _uncertainty(accepted, joint, size_prior)
     if prior is not None and not is_known:  # without a prior nothing is known of a size that labels leave open
         calibrations = [of_size(one, pitch, covariance) for one in calibrated(pitch, size_known=False)]
     return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
@@ -376,12 +377,12 @@ def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
     field : Field
         Field of the most likely size, as for `estimate_field_size`.
     calibrations : sequence of Calibration
-        Calibrations on a field whose size they take as known.
+        Calibrations on fields of any size.
     """
     size_prior, accepted = _checked_prior(field), _with_status(calibrations, Status.ACCEPTED)
-    pitch = _most_likely(accepted, size_prior, field).field if accepted else field
-    covariance, from_labels, crown = _uncertainty(accepted, size_prior)
-    return FieldSize(pitch, covariance, from_labels, tuple(calibrations), crown)
+    found = _most_likely(accepted, size_prior, field) if accepted else None
+    uncertainty = _uncertainty(accepted, None if found is None else found.joint, size_prior)
+    return FieldSize(field if found is None else found.field, *uncertainty[:2], tuple(calibrations), uncertainty[2])
 
 
 def _checked_prior(field: Field) -> SizeBlock:
@@ -469,6 +470,8 @@ class _MostLikely(NamedTuple):
     """The most likely pitch of some calibrations."""
 
     field: Field
+    joint: Evaluation
+    """The calibrations on it, with its size as a parameter."""
     crown: CrownEstimate | None
     """Its crown, to first order where the ground is taken to be level; None where all fields are level."""
 
@@ -494,7 +497,8 @@ def _solved(calibrations: Sequence[Calibration], size_prior: SizeBlock, field: F
     start = _joint(calibrations, size_prior, crown)
     found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
     layout, theta = found.problem.layout, found.theta[0]
-    return _MostLikely(_field_of(field, layout, theta), crown_of(_system(calibrations, found), layout, theta))
+    crown_found = crown_of(_system(calibrations, found), layout, theta)
+    return _MostLikely(_field_of(field, layout, theta), found, crown_found)
 
 
 def _system(calibrations: Sequence[Calibration], joint: Evaluation) -> ReducedSystem:
@@ -505,15 +509,14 @@ def _system(calibrations: Sequence[Calibration], joint: Evaluation) -> ReducedSy
 
 
 def _uncertainty(
-    calibrations: Sequence[Calibration], size_prior: SizeBlock
+    calibrations: Sequence[Calibration], joint: Evaluation | None, size_prior: SizeBlock
 ) -> tuple[Array, Array, CrownEstimate | None]:
-    """Covariance (2, 2) and shares from the labels (2,) of the most likely size, and its crown if there is one."""
-    if not calibrations:
+    """Covariance (2, 2) and shares from the labels (2,) of the most likely size, and its crown if it is shared."""
+    if joint is None:
         return np.diag(size_prior.sigma**2), np.zeros(2), None
-    role = _role(calibrations)
-    joint = _joint(calibrations, size_prior, role)
     layout, system = joint.problem.layout, _system(calibrations, joint)
-    crown = crown_of(system, layout, joint.theta[0]) if role == Role.SHARED else None
+    is_raised = Role.SHARED in layout.roles[layout.crown_block]
+    crown = crown_of(system, layout, joint.theta[0]) if is_raised else None
     if size_prior.is_known:
         return np.zeros((2, 2)), np.ones(2), crown
     system = system.take(np.arange(2 if crown is None else 3))
