@@ -97,6 +97,7 @@ def calibrate(
     prior: Prior = ALL,
     camera: Mount = "tripod",
     side: Side | None = None,
+    estimate_size: bool = True,
     progress: Progress = True,
     executor: Executor | None = None,
 ) -> Results:
@@ -145,6 +146,8 @@ def calibrate(
         How the camera of a clip is carried, see `calibrate_video`.
     side : {"main", "opposite"}, optional
         The side of the field that the camera of pictures is on, as in `calibrate_from_images`; labelled pixels name it.
+    estimate_size : bool
+        Whether size and ground of the field are estimated from pictures and clips, or stay as given.
     progress : bool or function
         True shows a bar on a terminal and in a notebook, and prints a line every ten seconds elsewhere. A function is
         called with the number of frames that are done, how many there are (None if that is not known), and the stage;
@@ -179,7 +182,7 @@ def calibrate(
         field = auto_field(pictures_of(taken))
     task = Task(_field(field), GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
     part = None if crop_of is None else Crop.parse(crop_of)
-    how = How(task, network, side, camera=camera).of_part(part)
+    how = How(task, network, side, camera=camera, estimate_size=estimate_size).of_part(part)
     options = {"field": field if isinstance(field, str) else repr(field), "step": step, "prior": str(prior)}
     options |= {name: str(_position(one)) for name, one in (("start", start), ("end", end)) if one is not None}
     options |= {} if part is None else {"crop_of": str(part)}
@@ -189,10 +192,10 @@ def calibrate(
 def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", **options: Any) -> dict[str, Results]:
     """Calibrate several cameras of one field, which share its size and its ground.
 
-    Each is calibrated by itself, then the size and the ground are estimated from all of them together, and each is
-    calibrated once more on that field; the error of its size is in the errors of all cameras, which have it in common
-    (`fieldcalib.assess.joint_covariance`). `fieldcalib.assess.triangulate` gives points in space from them. Clips
-    estimate the size of their field each by itself.
+    Each is calibrated by itself, on a field of its own size, then the size and the ground are estimated from all of
+    them together, and each is calibrated once more on that field. The error of its size is in the errors of all
+    cameras, which have it in common (`fieldcalib.assess.joint_covariance`). `fieldcalib.assess.triangulate` gives
+    points in space from them. Clips estimate the size of their field each by itself.
 
     Parameters
     ----------
@@ -224,7 +227,8 @@ def calibrate_rig(sources: Mapping[str, Source], field: str | Field = "soccer", 
     alone = [calibrate(one, given, **options) for one in each.values()]
     found = shared_size(given, [one for results in alone for one in results.values()])
     shown = given if given.size_known else replace(found.field, size_known=found.is_told)
-    rig = {name: calibrate(one, shown, **options) for name, one in each.items()}
+    own = [{**options, "estimate_size": results.video is not None} for results in alone]
+    rig = {name: calibrate(one, shown, **some) for (name, one), some in zip(each.items(), own, strict=True)}
     if not given.size_known:
         for name, results in rig.items():
             if isinstance(results.frames, KeptFrames):

@@ -10,6 +10,7 @@ from data_tools.simulated import observe
 from fieldcalib import Camera, calibrate, calibrate_batch, calibrate_from_homography, calibrate_rig, soccer
 from fieldcalib.assess import height_above_ground, joint_covariance, triangulate
 from fieldcalib.assess.findings import NoCameraError
+from fieldcalib.draw.scene import render_field
 
 FIELD, SIZE = soccer(), (960, 540)
 INSIDE = 7.815  # 95 % of the squared distances of three coordinates, in standard deviations
@@ -133,6 +134,28 @@ def test_cameras_have_the_error_of_the_size_of_their_field_in_common():
     apart = joint_covariance([one[0] for one in known.values()])
     first = known["0"][0].uncertainty.layout.size
     assert not np.any(apart[:first, first:])
+
+
+def test_pictures_of_a_rig_share_size_and_ground():
+    pitch = soccer(100.0, 73.0)
+    cameras = {
+        "left": camera_at(np.array([-8.0, 70.0, -18.0]), (-28.0, 2.0, 0.0), 640.0),
+        "right": camera_at(np.array([8.0, 68.0, -18.0]), (26.0, 4.0, 0.0), 640.0),
+        "middle": camera_at(np.array([0.0, 72.0, -20.0]), (-4.0, 0.0, 0.0), 560.0),
+    }
+    pictures = {
+        name: [render_field(camera, pitch, rng=np.random.default_rng(number))]
+        for number, (name, camera) in enumerate(cameras.items())
+    }
+    found = {name: results[0] for name, results in calibrate_rig(pictures, progress=False).items()}
+    field = found["left"].field
+    assert all(one.field == field for one in found.values())
+    assert (field.length, field.width) == pytest.approx((100.0, 73.0), abs=0.6)
+    for name, camera in cameras.items():
+        assert found[name].verdict == "good"
+        assert np.linalg.norm(found[name].camera.C - camera.C) < 1.5
+    nominal = calibrate(pictures["left"], estimate_size=False, progress=False)[0].field
+    assert (nominal.length, nominal.width, nominal.terrain.crown) == (105.0, 68.0, 0.0)
 
 
 def test_a_rig_shares_the_size_of_its_field():

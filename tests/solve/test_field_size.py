@@ -100,7 +100,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     A = known.curvature * together.information[0] + prior
     V = known.robust_sigma**2 * noise.covariance(together.JT)[0] + prior
     sandwich = np.linalg.solve(A, np.linalg.solve(A, V).T)
-    covariance, share, _ = _uncertainty([calibration], size_prior)
+    covariance, share, _ = _uncertainty([calibration], together, size_prior)
     np.testing.assert_allclose(covariance, sandwich[P:, P:], rtol=1e-6)
     np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
     A, V = A[:P, :P], V[:P, :P]
