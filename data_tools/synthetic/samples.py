@@ -15,7 +15,7 @@ import numpy as np
 
 from data_tools.synthetic.film import LEAST_PATH, PAINTED, Scene, cameras_as_text, clip_frames, filmed
 from data_tools.synthetic.paths import with_displaced_lines
-from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer, with_painted_lines
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image_files import write_image
 from fieldcalib.io.samples import FILES, PLAYERS, TRUTH, TrueFrame
@@ -32,7 +32,7 @@ SHIRTS = {"home": "blue", "away": "pink", "home keeper": "white", "away keeper":
 def sample_scene() -> tuple[Scene, list[TrueFrame]]:
     """The stadium of the samples, and the path of its camera."""
     frames = clip_frames(SEED, LEAST_PATH)
-    field = with_displaced_lines(soccer(), np.random.default_rng((SEED, PAINTED)))
+    field = with_displaced_lines(with_painted_lines(soccer()), np.random.default_rng((SEED, PAINTED)))
     return Scene.random(field, SEED, [frame.camera for frame in frames]), frames
 
 
