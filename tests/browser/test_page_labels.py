@@ -432,14 +432,12 @@ def test_the_sport_is_chosen_above_the_map(serve, window, tmp_path, shoot):
     one, other = window(server), window(server, size=(820, 1180))
     for each in (one, other):
         each.wait_for_frame(0)
-    shoot(one, "page-sport")
     sport = one.page.get_by_role("combobox", name="Sport")
     assert sport.input_value() == "soccer"
     sport.select_option("tennis")
     for each in (one, other):  # the other window sees it too
         each.page.locator(".sport").get_by_text("23.77").wait_for()
         each.wait("() => document.querySelector('#verdict strong')?.innerText === 'Good'")
-    shoot(one, "page-sport-tennis")
     shoot(other, "page-sport-narrow")
     other.mark(next(iter(tennis())), [(900.0, 500.0)])
     sport.select_option("padel")
