@@ -5,6 +5,7 @@ Only little is imported before `main` runs: until then an interrupt would end in
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -13,6 +14,8 @@ from functools import partial
 from fieldcalib._interrupts import ignore_interrupts, interrupts_end_the_process
 from fieldcalib.console.program import exit_code
 from fieldcalib.processes.threads import one_thread_for_blas
+
+OBJECTS = 10_000  # made until Python looks for cyclic garbage: after 700 it does 400 times and finds next to none
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     _check_environment()
     one_thread_for_blas()
+    gc.set_threshold(OBJECTS)
     given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
         from fieldcalib.cli.commands import command_parser, with_values_joined

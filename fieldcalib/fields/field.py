@@ -521,10 +521,8 @@ class Field(Mapping[str, Segment]):
         >>> soccer().resized(100.0, 64.0) == soccer(100.0, 64.0)
         True
         """
-        if self.size_model is None or not self.moves_with_size:
-            raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-        size = number(length, "length"), number(width, "width")
-        return built(self.size_model.build, *size, self.size_known, self.ground)
+        build, size = self._moving.build, (number(length, "length"), number(width, "width"))
+        return built(build, *size, self.size_known, self.ground)
 
     @cached_property
     def motion(self) -> Array:
@@ -550,11 +548,23 @@ class Field(Mapping[str, Segment]):
         >>> dict(zip(soccer(), soccer().motion))["Side line right"][:, 0, 0]  # half a metre in x with a metre of length
         array([0.5, 0.5])
         """
-        sizes = ((self.length, self.width), (self.length + 1.0, self.width), (self.length, self.width + 1.0))
-        here, longer, wider = (
-            np.array([segment.anchors for segment in self.resized(*size).values()]) for size in sizes
-        )
-        return np.stack([longer - here, wider - here], axis=-1)
+        return _motion(self._moving.build, *self._moving.limits[0].tolist())
+
+    @property
+    def _moving(self) -> SizePrior:
+        if self.size_model is None or not self.moves_with_size:
+            raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
+        return self.size_model
+
+
+@lru_cache(maxsize=16)
+def _motion(build: Callable[[float, float], Field], length: float, width: float) -> Array:
+    """`Field.motion` of the fields of a builder, of all sizes, from one of them."""
+    sizes = (length, width), (length + 1.0, width), (length, width + 1.0)
+    here, longer, wider = (np.array([segment.anchors for segment in build(*size).values()]) for size in sizes)
+    motion = np.stack([longer - here, wider - here], axis=-1)
+    motion.flags.writeable = False
+    return motion
 
 
 @lru_cache(maxsize=64)

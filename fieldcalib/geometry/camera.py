@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldcalib._html import table
 from fieldcalib._json import to_json
 from fieldcalib._types import Array, expect, file_path, is_number, number, real_array, truth
-from fieldcalib.geometry.homography import dehomogenize, homogenize
+from fieldcalib.geometry.homography import homogenize
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady, undistorted
 from fieldcalib.geometry.lens.fisheye import fisheye_vector
@@ -372,19 +372,20 @@ class Camera:
             (`fieldcalib.geometry.lens.Lens.is_monotone`). Points may be outside the image.
         """
         with np.errstate(all="ignore"):  # absurd cameras overflow
-            Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
-            visible = Xc[..., 2] > 0.0
-            x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
+            x, y, z = np.moveaxis((_vectors(X, 3, "world points") - self.C) @ self.R.T, -1, 0)
+            visible = z > 0.0
+            z = np.where(visible, z, 1.0)
+            s = np.stack([x / z, y / z])
             if self.fisheye or (self.checked and not self.is_pinhole):
                 lens, b = self.lens, self.lens_coefficients
-                s = _components(self.focal_length * x)
+                s *= self.focal_length
                 visible &= lens.is_monotone(s, b) | (not self.checked)
-                x = _vectors_last(lens.distort(s, b)) / self.focal_length
+                s = lens.distort(s, b) / self.focal_length
             elif not self.is_pinhole:
-                x = _vectors_last(brown_conrady(_components(x), opencv_vector(self.dist)))
-            xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
-        visible &= np.all(np.isfinite(xy), axis=-1)
-        return np.where(visible[..., None], xy, np.nan)
+                s = brown_conrady(s, opencv_vector(self.dist))
+            x, y = s[0] * self.K[0, 0] + self.K[0, 2], s[1] * self.K[1, 1] + self.K[1, 2]
+        visible &= np.isfinite(x) & np.isfinite(y)
+        return np.stack([np.where(visible, x, np.nan), np.where(visible, y, np.nan)], axis=-1)
 
     def normalized(self, xy: ArrayLike) -> Array:
         """Undistorted normalised image points (Xc / Zc, Yc / Zc) of pixels (..., 2).

@@ -11,7 +11,6 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
@@ -103,7 +102,7 @@ class Markings:
 
         is_line = self.on_ground & ~self.is_arc[self.member] & (self.painted[self.member] == 1.0)
         steps, count = PAST_END_FROM + PAST_END_STEP * np.arange(PAST_END_STEPS), len(self.labels)
-        parts = []
+        near, parts = KDTree(self.X), []
         for sign, neighbour, more in (
             (-1.0, np.diff(self.member, prepend=-1), 0),
             (1.0, np.diff(self.member, append=count), count),
@@ -111,7 +110,7 @@ class Markings:
             at = np.repeat(np.flatnonzero(is_line & (neighbour != 0)), len(steps))
             along = sign * self.along[at]
             X = self.X[at] + np.resize(steps, len(at))[:, None] * along
-            free = KDTree(self.X).query(X)[0] > PAST_END_FROM - PAST_END_STEP
+            free = near.query(X)[0] > PAST_END_FROM - PAST_END_STEP
             parts.append(
                 (self.member[at][free] + more, X[free], along[free], self.on_ground[at][free], self.width[at][free])
             )
@@ -520,7 +519,9 @@ def _median(values: Float32) -> Float32:
 
 def _consistent(found: Array, member: IntArray, tolerance: float) -> BoolArray:
     """Whether the offset in each profile (n,) is within `tolerance` of most of its neighbours' on the segment."""
-    half = NEIGHBOURS // 2
-    near = sliding_window_view(np.pad(found, half, constant_values=np.nan), NEIGHBOURS)
-    same = sliding_window_view(np.pad(member, half, constant_values=-1), NEIGHBOURS) == member[:, None]
-    return np.asarray(np.sum(same & (np.abs(near - found[:, None]) < tolerance), axis=1) > half)
+    alike = np.isfinite(found).astype(int)  # each is like itself
+    for step in range(1, NEIGHBOURS // 2 + 1):
+        same = (member[step:] == member[:-step]) & (np.abs(found[step:] - found[:-step]) < tolerance)
+        alike[step:] += same
+        alike[:-step] += same
+    return np.asarray(alike > NEIGHBOURS // 2)

@@ -254,10 +254,12 @@ def _is_expected(profiles: Profiles, is_on: BoolArray, k: int, *, by_one: bool) 
     that shows it nearly everywhere is enough (`by_one`); elsewhere a line may lie under a carpet or behind boards.
     """
     narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[profiles.member == k]))
-    most = int(np.max(profiles.member)) + 1
-    count, on = (np.bincount(profiles.member[some], minlength=most) for some in (narrow, narrow & is_on))
-    one_shows = by_one and np.any((count >= LONG) & (on >= CONFIRMED * count))
-    return bool(one_shows or (np.sum(count) >= LONG and np.mean(is_on[narrow]) > EXPECTED))
+    if by_one:
+        most = int(np.max(profiles.member)) + 1
+        count, on = (np.bincount(profiles.member[some], minlength=most) for some in (narrow, narrow & is_on))
+        if np.any((count >= LONG) & (on >= CONFIRMED * count)):
+            return True
+    return bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
 
 
 def with_lines(
@@ -447,10 +449,13 @@ class _Side(NamedTuple):
     def of(cls, level: Float32, top: IntArray, away: Array) -> _Side:
         """Measure the right side of profiles (n, m) from their `top` (n,); ground begins `away` (n,) samples off."""
         index = np.arange(level.shape[1])
-        ground = np.nanmedian(np.where(index > (top + away)[:, None], level, np.nan), axis=1)
+        is_ground = index > (top + away)[:, None]
+        levels, count = np.sort(np.where(is_ground, level, np.nan), axis=1), np.sum(is_ground, axis=1)
+        middle = np.column_stack([(count - 1) // 2, count // 2])  # of those without NaN, which is sorted to the end
+        ground = np.mean(np.take_along_axis(levels, middle, axis=1), axis=1)  # np.nanmedian takes ten times as long
         peak = np.take_along_axis(level, top[:, None], axis=1)[:, 0]
-        upper, middle, lower = (_fall(level, top, ground + share * (peak - ground)) for share in (0.75, 0.5, 0.25))
-        return cls(ground, middle, 2.0 * (lower - upper))
+        upper, half, lower = (_fall(level, top, ground + share * (peak - ground)) for share in (0.75, 0.5, 0.25))
+        return cls(ground, half, 2.0 * (lower - upper))
 
 
 def _fall(level: Float32, top: IntArray, height: Array) -> Array:

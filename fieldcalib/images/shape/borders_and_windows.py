@@ -93,12 +93,12 @@ class Sides:
         border = np.tile(np.arange(len(rows) + 1), (1, 1))
         return cls((0, *(candidates + 1).tolist(), width), np.concatenate([border, inner, border]).astype(float), every)
 
-    def between(self, first: int, last: int) -> IntArray:
-        """Whether each candidate is a side from row `first` to row `last`: 0 for no, `WEAK` or `STRONG`."""
-        ends = np.rint((first + (last - first) * PARTS) / self.every).astype(int)
+    def between(self, first: IntArray, last: IntArray) -> IntArray:
+        """Whether candidates are sides from rows `first` to rows `last` (n,): 0 for no, `WEAK` or `STRONG`, (n, c)."""
+        ends = np.rint((first[:, None] + (last - first)[:, None] * PARTS) / self.every).astype(int)
         ends = np.clip(ends, 0, self.covered.shape[1] - 1)
         shares = np.diff(self.covered[:, ends]) / np.maximum(np.diff(ends), 1)
-        least, mean = np.min(shares, axis=1), np.mean(shares, axis=1)
+        least, mean = np.min(shares, axis=-1).T, np.mean(shares, axis=-1).T
         is_weak = (least >= FAINT_PART) & (mean >= FAINT)
         is_strong = (least >= COVERED_PART) & (mean >= COVERED)
         return np.where(is_strong, STRONG, np.where(is_weak, WEAK, 0))
@@ -204,10 +204,9 @@ def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
     levels: dict[tuple[int, int], IntArray] = {}
     found = []
     # a vertical side is only one between the rows of the top and the bottom, so sides are judged for each pair of rows
-    for top, bottom in combinations(range(len(rows)), 2):
-        if rows[bottom] - rows[top] < LOWEST * rows[-1]:
-            continue
-        upright = vertical.between(rows[top], rows[bottom])
+    pairs = np.array(list(combinations(range(len(rows)), 2)))
+    pairs = pairs[np.diff(rows[pairs])[:, 0] >= LOWEST * rows[-1]]
+    for (top, bottom), upright in zip(pairs.tolist(), vertical.between(*rows[pairs].T), strict=True):
         strong = columns[upright == STRONG]
         for left, right in combinations(np.flatnonzero(upright).tolist(), 2):
             at = int(columns[left]), int(columns[right])
@@ -215,7 +214,7 @@ def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
                 continue
             one = Window(*(int(side) for side in (at[0], rows[top], at[1], rows[bottom])))
             if at not in levels:
-                levels[at] = horizontal.between(*at)
+                (levels[at],) = horizontal.between(*np.array(at)[:, None])
             level = levels[at]
             certain = [upright[left], upright[right], level[top], level[bottom]]
             least = 3 * STRONG + WEAK if _free_sides(one, (columns[-1], rows[-1])) == 4 else 4 * STRONG
