@@ -398,10 +398,12 @@ class Camera:
         x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
         if self.is_pinhole:
             return np.asarray(x)
-        if not (self.checked or self.fisheye):
-            return _vectors_last(undistorted(_components(x), opencv_vector(self.dist)))
-        s = self.lens.undistort(_components(self.focal_length * x), self.lens_coefficients)
-        return _vectors_last(s) / self.focal_length
+        s = np.stack([x[..., 0], x[..., 1]])
+        if self.checked or self.fisheye:
+            s = self.lens.undistort(self.focal_length * s, self.lens_coefficients) / self.focal_length
+        else:
+            s = undistorted(s, opencv_vector(self.dist))
+        return np.stack([*s], axis=-1)
 
     def image_to_field(self, xy: ArrayLike, *, z: float = 0.0, terrain: RaySurface | None = None) -> Array:
         """World points of pixels on the horizontal plane at height `z` (metres, down), distortion removed.
@@ -615,16 +617,6 @@ def _vectors(values: ArrayLike, size: int, what: str) -> Array:
         came = "None" if values is None else f"shape {array.shape}"
         raise ValueError(f"expected {what} of shape (..., {size}), got {came}{hint}")
     return array
-
-
-def _components(x: Array) -> Array:
-    """Plane vectors (..., 2) as (2, ...), contiguous."""
-    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
-
-
-def _vectors_last(s: Array) -> Array:
-    """Plane vectors (2, ...) as (..., 2): the inverse of `_components`."""
-    return np.ascontiguousarray(np.moveaxis(s, 0, -1))
 
 
 def checked_image_size(image_size: Any) -> tuple[int, int]:

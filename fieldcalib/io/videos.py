@@ -274,8 +274,7 @@ class VideoWriter:
         import av
 
         sized = image if image.shape[1::-1] == self._size else np.asarray(cv2.resize(image, self._size), np.uint8)
-        odd = self._size[1] % 2, self._size[0] % 2
-        even = np.pad(sized, ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge") if any(odd) else sized
+        even = np.pad(sized, ((0, self._size[1] % 2), (0, self._size[0] % 2), (0, 0)), mode="edge")
         self._mux(av.VideoFrame.from_ndarray(_yuv420p(even), format="yuv420p"))
         self._written += 1
 

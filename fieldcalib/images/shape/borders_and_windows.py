@@ -201,25 +201,20 @@ def windows_of(image: Image) -> list[Window]:
 def _rectangles(vertical: Sides, horizontal: Sides) -> list[Window]:
     """Rectangles whose four sides are steps or borders of the picture, and that no side divides."""
     columns, rows = np.array(vertical.at), np.array(horizontal.at)
-    levels: dict[tuple[int, int], IntArray] = {}
-    found = []
+    across, down = (np.array([*combinations(range(len(at)), 2)]) for at in (columns, rows))
+    across = across[np.diff(columns[across])[:, 0] >= NARROWEST * columns[-1]]
+    down = down[np.diff(rows[down])[:, 0] >= LOWEST * rows[-1]]
     # a vertical side is only one between the rows of the top and the bottom, so sides are judged for each pair of rows
-    pairs = np.array(list(combinations(range(len(rows)), 2)))
-    pairs = pairs[np.diff(rows[pairs])[:, 0] >= LOWEST * rows[-1]]
-    for (top, bottom), upright in zip(pairs.tolist(), vertical.between(*rows[pairs].T), strict=True):
-        strong = columns[upright == STRONG]
-        for left, right in combinations(np.flatnonzero(upright).tolist(), 2):
-            at = int(columns[left]), int(columns[right])
-            if at[1] - at[0] < NARROWEST * columns[-1] or _is_divided(strong, *at, columns[-1]):
-                continue
-            one = Window(*(int(side) for side in (at[0], rows[top], at[1], rows[bottom])))
-            if at not in levels:
-                (levels[at],) = horizontal.between(*np.array(at)[:, None])
-            level = levels[at]
-            certain = [upright[left], upright[right], level[top], level[bottom]]
-            least = 3 * STRONG + WEAK if _free_sides(one, (columns[-1], rows[-1])) == 4 else 4 * STRONG
-            if min(certain) > 0 and sum(certain) >= least:
-                found.append(one)
+    upright, level = vertical.between(*rows[down].T), horizontal.between(*columns[across].T)
+    certain = np.concatenate([upright[:, across], np.swapaxes(level[:, down], 0, 1)], axis=-1)
+    found = []
+    for i, j in np.argwhere(np.all(certain > 0, axis=-1)).tolist():
+        (left, right), (top, bottom) = columns[across[j]].tolist(), rows[down[i]].tolist()
+        one = Window(left, top, right, bottom)
+        least = 3 * STRONG + WEAK if _free_sides(one, (columns[-1], rows[-1])) == 4 else 4 * STRONG
+        is_divided = _is_divided(columns[upright[i] == STRONG], left, right, columns[-1])
+        if np.sum(certain[i, j]) >= least and not is_divided:
+            found.append(one)
     return found
 
 
