@@ -15,8 +15,6 @@ from fieldcalib._interrupts import ignore_interrupts, interrupts_end_the_process
 from fieldcalib.console.program import exit_code
 from fieldcalib.processes.threads import one_thread_for_blas
 
-OBJECTS = 10_000  # made until Python looks for cyclic garbage: after 700 it does 400 times and finds next to none
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 something was broken, 2 wrong usage."""
@@ -29,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     _check_environment()
     one_thread_for_blas()
-    gc.set_threshold(OBJECTS)
+    gc.set_threshold(10_000)  # after 700 objects each, there are 400 collections in a short run, without garbage
     given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
         from fieldcalib.cli.commands import command_parser, with_values_joined

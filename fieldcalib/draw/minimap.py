@@ -175,16 +175,13 @@ def add_minimap(image: Image, camera: Camera, field: Field) -> Image:
 
 def inset_map(picture: Image, camera: Camera, field: Field) -> None:
     """As `add_minimap`, in place."""
-    import cv2
-
     unit = picture.shape[1] / 960.0
     width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones are slow to render
     gap, rim = round(12.0 * unit), 2
     left, bottom = picture.shape[1] - width - gap, gap + height
     if gap < rim or bottom + gap > picture.shape[0]:
         return
-    corner, far_corner = (left - rim, gap - rim), (left + width + rim - 1, bottom + rim - 1)
-    cv2.rectangle(picture, corner, far_corner, (200, 200, 200), cv2.FILLED)
+    picture[gap - rim : bottom + rim, left - rim : left + width + rim] = 200  # a tuple takes a hundred times as long
     picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
 
 

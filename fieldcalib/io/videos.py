@@ -307,12 +307,11 @@ def _yuv420p(image: Image) -> Image:
     """
     import cv2
 
-    height, width = image.shape[:2]
     planes = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2YUV_I420), np.uint8)
-    mean = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    mean = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     _, red, blue = cv2.split(cv2.cvtColor(mean, cv2.COLOR_BGR2YCrCb))
-    colour = np.stack([blue, red]).reshape(-1, width)
-    planes[height:] = cv2.convertScaleAbs(colour, alpha=COLOUR_RANGE, beta=128.0 * (1.0 - COLOUR_RANGE))
+    colour = np.stack([blue, red]).reshape(-1, image.shape[1])
+    planes[len(image) :] = cv2.convertScaleAbs(colour, alpha=COLOUR_RANGE, beta=128.0 * (1.0 - COLOUR_RANGE))
     return planes
 
 

@@ -100,33 +100,19 @@ class Markings:
         """
         from scipy.spatial import KDTree  # a slow import
 
-        is_line = self.on_ground & ~self.is_arc[self.member] & (self.painted[self.member] == 1.0)
         steps, count = PAST_END_FROM + PAST_END_STEP * np.arange(PAST_END_STEPS), len(self.labels)
-        near, parts = KDTree(self.X), []
-        for sign, neighbour, more in (
-            (-1.0, np.diff(self.member, prepend=-1), 0),
-            (1.0, np.diff(self.member, append=count), count),
-        ):
-            at = np.repeat(np.flatnonzero(is_line & (neighbour != 0)), len(steps))
-            along = sign * self.along[at]
-            X = self.X[at] + np.resize(steps, len(at))[:, None] * along
-            free = near.query(X)[0] > PAST_END_FROM - PAST_END_STEP
-            parts.append(
-                (self.member[at][free] + more, X[free], along[free], self.on_ground[at][free], self.width[at][free])
-            )
-        member, X, along, on_ground, width = map(np.concatenate, zip(*parts, strict=True))
-        return Markings(
-            2 * self.labels,
-            member,
-            X,
-            along,
-            on_ground,
-            width,
-            np.zeros_like(X),
-            np.tile(self.is_arc, 2),
-            np.tile(self.painted, 2),
-            self.look,
-        )
+        is_line = self.on_ground & ~self.is_arc[self.member] & (self.painted[self.member] == 1.0)
+        first, last = np.diff(self.member, prepend=-1) != 0, np.diff(self.member, append=count) != 0
+        ends = [np.flatnonzero(is_line & is_end) for is_end in (first, last)]
+        at = np.repeat(np.concatenate(ends), len(steps))
+        is_last = np.repeat([False, True], [len(some) * len(steps) for some in ends])
+        along = np.where(is_last, 1.0, -1.0)[:, None] * self.along[at]
+        X = self.X[at] + np.resize(steps, len(at))[:, None] * along
+        free = KDTree(self.X).query(X)[0] > PAST_END_FROM - PAST_END_STEP
+        at, member, X, along = at[free], (self.member[at] + count * is_last)[free], X[free], along[free]
+        on_ground, width, inwards = self.on_ground[at], self.width[at], np.zeros_like(X)
+        is_arc, painted = np.tile(self.is_arc, 2), np.tile(self.painted, 2)
+        return Markings(2 * self.labels, member, X, along, on_ground, width, inwards, is_arc, painted, self.look)
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
