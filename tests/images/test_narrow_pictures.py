@@ -120,7 +120,7 @@ CHECK, REJECT = with_findings(GOOD, NARROW), replace(GOOD, status=Status.IMPROBA
 @pytest.mark.parametrize(
     ("of_part", "of_whole", "is_taken"),
     [
-        (REJECT, CHECK, True),
+        (REJECT, CHECK, False),
         (REJECT, GOOD, True),
         (REJECT, REJECT, False),
         (CHECK, GOOD, True),

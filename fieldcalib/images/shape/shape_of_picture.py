@@ -235,7 +235,7 @@ def within_frame(
     """Calibrate pictures in their place in frames, which are black elsewhere.
 
     A picture is looked at by itself: a network knows no black frames, and paint can only be in the picture. Where that
-    gives no good camera, the lines of one that is found under the prior of whole pictures are tried.
+    gives no good camera, the lines of a good one under the prior of whole pictures are tried.
 
     `tasks` are those of such parts and of whole pictures.
     """
@@ -245,9 +245,9 @@ def within_frame(
     found = [replace(one, declared=Declared.FRAME) for one in calibrate(shown)]
     unsure = [index for index, one in enumerate(found) if one.verdict is not Verdict.GOOD]
     for index, whole in zip(unsure, as_whole([shown[index] for index in unsure]), strict=True):
-        one = _as_part(tasks[0], shown[index], whole) if whole.accepted else whole
-        if one.accepted and (one.verdict is Verdict.GOOD or not found[index].accepted):
-            found[index] = one
+        if whole.verdict is Verdict.GOOD:
+            one = _as_part(tasks[0], shown[index], whole)
+            found[index] = one if one.verdict is Verdict.GOOD else found[index]
     return [  # where the picture lies was said by the user
         replace(in_picture(one, place, *_doubts_of_part(one, place, tasks)), message=one.message)
         for one, place in zip(found, places, strict=True)
