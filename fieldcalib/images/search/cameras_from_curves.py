@@ -147,13 +147,15 @@ class _Triples:
         third_ends = at_u[:, None] + h[:, None] * self.third_ends[t]
         found = [(np.zeros(0, dtype=np.intp), np.zeros((0, 3)))]
         for value, reach in zip(third_values, third_reach, strict=True):
-            at_v = value - h * self.v[t]
-            good = are_within(third_ends, reach)
+            for_third = np.flatnonzero(are_within(third_ends, reach))
+            own, of_pair, up = t[for_third], two[q[for_third]], h[for_third]
+            at_v = value - up * self.v[own]
+            good = np.ones(len(own), dtype=bool)
             for k in (0, 1):
-                pair_ends = at_v[:, None] + h[:, None] * self.pair_ends[t, k]
-                good &= are_within(pair_ends, pair_reach[two[q, k]])
-            place = (at_u, at_v, -h) if self.are_across else (at_v, at_u, -h)
-            found.append((t[good], np.column_stack(place)[good]))
+                pair_ends = at_v[:, None] + up[:, None] * self.pair_ends[own, k]
+                good &= are_within(pair_ends, pair_reach[of_pair[:, k]])
+            place = (at_u[for_third], at_v, -up) if self.are_across else (at_v, at_u[for_third], -up)
+            found.append((own[good], np.column_stack(place)[good]))
         index, C = (np.concatenate(parts) for parts in zip(*found, strict=True))
         return Cameras.centred(self.f[index], self.R[index], C, self.size)
 

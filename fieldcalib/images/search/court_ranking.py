@@ -26,9 +26,10 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.search.cameras_from_curves import circle_hypotheses, circles_of, few_line_hypotheses
 from fieldcalib.images.search.court_hypotheses import Cameras, are_above, hypotheses, stands
 from fieldcalib.images.search.ellipses import Ellipse, find_ellipses
+from fieldcalib.images.search.floor import floor_of
 from fieldcalib.images.search.long_lines import Bend, LongLines, bend_of, long_lines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
-from fieldcalib.images.search.stripes import StripeColours, Stripes, at_working_size, find_stripes
+from fieldcalib.images.search.stripes import AllStripes, StripeColours, Stripes, at_working_size
 from fieldcalib.io.image_files import Image
 
 ROUNDS = ((24, 4000), (60, 800), (300, 800))  # points per camera, and number of cameras kept for the next round
@@ -236,18 +237,29 @@ class PictureToSearch:
 
     image: Image
     """(height, width, 3), blue, green, red."""
-    _found: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
+    _found: dict[bool | None, AllStripes] = field(default_factory=dict, repr=False)
+    _used: dict[tuple[bool | None, bool], PictureStripes] = field(default_factory=dict, repr=False)
 
     def stripes(self, *, lighter: bool | None, on_floor: bool = False) -> PictureStripes:
         """Stripes of the picture that are lighter than the ground, or darker; None for both, and edges of areas.
 
-        `on_floor`: only those on the floor, of which more are then found.
+        `on_floor`: only those on the floor (`floor_of`), of which more are then used.
         """
-        if (lighter, on_floor) not in self._found:
-            bend = next((one.bend for one in self._found.values()), None)  # that of other stripes is the lens's too
-            found = PictureStripes.of(at_working_size(self.image), lighter=lighter, on_floor=on_floor, bend=bend)
-            self._found[lighter, on_floor] = found
-        return self._found[lighter, on_floor]
+        if lighter not in self._found:
+            self._found[lighter] = AllStripes.of(self._small, lighter=lighter)
+        if (lighter, on_floor) not in self._used:
+            bend = next((one.bend for one in self._used.values()), None)  # that of other stripes is the lens's too
+            stripes = self._found[lighter].standing_out(self._floor if on_floor else None)
+            self._used[lighter, on_floor] = PictureStripes.of(self._small, stripes, bend)
+        return self._used[lighter, on_floor]
+
+    @cached_property
+    def _small(self) -> Image:
+        return at_working_size(self.image)
+
+    @cached_property
+    def _floor(self) -> BoolArray:
+        return floor_of(self._small)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,11 +276,8 @@ class PictureStripes:
     _ranked: dict[tuple[Field, bool], Ranked] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(
-        cls, image: Image, *, lighter: bool | None, on_floor: bool = False, bend: Bend | None = None
-    ) -> PictureStripes:
-        """Find the stripes of an image of the working size, and its distortion from them unless `bend` is given."""
-        stripes = find_stripes(image, lighter=lighter, on_floor=on_floor)
+    def of(cls, image: Image, stripes: Stripes, bend: Bend | None = None) -> PictureStripes:
+        """Prepare the stripes of an image of the working size; its distortion follows from them unless it is given."""
         bend = bend or bend_of(stripes)
         return cls(stripes, bend.straight(stripes), StripeColours.of(image, stripes), bend)
 
@@ -290,6 +299,11 @@ class PictureStripes:
     def lines(self) -> LongLines:
         """Long lines of the picture without distortion."""
         return long_lines(self.straight, LINES)
+
+    @cached_property
+    def on_lines(self) -> list[BoolArray]:
+        """Masks (N,) of the stripes that lie on each long line."""
+        return self.lines.holding(self.straight)
 
     @cached_property
     def ellipses(self) -> tuple[Ellipse, ...]:

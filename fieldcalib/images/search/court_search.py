@@ -10,9 +10,10 @@ or a circle onto an ellipse and a line onto a line                     cameras_f
   |  ranked by a likelihood ratio, in three rounds with more points    court_ranking, stripe_likelihood
   |  the best ones pulled onto stripes                                 stripe_likelihood
   v
-the best cameras that differ, refined on the picture, with lens        refine_courts
+the best camera, and others that differ if they are promising,         is_promising
+refined on the picture, with lens                                      refine_courts
   |  equal ones merged; evidence of the picture for each               here
-  |  in halls again for the stripes on the floor alone, for those of each paint, for darker ones, and for both with the
+  |  in halls again for the stripes on the floor alone, for darker ones, also those of each paint, and for both with the
   |  edges of painted areas, until one camera is sure                floor
   v
 cameras by their probability of being right, each accepted or not
@@ -31,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 
 import numpy as np
@@ -54,16 +55,13 @@ from fieldcalib.images.search.court_ranking import (
     Ranked,
     Rivals,
     are_apart,
-    distances,
     first_apart,
     grid_of,
     is_often_cut_out,
     moved_by_steps,
     seen_grids,
 )
-from fieldcalib.images.search.long_lines import LongLines
-from fieldcalib.images.search.stripe_likelihood import MarkingPoints, StripeMaps
-from fieldcalib.images.search.stripes import StripeColours, Stripes
+from fieldcalib.images.search.stripe_likelihood import MarkingPoints
 from fieldcalib.io.image_files import Image, checked_image, size_of
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.solver_options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
@@ -74,7 +72,6 @@ STEP = 0.1  # m across a marking, to measure its scale in the picture
 
 FOUND = Finding(What.SEARCHED)
 EXPLAINED = 6.0  # px from a projected marking within which a stripe lies on it
-ON_LINE, ALONG_LINE = 3.0, np.radians(8.0)  # px and angle within which a stripe belongs to a long line
 SPACING = 1.0 / 320.0  # distance of the points of markings, in units of the field's diagonal
 MARGIN = 0.02  # of the half extent: markings at the border of the field belong to it
 # Fitted by `python -m data_tools.score_courts fit` to the cameras found in 605 pictures, in 291 of which one is right:
@@ -102,8 +99,12 @@ POINTS = 300  # of the field, at which cameras are compared with stripes
 FLOORS = ("floor", "wood")  # surfaces of halls, with lines of several sports, some of them darker than the ground
 PAINTS = 2  # paints whose stripes are searched alone, if the search among all stripes is not sure
 ENOUGH = 0.95  # probability of a camera above which no other stripes are searched
+# Logarithm of the odds that a camera leads to a right one if it is refined: constant, and coefficients of the logarithm
+# of `CourtEvidence.mean`, of `explained` and of `runner_up`, fitted to 1,525 cameras in 179 pictures. Of each right
+# and accepted camera at least one start has -2.5 or more; of those that lead to none, two thirds have less than -3.
+PROMISE, LEAST_PROMISE = np.array([-0.13, 4.89, 3.37, -6.03]), -3.0
 HOPELESS = 60.0  # score up to which cameras are not refined
-REFINED = 4  # cameras that are refined on the picture
+REFINED = 4  # cameras at most that are refined on the picture
 APART = 15.0  # px: of cameras whose projections of the field differ by less, only the best one is refined
 ABOVE = 0.95  # of the half extent, within which a camera is above the field; a backboard or a goal is further out
 SURE = 0.9  # least probability of a camera that is sure enough to decide which markings are hidden
@@ -271,46 +272,30 @@ def probabilities(odds: Array, are_alike: BoolArray) -> Array:
     return np.asarray(are_alike @ odds / (1.0 + np.sum(odds)))
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """The stripes of a picture, prepared for the comparison with many cameras."""
+def explained(stripes: PictureStripes, field: Field, camera: Camera) -> float:
+    """Compute `CourtEvidence.explained` for a camera."""
+    from scipy.spatial import cKDTree
 
-    stripes: Stripes
-    is_long: BoolArray
-    """Whether each stripe lies on a long line, (N,)."""
-    colours: StripeColours
-    maps: StripeMaps
-
-    def explained(self, field: Field, camera: Camera) -> float:
-        """Compute `CourtEvidence.explained` for a camera."""
-        from scipy.spatial import cKDTree
-
-        xy = self.stripes.xy[self.is_long]
-        ground = camera.image_to_field(xy)[:, :2]
-        on_field = np.all(np.abs(ground) < field.half_extent * (1.0 + MARGIN), axis=1)  # false for the sky
-        spacing = SPACING * float(np.hypot(field.length, field.width))
-        markings = np.concatenate([segment.sample(spacing) for segment in field.markings.values()])
-        seen = camera.project(markings)
-        seen = seen[np.all(np.isfinite(seen), axis=1)]
-        if not np.any(on_field) or not len(seen):
-            return 0.0
-        # stripes on the projected markings show the colour of the paint; stripes of other colours do not count
-        distance, _ = cKDTree(seen).query(xy[on_field], distance_upper_bound=EXPLAINED)
-        explained = np.isfinite(distance)
-        colours = self.colours.take(np.flatnonzero(self.is_long)[on_field])
-        is_paint = explained | (colours.are_like(explained) & ~colours.are_edges)
-        contrast = np.where(is_paint, self.stripes.contrast[self.is_long][on_field], 0.0)
-        return float(np.sum(contrast[explained]) / np.sum(contrast))
+    is_long = np.flatnonzero(np.any(stripes.on_lines, axis=0))
+    ground = camera.image_to_field(stripes.seen.xy[is_long])[:, :2]
+    own = is_long[np.all(np.abs(ground) < field.half_extent * (1.0 + MARGIN), axis=1)]  # without those in the sky
+    seen = camera.project(_sampled(field))
+    seen = seen[np.all(np.isfinite(seen), axis=1)]
+    if not len(own) or not len(seen):
+        return 0.0
+    # stripes on the projected markings show the colour of the paint; stripes of other colours do not count
+    distance, _ = cKDTree(seen).query(stripes.seen.xy[own], distance_upper_bound=EXPLAINED)
+    are_explained, colours = np.isfinite(distance), stripes.colours.take(own)
+    is_paint = are_explained | (colours.are_like(are_explained) & ~colours.are_edges)
+    contrast = np.where(is_paint, stripes.seen.contrast[own], 0.0)
+    return float(np.sum(contrast[are_explained]) / np.sum(contrast))
 
 
-def lying_on(stripes: Stripes, lines: LongLines) -> list[BoolArray]:
-    """Mask (N,) of the stripes that lie on each long line."""
-    found = []
-    for normal, offset in zip(lines.normal, lines.offset, strict=True):
-        turn = stripes.angle - np.arctan2(normal[0], -normal[1])
-        turn -= np.pi * np.round(turn / np.pi)
-        found.append((np.abs(stripes.xy @ normal - offset) < ON_LINE) & (np.abs(turn) < ALONG_LINE))
-    return found
+@lru_cache(maxsize=16)
+def _sampled(field: Field) -> Array:
+    """Points (N, 3) on all markings of a field."""
+    spacing = SPACING * float(np.hypot(field.length, field.width))
+    return np.concatenate([segment.sample(spacing) for segment in field.markings.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,7 +419,7 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
 
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
-    """Yield the candidates from all stripes; in halls then from the floor's, each paint's, darker ones, and edges."""
+    """Yield the candidates from all stripes; in halls then from the floor's, darker ones, each paint's, and edges."""
     in_hall = field.surface in FLOORS
     stripes = picture.stripes(lighter=field.lines.lighter)
     search = partial(_searched, task, picture.image, are_cut_out=is_often_cut_out(field), sized=sized)
@@ -448,8 +433,8 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         search = partial(_searched, own, picture.image, are_cut_out=are_cut_out, sized=sized)
         stripes = picture.stripes(lighter=lighter, on_floor=True)
         yield search(stripes)
-        if lighter is not None:
-            for paint in stripes.colours.paints(lying_on(stripes.straight, stripes.lines))[:PAINTS]:
+        if lighter is not None and lighter != field.lines.lighter:
+            for paint in stripes.colours.paints(stripes.on_lines)[:PAINTS]:
                 yield search(stripes.take(np.flatnonzero(paint)))
 
 
@@ -479,11 +464,14 @@ def _of_ranked(
     """Refine the best different cameras of a ranked search, and weigh the evidence."""
     field = task.field
     assert field is not None
-    on_lines = [np.zeros(len(stripes.seen.xy), dtype=bool), *lying_on(stripes.straight, stripes.lines)]
-    picture = Picture(stripes.seen, np.any(on_lines, axis=0), stripes.colours, stripes.maps)
     if task.side == OPPOSITE:
         ranked = ranked.turned
-    started = _different(ranked, field)
+    rivals = Rivals.of(ranked, field, {})
+    started = [
+        k
+        for place, k in enumerate(_different(ranked, field))
+        if place == 0 or is_promising(stripes, rivals, field, ranked.camera(k))
+    ]
     are_possible = are_above if from_above else stands
     refined = [
         _if_possible(one, field, are_possible)
@@ -494,7 +482,7 @@ def _of_ranked(
     found = with_errors(task, field, image, _merged([one for one in refined if one is not None], field))
     if sized:
         found = [on_field_as_seen(task, image, one.calibration) or one for one in found]
-    evidence = [_evidence(picture, rivals, one) for one in found]
+    evidence = [_evidence(stripes, rivals, one) for one in found]
     if from_above:
         evidence = [replace(one, is_above=False) for one in evidence]
     return [_Candidate(*one, stripes, from_above) for one in zip(found, evidence, strict=True)]
@@ -521,17 +509,26 @@ def _field_of(refined: Refined) -> Field:
     return refined.calibration.field
 
 
-def _evidence(picture: Picture, rivals: Rivals, refined: Refined) -> CourtEvidence:
+def is_promising(stripes: PictureStripes, rivals: Rivals, field: Field, camera: Camera) -> bool:
+    """Whether a camera before refinement may lead to a right one."""
+    score, _, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
+    mean = np.log(max(score / max(shown, 1.0), LEAST_MEAN))
+    runner_up = min(rivals.best_score(seen_grids(camera, field)) / max(score, 1.0), MOST_RIVAL)
+    most = PROMISE @ (1.0, mean, 1.0, runner_up) - LEAST_PROMISE  # if all stripes are explained
+    return bool(most >= 0.0 and most >= PROMISE[2] * (1.0 - explained(stripes, field, camera)))
+
+
+def _evidence(stripes: PictureStripes, rivals: Rivals, refined: Refined) -> CourtEvidence:
     """Collect the evidence for a camera, and against it from its rivals."""
-    field, size = _field_of(refined), picture.stripes.size
+    field, size = _field_of(refined), stripes.maps.size
     camera = refined.calibration.required_camera.scaled(size)
-    score, weight, shown = picture.maps.score(camera, MarkingPoints.of(field, POINTS))
+    score, weight, shown = stripes.maps.score(camera, MarkingPoints.of(field, POINTS))
     markings = () if refined.paint is None else refined.paint.markings
     expected = [one for one in markings if one.is_expected]
     return CourtEvidence(
         score=score,
         mean=score / max(shown, 1.0),
-        explained=picture.explained(field, camera),
+        explained=explained(stripes, field, camera),
         runner_up=rivals.best_score(seen_grids(camera, field)) / max(score, 1.0),
         paint=refined.paint_share,
         visible=shown / max(weight, 1.0),
@@ -582,13 +579,8 @@ def _if_possible(refined: Refined, field: Field, are_possible: Callable[[Cameras
 
 def _merged(refined: Sequence[Refined], field: Field) -> list[Refined]:
     """Merge refined cameras that are the same: the one with the highest line support is kept."""
-    X = grid_of(field)
-    kept: list[Refined] = []
-    seen: list[Array] = []
-    for one in sorted(refined, key=lambda one: -one.support):
-        camera = one.calibration.required_camera
-        xy = camera.project(X)
-        if not seen or np.min(distances(np.array(seen), xy, camera.image_size)) > SAME:
-            kept.append(one)
-            seen.append(xy)
-    return kept
+    best = sorted(refined, key=lambda one: -one.support)
+    cameras = [one.calibration.required_camera for one in best]
+    xy = np.array([camera.project(grid_of(field)) for camera in cameras])
+    size = cameras[0].image_size if cameras else (0, 0)
+    return [best[k] for k in first_apart(xy, range(len(best)), size, SAME, median=False)]

@@ -21,6 +21,7 @@ DEGREES = 0.5  # step of direction in the transform
 PIXELS = 2.0  # step of distance from the middle of the picture
 SPREAD = 4  # steps to both sides of its direction for which a stripe votes: structure tensors are 1 to 2 degrees off
 NEAR, ALIKE = 3.0, np.radians(6.0)  # px and angle within which stripes belong to a line, which is fitted to them
+HELD_ALIKE = np.radians(8.0)  # the angle for the stripes that a line holds after all
 OWN, OWN_ALIKE = 5.0, np.radians(8.0)  # the same for stripes that then vote for no other line: lenses bend lines
 PIECE = 4.0  # px: pieces of a line that count once for its length, however many stripes they hold
 SHORTEST = 50.0  # px of stripes on a line
@@ -61,6 +62,11 @@ class LongLines:
         line = self.homogeneous
         line = np.column_stack([line[:, :2], (line[:, 2] + line[:, :2] @ origin) / unit])
         return line, (self.ends - origin) / unit
+
+    def holding(self, stripes: Stripes) -> list[BoolArray]:
+        """Masks (N,) of the stripes that lie on each line and run along it."""
+        lines, across = zip(self.normal, self.offset, strict=True), stripes.angle + 0.5 * np.pi
+        return [_is_on(stripes.xy, across, *line, NEAR, HELD_ALIKE) for line in lines]
 
 
 def long_lines(stripes: Stripes, most: int) -> LongLines:
@@ -110,7 +116,7 @@ class _Votes:
 
     cells: IntArray
     """Cells for which each stripe votes, (N, 2 SPREAD + 1)."""
-    count: Array
+    count: IntArray
     """Votes of all cells (directions, distances), flattened."""
     shape: tuple[int, int]
 
@@ -124,27 +130,28 @@ class _Votes:
         distance = xy[:, :1] * np.cos(angle) + xy[:, 1:] * np.sin(angle)
         cells = row * distances + np.round(distance / PIXELS).astype(np.intp) + distances // 2
         shape = directions, distances
-        return cls(cells, np.bincount(cells.ravel(), minlength=directions * distances).astype(float), shape)
+        return cls(cells, np.bincount(cells.ravel(), minlength=directions * distances).astype(np.int32), shape)
 
     def best(self) -> tuple[Array, float]:
         """Normal and offset of the line with the most votes; neighbouring cells in the flat order count by half."""
-        smooth = self.count.copy()
-        smooth[1:] += 0.5 * self.count[:-1]
-        smooth[:-1] += 0.5 * self.count[1:]
+        smooth = 2 * self.count
+        smooth[1:] += self.count[:-1]
+        smooth[:-1] += self.count[1:]
         row, column = divmod(int(np.argmax(smooth)), self.shape[1])
         angle = np.radians(row * DEGREES)
         return np.array([np.cos(angle), np.sin(angle)]), PIXELS * (column - self.shape[1] // 2)
 
     def withdraw(self, stripes: IntArray) -> None:
         """Take back the votes of some stripes."""
-        self.count -= np.bincount(self.cells[stripes].ravel(), minlength=len(self.count))
+        np.subtract.at(self.count, self.cells[stripes].ravel(), 1)
 
 
 def _is_on(xy: Array, across: Array, normal: Array, offset: float, near: float, alike: float) -> BoolArray:
     """Whether each stripe lies on a line and runs along it."""
-    turn = across - np.arctan2(normal[1], normal[0])
-    turn -= np.pi * np.round(turn / np.pi)
-    return np.asarray((np.abs(xy @ normal - offset) < near) & (np.abs(turn) < alike))
+    on = np.abs(xy @ normal - offset) < near
+    turn = across[on] - np.arctan2(normal[1], normal[0])
+    on[on] = np.abs(turn - np.pi * np.round(turn / np.pi)) < alike
+    return np.asarray(on)
 
 
 def _fitted(xy: Array) -> tuple[Array, float]:

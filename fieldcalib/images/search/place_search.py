@@ -50,7 +50,7 @@ from fieldcalib.images.search.court_search import find_courts, refine_courts, wi
 from fieldcalib.images.search.ellipses import Ellipse
 from fieldcalib.images.search.long_lines import Bend, LongLines
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
-from fieldcalib.images.search.stripes import at_working_size
+from fieldcalib.images.search.stripes import at_working_size, find_stripes
 from fieldcalib.io.image_files import Image, size_of, spread
 from fieldcalib.solve.request import Task
 from fieldcalib.solve.sequence.tripod_position import voted_centres
@@ -154,7 +154,9 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
     A camera that is not accepted is "probably wrong", with the reason in its message.
     """
     small = at_working_size(image)
-    stripes = PictureStripes.of(small, lighter=field.lines.lighter, bend=Bend(place.bend, size_of(small)))
+    stripes = PictureStripes.of(
+        small, find_stripes(small, lighter=field.lines.lighter), Bend(place.bend, size_of(small))
+    )
     ranked = rank_from(place, stripes, field)
     if not len(ranked.cameras):
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING)
@@ -424,7 +426,7 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
         if not chosen or np.min(between[index, chosen]) > 0.5 * NEAR:
             chosen.append(index)
     sample = [at_working_size(images[k]) for k in spread(len(images), SAMPLE)]
-    stripes = [PictureStripes.of(image, lighter=field.lines.lighter) for image in sample]
+    stripes = [PictureStripes.of(image, find_stripes(image, lighter=field.lines.lighter)) for image in sample]
     places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
     ranked = [[rank_from(place, one.with_bend(place.bend), field) for one in stripes] for place in places]
     scores = [sum(float(np.max(one.score, initial=0.0)) for one in own) for own in ranked]

@@ -135,9 +135,10 @@ class StripeMaps:
         return np.asarray((x >= 0.0) & (y >= 0.0) & (x < width) & (y < height))  # false behind the camera
 
     def _table_at(self, inside: BoolArray, x: Pixels, y: Pixels, direction: Pixels) -> Float32:
-        column, row = ((np.where(inside, v, 0.0) / CELL).astype(np.intp) for v in (x, y))
-        k = np.mod(np.round(direction * (BINS / np.pi)).astype(np.intp), BINS)
-        return np.asarray(self.table[k, row, column], np.float32)
+        _, height, width = self.table.shape
+        column, row = ((np.where(inside, v, 0.0) / CELL).astype(np.int32) for v in (x, y))
+        k = np.mod(np.round(direction * (BINS / np.pi)).astype(np.int32), BINS)
+        return np.asarray(self.table.ravel().take((k * height + row) * width + column), np.float32)
 
     def _looked_up(
         self, x: Pixels, y: Pixels, direction: Pixels, step: Pixels, seen: Pixels

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.images.search.floor import floor_of
 from fieldcalib.io.image_files import Image, size_of
 
 WORKING_WIDTH = 1280  # columns; enlarged to this, pictures of 426 columns are searched as well as larger ones
@@ -38,8 +37,9 @@ STRONG = 40.0  # contrast up to which a stripe's weight in the direction of its 
 MIDDLE_BLUR = 1.2  # px, of the response: without it a wide stripe has its largest response in several pixels
 DIRECTION_BLUR = 3.0  # px: size of the neighbourhood that must agree on a direction
 LEAST_COHERENCE = 0.55  # of the directions in the neighbourhood: 1 if all are the same, 0 if there is none
-MOST = 15_000  # pixels that stand out most are kept: boards of a wooden floor and crowds are stripes too
+MOST = 15_000  # pixels that stand out most are used: boards of a wooden floor and crowds are stripes too
 AROUND, LEAST_AROUND = 161, 3.0  # px: size of the neighbourhood from which they stand out; its least mean response
+BAND = 32  # rows whose response is computed at once: their arrays fit the processor's cache
 LUMA = (0.114, 0.587, 0.299)  # blue, green, red (Rec. 601)
 
 SIDE = 11.0  # px from the middle of a stripe to the ground
@@ -80,8 +80,8 @@ def at_working_size(image: Image) -> Image:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA if smaller else cv2.INTER_CUBIC))
 
 
-def find_stripes(image: Image, *, lighter: bool | None = True, on_floor: bool = False) -> Stripes:
-    """Find the painted stripes of a picture, without knowing what they belong to.
+def find_stripes(image: Image, *, lighter: bool | None = True) -> Stripes:
+    """Find the painted stripes of a picture that stand out most, without knowing what they belong to.
 
     Parameters
     ----------
@@ -89,8 +89,6 @@ def find_stripes(image: Image, *, lighter: bool | None = True, on_floor: bool = 
         Blue, green, red, of about `WORKING_WIDTH` columns.
     lighter : bool or None
         Whether stripes are lighter than the ground, else they are darker. None finds both, and the edges of areas.
-    on_floor : bool
-        Whether only those on the floor (`floor_of`) are found, of which more are kept then.
 
     Examples
     --------
@@ -101,23 +99,42 @@ def find_stripes(image: Image, *, lighter: bool | None = True, on_floor: bool = 
     >>> np.unique(stripes.xy[:, 0].round()), np.unique(np.degrees(stripes.angle).round())
     (array([72.]), array([90.]))
     """
-    import cv2
+    return AllStripes.of(image, lighter=lighter).standing_out()
 
-    grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
-    luma: Float32 = np.asarray(cv2.GaussianBlur(-grey if lighter is False else grey, (0, 0), BLUR), np.float32)
-    sharp = _response(luma, either=lighter is None)
-    response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)
-    across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
-    coherence = coherence * floor_of(image) if on_floor else coherence
-    x, y, offset = _middles(response, across, coherence)
-    normal = across[y, x].astype(float)
-    step = np.column_stack([np.cos(normal), np.sin(normal)])
-    xy = np.column_stack([x, y]) + offset[:, None] * step
-    contrast = response[y, x].astype(float)
-    around = cv2.boxFilter(response, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)[y, x]
-    strongest = np.argsort(-contrast / (around + LEAST_AROUND), kind="stable")[:MOST]
-    found = Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), contrast, size_of(image))
-    return found if len(strongest) == len(contrast) else found.take(np.sort(strongest))
+
+@dataclass(frozen=True, eq=False)
+class AllStripes:
+    """All stripes of a picture, of which those that stand out most are used."""
+
+    stripes: Stripes
+    prominence: Array
+    """How much each stands out: its contrast over the mean response around it, (N,)."""
+
+    @classmethod
+    def of(cls, image: Image, *, lighter: bool | None) -> AllStripes:
+        """Find the stripes of an image as `find_stripes` does."""
+        import cv2
+
+        grey = cv2.transform(image, np.array([LUMA], np.float32)).astype(np.float32)
+        luma: Float32 = np.asarray(cv2.GaussianBlur(-grey if lighter is False else grey, (0, 0), BLUR), np.float32)
+        sharp = _response(luma, either=lighter is None)
+        response: Float32 = np.asarray(cv2.GaussianBlur(sharp, (0, 0), MIDDLE_BLUR), np.float32)
+        across, coherence = _direction(np.minimum(response, np.float32(STRONG)))
+        x, y, offset = _middles(response, across, coherence)
+        normal = across[y, x].astype(float)
+        step = np.column_stack([np.cos(normal), np.sin(normal)])
+        xy = np.column_stack([x, y]) + offset[:, None] * step
+        contrast = response[y, x].astype(float)
+        around = cv2.boxFilter(response, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)[y, x]
+        stripes = Stripes(xy, np.mod(normal + 0.5 * np.pi, np.pi), contrast, size_of(image))
+        return cls(stripes, contrast / (around + LEAST_AROUND))
+
+    def standing_out(self, area: BoolArray | None = None) -> Stripes:
+        """Select the stripes that stand out most, in the picture or in an `area` of it, a mask (height, width)."""
+        xy = self.stripes.xy.round().astype(np.intp)
+        own = np.arange(len(xy)) if area is None else np.flatnonzero(area[xy[:, 1], xy[:, 0]])
+        most = np.argsort(-self.prominence[own], kind="stable")[:MOST]
+        return self.stripes.take(own[np.sort(most)])
 
 
 def _response(luma: Float32, *, either: bool) -> Float32:
@@ -127,21 +144,28 @@ def _response(luma: Float32, *, either: bool) -> Float32:
     """
     reach = max(SIDES)
     padded = np.pad(luma, reach, mode="edge")
-    height, width = luma.shape
-    best = np.zeros_like(luma)
+    bands = [padded[row : row + BAND + 2 * reach] for row in range(0, len(luma), BAND)]
+    return np.concatenate([_response_inside(band, reach, either=either) for band in bands])
+
+
+def _response_inside(luma: Float32, reach: int, *, either: bool) -> Float32:
+    """Compute the response `reach` pixels and more from the border."""
+    height, width = luma.shape[0] - 2 * reach, luma.shape[1] - 2 * reach
+    own = luma[reach:-reach, reach:-reach]
+    best = np.zeros_like(own)
     for dx, dy in ACROSS:
-        total = np.zeros_like(luma)
+        total = np.zeros_like(own)
         for side in SIDES:
             step = side if not (dx and dy) else max(round(side * DIAGONAL), 1)
             x, y = step * dx, step * dy
-            one = padded[reach + y : reach + y + height, reach + x : reach + x + width]
-            other = padded[reach - y : reach - y + height, reach - x : reach - x + width]
+            one = luma[reach + y : reach + y + height, reach + x : reach + x + width]
+            other = luma[reach - y : reach - y + height, reach - x : reach - x + width]
             higher = np.maximum(one, other)  # at the edge of a light area only one side is darker
-            contrast = luma - higher
+            contrast = own - higher
             difference = higher + higher - one - other
             largest = LARGEST_DIFFERENCE * contrast
             if either:
-                stripe = np.maximum(contrast, higher - difference - luma)  # below 0 between both sides: on an edge
+                stripe = np.maximum(contrast, higher - difference - own)  # below 0 between both sides: on an edge
                 contrast, largest = np.abs(stripe), LARGEST_DIFFERENCE * np.maximum(stripe, -2.0 * stripe)
             is_stripe = (contrast > LEAST_CONTRAST) & (difference < largest)
             total += np.where(is_stripe, contrast, np.float32(0.0))

@@ -11,8 +11,10 @@ from pictures import picture
 from data_tools.score_courts import fitted
 from fieldcalib import Camera
 from fieldcalib.fields import tennis
-from fieldcalib.images.search.court_ranking import PictureToSearch
-from fieldcalib.images.search.court_search import CourtEvidence, Picture, probabilities
+from fieldcalib.images.search.court_hypotheses import Cameras
+from fieldcalib.images.search.court_ranking import PictureToSearch, Ranked, Rivals
+from fieldcalib.images.search.court_search import CourtEvidence, explained, is_promising, probabilities
+from fieldcalib.images.search.long_lines import Bend
 
 SIZE = (1280, 720)
 TENNIS = Camera.from_angles(np.radians(92), np.radians(76), 0.01, 2300.0, (-38.0, 1.0, -10.0), SIZE)
@@ -63,20 +65,21 @@ def test_the_fit_recovers_coefficients():
 def seen_in(image):
     """The stripes of a picture, all of them of long lines."""
     found = PictureToSearch(image).stripes(lighter=True)
-    return Picture(found.seen, np.ones(len(found.seen.xy), dtype=bool), found.colours, found.maps)
+    vars(found)["on_lines"] = [np.ones(len(found.seen.xy), dtype=bool)]
+    return found
 
 
 def test_the_grain_of_a_floor_counts_by_its_contrast():
     court = tennis()
     image = picture(TENNIS, court)
-    clean = seen_in(image).explained(court, TENNIS)
+    clean = explained(seen_in(image), court, TENNIS)
     grain = image.copy()
     for row in range(300, 700, 16):
         grain[row : row + 3] = np.clip(grain[row : row + 3].astype(int) + 14, 0, 255).astype(np.uint8)
     with_grain = seen_in(grain)
-    unexplained = np.count_nonzero(np.abs((with_grain.stripes.xy[:, 1] - 301.0) % 16.0) < 2.0)
-    assert unexplained > 0.25 * len(with_grain.stripes.xy)
-    assert with_grain.explained(court, TENNIS) > 0.97
+    unexplained = np.count_nonzero(np.abs((with_grain.seen.xy[:, 1] - 301.0) % 16.0) < 2.0)
+    assert unexplained > 0.25 * len(with_grain.seen.xy)
+    assert explained(with_grain, court, TENNIS) > 0.97
     assert clean > 0.97
 
 
@@ -85,3 +88,12 @@ def test_few_lines_are_enough_if_the_markings_show_their_paint():
     assert replace(EVIDENCE, score=180.0).is_enough
     assert not replace(EVIDENCE, score=180.0, paint=0.3).is_enough
     assert replace(EVIDENCE, paint=0.3).is_enough
+
+
+def test_a_camera_is_refined_if_its_markings_lie_on_stripes():
+    court = tennis()
+    seen = seen_in(picture(TENNIS, court))
+    beside = TENNIS.moved(TENNIS.R, TENNIS.C + (0.0, 2.0, 0.0))
+    rivals = Rivals.of(Ranked(Cameras.of([TENNIS], SIZE), np.array([300.0]), Bend(0.0, SIZE)), court, {})
+    assert is_promising(seen, rivals, court, TENNIS)
+    assert not is_promising(seen, rivals, court, beside)

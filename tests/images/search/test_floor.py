@@ -10,7 +10,7 @@ from fieldcalib import Camera
 from fieldcalib.fields import handball
 from fieldcalib.images.search.court_search import find_courts
 from fieldcalib.images.search.floor import floor_of
-from fieldcalib.images.search.stripes import find_stripes
+from fieldcalib.images.search.stripes import AllStripes
 
 SIZE = (1280, 720)
 STAND = Camera.from_angles(np.radians(92), np.radians(76), 0.0, 900.0, (-36.0, 1.0, -9.0), SIZE)
@@ -43,7 +43,8 @@ def test_the_floor_holds_the_markings_and_no_spectators():
 
 def test_on_the_floor_more_of_its_stripes_are_found_and_hardly_others():
     image, beyond = among_spectators()
-    anywhere, on_floor = (np.round(find_stripes(image, on_floor=on).xy).astype(int).T[::-1] for on in (False, True))
+    every = AllStripes.of(image, lighter=True)
+    anywhere, on_floor = (np.round(every.standing_out(area).xy).astype(int).T[::-1] for area in (None, floor_of(image)))
     of_court = [np.count_nonzero(~beyond[tuple(xy)]) for xy in (anywhere, on_floor)]
     of_others = [np.count_nonzero(beyond[tuple(xy)]) for xy in (anywhere, on_floor)]
     assert of_court[1] > 5 * of_court[0]
