@@ -80,7 +80,7 @@ class Ranked:
 def rank_from_above(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend) -> Ranked:
     """Find cameras that look down on a field, and rank them as `rank_cameras` does."""
     found = hypotheses(lines, field, maps.size, from_above=True)
-    return Ranked(*_pulled(maps, _likeliest(maps, found, field), field, are_above), bend)
+    return Ranked(*_pulled(maps, *_likeliest(maps, found, field), field, are_above), bend)
 
 
 def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
@@ -93,10 +93,10 @@ def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, 
     widened = 1.0 + bend.a
     found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size, widened)]
     found.append(circle_hypotheses(ellipses, lines, field, maps.size, widened))
-    cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined(found, maps.size), field), field)
+    cameras, score = _pulled(maps, *_likeliest(maps, Cameras.joined(found, maps.size), field), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
-        others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field) for row in ROWS]
-        cameras, score = _pulled(maps, _likeliest(maps, Cameras.joined([cameras, *others], maps.size), field), field)
+        others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field)[0] for row in ROWS]
+        cameras, score = _pulled(maps, *_likeliest(maps, Cameras.joined([cameras, *others], maps.size), field), field)
     return Ranked(cameras, score, bend)
 
 
@@ -110,27 +110,38 @@ def principal_point(field: Field) -> float:
     return max(stand.principal_point for stand in field.stands or field.named_stands.values())
 
 
-def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> Cameras:
-    """Select the most likely cameras in rounds, with more points for fewer cameras; the best one first."""
+def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Cameras, Array]:
+    """Select the most likely cameras in rounds, with more points for fewer cameras; the best one first, with scores."""
+    score = np.zeros(len(cameras))
     for points, kept in ROUNDS:
-        cameras, _ = in_order(maps, cameras, MarkingPoints.of(field, points), kept)
-    return cameras
+        cameras, score = in_order(maps, cameras, MarkingPoints.of(field, points), kept)
+    return cameras, score
 
 
 def _pulled(
-    maps: StripeMaps, cameras: Cameras, field: Field, are_possible: Callable[[Cameras, Field], BoolArray] = stands
+    maps: StripeMaps,
+    cameras: Cameras,
+    score: Array,
+    field: Field,
+    are_possible: Callable[[Cameras, Field], BoolArray] = stands,
 ) -> tuple[Cameras, Array]:
     """Add copies of the best cameras, pulled onto stripes; returns all in the order of their scores, and the scores."""
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
     near = near.take(are_possible(near, field))
     points, kept = ROUNDS[-1]
-    return in_order(maps, Cameras.joined([cameras, near], maps.size), MarkingPoints.of(field, points), kept)
+    return in_order(maps, Cameras.joined([cameras, near], maps.size), MarkingPoints.of(field, points), kept, score)
 
 
-def in_order(maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int) -> tuple[Cameras, Array]:
-    """Score cameras at some points; returns the `kept` best ones, the best one first, and their scores."""
-    score = maps.scores(cameras, points)
+def in_order(
+    maps: StripeMaps, cameras: Cameras, points: MarkingPoints, kept: int, known: Sequence[float] | Array = ()
+) -> tuple[Cameras, Array]:
+    """Score cameras at some points, of the first of which the scores may be known.
+
+    Returns the `kept` best ones, the best one first, and their scores.
+    """
+    left = cameras.take(np.arange(len(known), len(cameras)))
+    score = np.concatenate([known, maps.scores(left, points)])
     best = np.argsort(-score, kind="stable")[:kept]
     return cameras.take(best), score[best]
 

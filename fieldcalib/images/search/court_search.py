@@ -13,7 +13,7 @@ or a circle onto an ellipse and a line onto a line                     cameras_f
 the best camera, and others that differ if they are promising,         is_promising
 refined on the picture, with lens                                      refine_courts
   |  equal ones merged; evidence of the picture for each               here
-  |  in halls again for the stripes on the floor alone, for darker ones, also those of each paint, and for both with the
+  |  in halls again for the stripes on the floor alone, for those of each paint, for darker ones, and for both with the
   |  edges of painted areas, until one camera is sure                floor
   v
 cameras by their probability of being right, each accepted or not
@@ -419,7 +419,7 @@ def _found(task: Task, field: Field, picture: PictureToSearch, *, estimate_size:
 
 
 def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bool) -> Iterator[list[_Candidate]]:
-    """Yield the candidates from all stripes; in halls then from the floor's, darker ones, each paint's, and edges."""
+    """Yield the candidates from all stripes; in halls then from the floor's, each paint's, darker ones, and edges."""
     in_hall = field.surface in FLOORS
     stripes = picture.stripes(lighter=field.lines.lighter)
     search = partial(_searched, task, picture.image, are_cut_out=is_often_cut_out(field), sized=sized)
@@ -433,7 +433,7 @@ def _candidates(task: Task, field: Field, picture: PictureToSearch, *, sized: bo
         search = partial(_searched, own, picture.image, are_cut_out=are_cut_out, sized=sized)
         stripes = picture.stripes(lighter=lighter, on_floor=True)
         yield search(stripes)
-        if lighter is not None and lighter != field.lines.lighter:
+        if lighter is not None:
             for paint in stripes.colours.paints(stripes.on_lines)[:PAINTS]:
                 yield search(stripes.take(np.flatnonzero(paint)))
 
