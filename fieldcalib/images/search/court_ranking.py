@@ -80,7 +80,7 @@ class Ranked:
 def rank_from_above(lines: LongLines, maps: StripeMaps, field: Field, bend: Bend) -> Ranked:
     """Find cameras that look down on a field, and rank them as `rank_cameras` does."""
     found = hypotheses(lines, field, maps.size, from_above=True)
-    return Ranked(*_pulled(maps, *_likeliest(maps, found, field), field, are_above), bend)
+    return Ranked(*_ranked(maps, found, field, are_above), bend)
 
 
 def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, are_cut_out: bool) -> Ranked:
@@ -93,10 +93,10 @@ def rank_cameras(curves: Curves, maps: StripeMaps, field: Field, bend: Bend, *, 
     widened = 1.0 + bend.a
     found = [hypotheses(lines, field, maps.size), few_line_hypotheses(lines, field, maps.size, widened)]
     found.append(circle_hypotheses(ellipses, lines, field, maps.size, widened))
-    cameras, score = _pulled(maps, *_likeliest(maps, Cameras.joined(found, maps.size), field), field)
+    cameras, score = _ranked(maps, Cameras.joined(found, maps.size), field)
     if are_cut_out and bend.a == 0.0 and np.max(score, initial=0.0) < SURE:
         others = [_likeliest(maps, hypotheses(lines, field, maps.size, row), field)[0] for row in ROWS]
-        cameras, score = _pulled(maps, *_likeliest(maps, Cameras.joined([cameras, *others], maps.size), field), field)
+        cameras, score = _ranked(maps, Cameras.joined([cameras, *others], maps.size), field)
     return Ranked(cameras, score, bend)
 
 
@@ -118,14 +118,14 @@ def _likeliest(maps: StripeMaps, cameras: Cameras, field: Field) -> tuple[Camera
     return cameras, score
 
 
-def _pulled(
-    maps: StripeMaps,
-    cameras: Cameras,
-    score: Array,
-    field: Field,
-    are_possible: Callable[[Cameras, Field], BoolArray] = stands,
+def _ranked(
+    maps: StripeMaps, cameras: Cameras, field: Field, are_possible: Callable[[Cameras, Field], BoolArray] = stands
 ) -> tuple[Cameras, Array]:
-    """Add copies of the best cameras, pulled onto stripes; returns all in the order of their scores, and the scores."""
+    """Select the most likely cameras, and add copies of the best ones, pulled onto stripes.
+
+    Returns all in the order of their scores, and the scores.
+    """
+    cameras, score = _likeliest(maps, cameras, field)
     few = cameras.take(np.arange(min(PULLED, len(cameras))))
     near = pulled(few, maps, MarkingPoints.of(field, ROUNDS[1][0]), Freedom(principal_point(field)))
     near = near.take(are_possible(near, field))

@@ -21,7 +21,6 @@ DEGREES = 0.5  # step of direction in the transform
 PIXELS = 2.0  # step of distance from the middle of the picture
 SPREAD = 4  # steps to both sides of its direction for which a stripe votes: structure tensors are 1 to 2 degrees off
 NEAR, ALIKE = 3.0, np.radians(6.0)  # px and angle within which stripes belong to a line, which is fitted to them
-HELD_ALIKE = np.radians(8.0)  # the angle for the stripes that a line holds after all
 OWN, OWN_ALIKE = 5.0, np.radians(8.0)  # the same for stripes that then vote for no other line: lenses bend lines
 PIECE = 4.0  # px: pieces of a line that count once for its length, however many stripes they hold
 SHORTEST = 50.0  # px of stripes on a line
@@ -66,7 +65,7 @@ class LongLines:
     def holding(self, stripes: Stripes) -> list[BoolArray]:
         """Masks (N,) of the stripes that lie on each line and run along it."""
         lines, across = zip(self.normal, self.offset, strict=True), stripes.angle + 0.5 * np.pi
-        return [_is_on(stripes.xy, across, *line, NEAR, HELD_ALIKE) for line in lines]
+        return [_is_on(stripes.xy, across, *line, NEAR, OWN_ALIKE) for line in lines]
 
 
 def long_lines(stripes: Stripes, most: int) -> LongLines:

@@ -39,6 +39,7 @@ from fieldcalib.images.search.court_hypotheses import Cameras, FieldLines, are_w
 from fieldcalib.images.search.court_ranking import (
     Curves,
     PictureStripes,
+    PictureToSearch,
     Ranked,
     distances,
     first_apart,
@@ -48,7 +49,7 @@ from fieldcalib.images.search.court_ranking import (
 )
 from fieldcalib.images.search.court_search import find_courts, refine_courts, with_errors, with_hidden_markings
 from fieldcalib.images.search.ellipses import Ellipse
-from fieldcalib.images.search.long_lines import Bend, LongLines
+from fieldcalib.images.search.long_lines import Bend
 from fieldcalib.images.search.stripe_likelihood import Freedom, MarkingPoints, StripeMaps, pulled
 from fieldcalib.images.search.stripes import at_working_size, find_stripes
 from fieldcalib.io.image_files import Image, size_of, spread
@@ -154,9 +155,8 @@ def search_from(task: Task, field: Field, image: Image, place: Place) -> Calibra
     A camera that is not accepted is "probably wrong", with the reason in its message.
     """
     small = at_working_size(image)
-    stripes = PictureStripes.of(
-        small, find_stripes(small, lighter=field.lines.lighter), Bend(place.bend, size_of(small))
-    )
+    seen = find_stripes(small, lighter=field.lines.lighter)
+    stripes = PictureStripes.of(small, seen, Bend(place.bend, size_of(small)))
     ranked = rank_from(place, stripes, field)
     if not len(ranked.cameras):
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NOTHING)
@@ -201,9 +201,9 @@ def views_through(curves: Curves, place: Place, field: Field, size: tuple[int, i
     `curves` are those of the picture without distortion.
     """
     lines, ellipses = curves
-    on_field, seen = LinesFromPlace.of(field, place), SeenLines.of(lines, size)
+    on_field, seen = LinesFromPlace.of(field, place), lines.seen_from(0.5 * np.array(size), float(size[0]))
     f = place.focal_lengths(size[0], STEP)
-    parts = [_through_pairs(seen, on_field, place, size), _through_lines(seen, on_field, place, size, f)]
+    parts = [_through_pairs(*seen, on_field, place, size), _through_lines(*seen, on_field, place, size, f)]
     parts.append(_through_ellipses(ellipses, place, field, size, f))
     views = Cameras.joined(parts, size)
     return views.take(_look_at(views, field))
@@ -240,33 +240,18 @@ class LinesFromPlace:
         return cls(normal, axis, np.concatenate([lines.across_reach, lines.along_reach]))
 
 
-@dataclass(frozen=True, eq=False)
-class SeenLines:
-    """L lines of a picture, in coordinates from its middle and in units of its width."""
-
-    line: Array
-    """Vectors l with ``l . (x, y, 1) = 0`` on the line, with a unit normal (l1, l2), (L, 3)."""
-    ends: Array
-    """Both ends of each line, (L, 2, 2)."""
-
-    @classmethod
-    def of(cls, lines: LongLines, size: tuple[int, int]) -> SeenLines:
-        """Convert the long lines of a picture."""
-        return cls(*lines.seen_from(0.5 * np.array(size), float(size[0])))
-
-
-def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Cameras:
-    """Cameras that project two lines of the field onto two lines of the picture.
+def _through_pairs(line: Array, ends: Array, on_field: LinesFromPlace, place: Place, size: tuple[int, int]) -> Cameras:
+    """Cameras that project two lines of the field onto two of the lines (L, 3) of the picture, with ends (L, 2, 2).
 
     With normals ``(f n, c)`` of the planes through the camera and two lines of the picture, F = f^2, and k the cosine
     between the planes through the place and two lines of the field,
     ``(n1 . n2 F + c1 c2)^2 = k^2 (F + c1^2) (F + c2^2)``, which is quadratic in F.
     """
-    one, other = np.triu_indices(len(seen.line), 1)
+    one, other = np.triu_indices(len(line), 1)
     pair = np.array(list(permutations(range(len(on_field.axis)), 2)), dtype=np.intp).reshape(-1, 2)
     k = np.square(np.sum(on_field.normal[pair[:, 0]] * on_field.normal[pair[:, 1]], axis=1))
-    n = np.sum(seen.line[one, :2] * seen.line[other, :2], axis=1)[:, None]
-    c1, c2 = seen.line[one, 2][:, None], seen.line[other, 2][:, None]
+    n = np.sum(line[one, :2] * line[other, :2], axis=1)[:, None]
+    c1, c2 = line[one, 2][:, None], line[other, 2][:, None]
     a, b, c = n * n - k, 2.0 * n * c1 * c2 - k * (c1 * c1 + c2 * c2), (1.0 - k) * np.square(c1 * c2)
     found = []
     for sign in (-1.0, 1.0):
@@ -274,7 +259,7 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
             f = np.sqrt((sign * np.sqrt(b * b - 4.0 * a * c) - b) / (2.0 * a))
         p, q = np.nonzero((f > place.zoom[0]) & (f < place.zoom[1]))
         own = f[p, q]
-        planes = [unit(planes_of(seen.line[index[p]], own)) for index in (one, other)]
+        planes = [unit(planes_of(line[index[p]], own)) for index in (one, other)]
         normals = [on_field.normal[pair[q, 0]], on_field.normal[pair[q, 1]]]
         # squaring the cosine lost its sign, and normals have none: turn one normal so that the angle is that on the
         # field and not its supplement, and try both signs of the pair
@@ -283,8 +268,8 @@ def _through_pairs(seen: SeenLines, on_field: LinesFromPlace, place: Place, size
         for way in (1.0, -1.0):
             R = _frames(way * planes[0], way * planes[1]) @ np.swapaxes(_frames(*normals), 1, 2)
             views = Cameras.centred(own * size[0], R, place.C, size)
-            good = _ends_on(views, seen.ends[one[p]], on_field, pair[q, 0])
-            good &= _ends_on(views, seen.ends[other[p]], on_field, pair[q, 1])
+            good = _ends_on(views, ends[one[p]], on_field, pair[q, 0])
+            good &= _ends_on(views, ends[other[p]], on_field, pair[q, 1])
             found.append(views.take(good))
     return Cameras.joined(found, size)
 
@@ -295,15 +280,17 @@ def _frames(a: Array, b: Array) -> Array:
     return np.stack([a, np.cross(third, a), third], axis=2)
 
 
-def _through_lines(seen: SeenLines, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array) -> Cameras:
+def _through_lines(
+    line: Array, ends: Array, on_field: LinesFromPlace, place: Place, size: tuple[int, int], f: Array
+) -> Cameras:
     """Cameras without roll that project a line of the field onto a line, for each focal length (F,) in pixels."""
-    line, focal = (one.ravel() for one in np.indices((len(seen.line), len(f))))
-    plane = unit(planes_of(seen.line[line], f[focal] / size[0]))
+    own, focal = (one.ravel() for one in np.indices((len(line), len(f))))
+    plane = unit(planes_of(line[own], f[focal] / size[0]))
     found = []
     for k, normal in enumerate(on_field.normal):
         for way in (normal, -normal):
-            views, own = _seen_in(plane, way, f[focal], place, size)
-            found.append(views.take(_ends_on(views, seen.ends[line[own]], on_field, np.full(len(own), k))))
+            views, index = _seen_in(plane, way, f[focal], place, size)
+            found.append(views.take(_ends_on(views, ends[own[index]], on_field, np.full(len(index), k))))
     return Cameras.joined(found, size)
 
 
@@ -425,8 +412,8 @@ def _voted(field: Field, images: Sequence[Image], cameras: Sequence[Camera]) -> 
     for index in np.argsort(-np.sum(between < NEAR, axis=1), kind="stable").tolist():
         if not chosen or np.min(between[index, chosen]) > 0.5 * NEAR:
             chosen.append(index)
-    sample = [at_working_size(images[k]) for k in spread(len(images), SAMPLE)]
-    stripes = [PictureStripes.of(image, find_stripes(image, lighter=field.lines.lighter)) for image in sample]
+    sample = [PictureToSearch(images[k]) for k in spread(len(images), SAMPLE)]
+    stripes = [one.stripes(lighter=field.lines.lighter) for one in sample]
     places = [_place(C[k], FIRST, [cameras[k]]) for k in chosen[:PLACES]]
     ranked = [[rank_from(place, one.with_bend(place.bend), field) for one in stripes] for place in places]
     scores = [sum(float(np.max(one.score, initial=0.0)) for one in own) for own in ranked]
