@@ -225,10 +225,10 @@ def image_curves_of(camera: Camera, segments: Iterable[Segment], terrain: Terrai
     X, begin = _sampled(tuple(segments))
     X = X if terrain is None else terrain.raised(X)
     xy = camera.project(X)
+    (x, y), (width, height) = xy.T, camera.image_size
     # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
-    drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
-    size = np.array(camera.image_size)
-    near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
+    drawable = (camera.depth(X) >= NEAR_PLANE) & (np.abs(x) < 1e6) & (np.abs(y) < 1e6)
+    near = drawable & (np.abs(x - width / 2.0) <= width) & (np.abs(y - height / 2.0) <= height)
     pixels: Float32 = xy.astype(np.float32)
     return [
         _visible(pixels[part], near[part], drawable[part]) if np.any(near[part]) else []
