@@ -320,7 +320,7 @@ def _looked_at(refined: Refined, image: Image, profiles: Profiles | None, markin
         return refined
     paint = paint_evidence(image, profiles, markings) if paint is None else paint
     seen = with_widths(paint.markings, widths_by_marking(image, profiles, markings))
-    seen = with_paint_past_ends(seen, image, camera, markings, profiles)
+    seen = with_paint_past_ends(seen, image, camera, markings)
     missing = missing_net(image, camera, markings, seen) if markings.net else []
     return replace(refined, paint=replace(paint, markings=(*seen, *missing)))
 

@@ -61,11 +61,10 @@ LOOKED_AT = 0.87  # if more than this share of the profiles show paint at the pr
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
 WIDEST = 15.0  # px: the edge of a net that is nearer is too wide to be found as a line
 NET_HEIGHTS = (1.0, 0.8, 1.25, 0.6, 1.5)  # times that of the net: right cameras of half courts are up to a third off
-# Successive places from an end of a line on, and the least share of them with paint. Of right cameras of 186 pictures
-# and of 463 frames of clips one each shows them; five places show none of these, but fewer wrong cameras of parts.
-LEAST_PAST, PAINTED_PAST = 4, 0.7
+# Successive places from an end of a line on, the least share of them with paint, and px: right cameras of 186 pictures
+# and of 463 frames of clips show none; five places or more would show fewer wrong cameras of parts of pictures.
+LEAST_PAST, PAINTED_PAST, SHORTEST_PAST = 4, 0.7, 24.0
 FROM_BORDER = 10.0  # px: nearer to the border of the picture the ground is seen on one side only
-FROM_RAISED = 20.0  # px from what is above the ground
 LEAST_PAINTED = 0.3  # painted share of a dashed marking: with less it is left out
 DRAWS = 200  # random samples of a marking's ridges, each of which determines a line or an arc
 APART = 0.3  # least share of a marking's profiles between the outer ridges of a sample
@@ -348,17 +347,18 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
 
 
 def with_paint_past_ends(
-    seen: Sequence[MarkingInView], image: Image, camera: Camera, markings: Markings, along: Profiles
+    seen: Sequence[MarkingInView], image: Image, camera: Camera, markings: Markings
 ) -> tuple[MarkingInView, ...]:
-    """Add to painted lines how far their paint goes on past an end of their projections; `along` are their profiles.
+    """Add to painted lines how far their paint goes on past an end of their projections.
 
-    Not near the border of the picture, nor before what is above the ground: the tape of a net, a crossbar.
+    Not near the border of the picture, nor on courts, where lines of other sports go on: fields whose lines may be
+    borders of differently painted areas.
     """
+    if not np.isfinite(markings.look.ground_difference):
+        return tuple(seen)
     unit, middle = pixel_unit(camera.image_size), np.divide(camera.image_size, 2.0)
-    profiles, raised = profiles_along(camera, markings.past_ends), along.xy[~along.on_ground]
+    profiles = profiles_along(camera, markings.past_ends)
     is_free = np.all(np.abs(profiles.xy - middle) < middle - FROM_BORDER * unit, axis=1)
-    distance = np.linalg.norm(profiles.xy[:, None] - raised, axis=2)
-    is_free &= np.min(distance, axis=1, initial=np.inf) > FROM_RAISED * unit
     profiles = profiles.take(np.flatnonzero(is_free))
     profiles = replace(profiles, room=np.full(len(profiles), np.inf))  # other markings are not near
     is_on = np.abs(find_lines(image, profiles, BESIDE)) < ON_PAINT * unit
@@ -367,9 +367,9 @@ def with_paint_past_ends(
         at = np.flatnonzero(profiles.member == k)  # from the end on
         share = np.cumsum(is_on[at]) / np.arange(1, len(at) + 1)
         count = int(np.max(np.flatnonzero(share >= PAINTED_PAST), initial=-1)) + 1
-        if count >= LEAST_PAST:
-            label = markings.past_ends.labels[k]
-            past[label] = max(past.get(label, 0.0), float(np.sum(profiles.spacing[at[:count]])))
+        length, label = float(np.sum(profiles.spacing[at[:count]])), markings.past_ends.labels[k]
+        if count >= LEAST_PAST and length >= SHORTEST_PAST * unit:
+            past[label] = max(past.get(label, 0.0), length)
     return tuple(
         replace(one, past_end=past[one.label]) if one.share >= SEEN and one.label in past else one for one in seen
     )
