@@ -81,7 +81,7 @@ class Editor:
         paths, folder = places_of(source, out)
         stored = None if folder is None else Stored(folder, overwrite=truth(overwrite, "overwrite"))
         chosen = None if folder is None or field is not None else chosen_field(folder / JOURNAL)
-        self.field, self.field_name = field_of(field or chosen, stored)
+        self.field, self.field_name = field_of(chosen if field is None else field, stored)
         self._source, self._overwrite = source, overwrite
         check = partial(check_edit, field=self.field)
         replayed = Replayed(check) if folder is None else read_journal(folder / JOURNAL, check)
