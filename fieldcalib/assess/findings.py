@@ -561,6 +561,7 @@ QUESTIONS: Mapping[What, Remedy] = MappingProxyType(
         What.WIDE_PAINT: SMALLER,
         What.SHAPE: NOT_WHOLE,
         What.NARROW: OFF_PAINT_OF_KNOWN_SIZE,
+        What.STRAY: MENDED_LABELS,
         What.OTHER_SIZE: RIGHT_SIZE,
         What.CONTRADICTED: WITHOUT_GIVEN,
         **dict.fromkeys((What.PART, What.ENLARGED, What.IN_WINDOW), WHICH_PART),

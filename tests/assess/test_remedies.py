@@ -21,6 +21,7 @@ from fieldcalib import (
     PINHOLE_FLAGS,
     Arc,
     Camera,
+    Editor,
     Line,
     Point,
     Status,
@@ -194,6 +195,18 @@ def test_suspect_labels_that_are_corrected_or_left_out():
         after = calibrate_from_segments(KNOWN_PITCH, labels, SIZE)
         assert is_better(after, before)
         assert after.remedy == ""
+
+
+@follows(findings.MENDED_LABELS)
+def test_a_stray_mark_that_is_taken_away():
+    with Editor([picture(LEFT)], KNOWN_PITCH) as editor:
+        frame = editor[0].clear()
+    for label, xy in frame_of(LEFT).items():
+        frame = frame.mark(label, xy[[0, -1]], snap=False)
+    before = frame.mark("Circle central", [(300.0, 400.0)], snap=False).calibration
+    assert before.has_finding(What.STRAY)
+    assert before.remedy == findings.MENDED_LABELS.text
+    assert is_better(frame.calibration, before)
 
 
 @follows(REMEDIES[Status.TOO_FEW_SEGMENTS])
