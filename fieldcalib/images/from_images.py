@@ -588,7 +588,8 @@ def with_narrow_padded(calibrate: Method, images: Sequence[Image], *, how: How) 
             if again.accepted:
                 is_checked = len(again.pixel_counts) >= LEAST_CHECKED and again.has_probability
                 is_sure = is_checked and again.probability() >= SURE_OF_PART
-                found[index] = with_findings(again, *([SHAPE] if how.part is None else [NARROW][is_sure:]))
+                doubts = (SHAPE,) if how.part is None else () if is_sure else (NARROW,)
+                found[index] = with_findings(again, *doubts)
     return found
 
 

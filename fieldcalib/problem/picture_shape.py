@@ -132,9 +132,8 @@ class Crop:
         >>> Crop.parse("1920x1080+960+0")
         Crop(frame_size=(1920, 1080), corner=(960, 0))
         """
-        found = re.fullmatch(
-            r"([1-9][0-9]*)x([1-9][0-9]*)\+([0-9]+)\+([0-9]+)", expect(text, str, '"1920x1080+960+0"').lower()
-        )
+        written = expect(text, str, '"1920x1080+960+0"').lower()
+        found = re.fullmatch(r"([1-9][0-9]*)x([1-9][0-9]*)\+([0-9]+)\+([0-9]+)", written)
         if found is None:
             raise ValueError(f"expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got {text!r}")
         width, height, x, y = map(int, found.groups())
