@@ -156,3 +156,28 @@ def test_tracklab_runs_the_module(monkeypatch, tmp_path, pictures):
     found = [(one["x_bottom_middle"], one["y_bottom_middle"]) for one in boxes.loc[[7, 9], "bbox_pitch"]]
     np.testing.assert_allclose(found, X[:, :2], atol=0.5)
     np.testing.assert_allclose(images.loc["b", "parameters"]["position_meters"], CAMERAS[1].C, atol=2.0)
+
+
+def of_polars(results):
+    import polars
+
+    table = polars.from_arrow(results.to_arrow()).filter(polars.col("verdict") != "reject")
+    return table.select("id", "x_m", "reason").rows()
+
+
+def of_duckdb(results):
+    import duckdb
+
+    cameras = results.to_arrow()  # duckdb finds a table by the name of its variable
+    return duckdb.sql("select id, x_m, reason from cameras where verdict <> 'reject'").fetchall()
+
+
+@pytest.mark.parametrize("package", ["polars", "duckdb"])
+def test_a_table_of_arrow_is_read_by_other_packages(package, pictures):
+    if any(find_spec(one) is None for one in (package, "pyarrow")):
+        pytest.skip(f"not installed: {package}")
+    results = fieldcalib.calibrate(pictures, progress=False)
+    rows = {"polars": of_polars, "duckdb": of_duckdb}[package](results)
+    expected = [(id, camera.C[0], results[id].reason) for id, camera in results.cameras.items()]
+    assert [(id, reason or "") for id, _, reason in rows] == [(id, reason) for id, _, reason in expected]
+    np.testing.assert_allclose([x for _, x, _ in rows], [x for _, x, _ in expected])
