@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class Considered(NamedTuple):
     layout: Layout
     covariance: Array
     """Covariance of these parameters, (S, S)."""
+    by_line: Mapping[str, Array] | None = None
+    """Errors (S,) of these parameters, by label, if its line is misplaced by one standard deviation."""
 
 
 def projection_on(field: Field | None, theta: Array, layout: Layout) -> Projection:

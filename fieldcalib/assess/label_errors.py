@@ -123,7 +123,8 @@ class Noise:
         observations = evaluation.problem.observations
         label = observations.label
         sharing = np.where(observations.shares_noise, label, -1)  # points share none, and there may be very many
-        self.segment = (sharing[..., None] == np.unique(sharing[sharing >= 0])).astype(float)  # (B, M, segments)
+        self.lines = np.unique(sharing[sharing >= 0])  # their labels, by number
+        self.segment = (sharing[..., None] == self.lines).astype(float)  # (B, M, L)
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance, divided among the N pixels of a segment
         count = observations.pixels_by_label[np.arange(len(label))[:, None], label]
@@ -162,11 +163,11 @@ class Noise:
         """``J^T W`` times the residuals of each line, (B, P, L), if it is misplaced by one standard deviation.
 
         It may be painted or detected off its position, equally in all frames. A line that is off by one metre changes
-        its residuals by the length of ``n dxy_dX`` on the ground. The L lines are in the order of their labels.
+        its residuals by the length of ``n dxy_dX`` on the ground. The L lines are `lines`.
         """
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
-        if paint == 0.0 or not self.segment.shape[-1]:
-            return np.zeros((len(JT), JT.shape[1], 1))
+        if paint == 0.0:
+            return np.zeros((len(JT), JT.shape[1], len(self.lines)))
         by_metre = np.linalg.norm(self.evaluation.by_centre[:, :2], axis=1)
         off = np.hypot(paint * by_metre, FOUND_BESIDE * problem.layout.image_size[0])
         return np.asarray((JT * (irls_weight * off)[:, None]) @ self.segment)

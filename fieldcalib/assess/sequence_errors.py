@@ -6,7 +6,9 @@ To first order the error of a frame's own parameters is
 
 with s the error of the shared parameters, of covariance V, and e the error that remains if these are exact, of
 covariance E. A frame that is tied to others by points of the background inherits their errors e_k - F_k s through the
-coupling C between the frames.
+coupling C between the frames. Misplaced lines are misplaced for all parameters: e = A d and s = S d, with d the
+displacements of the lines in standard deviations, correlate by A S^T. What s tells of e is part of F, so that the rest
+of e, of covariance E, is independent of s.
 
 Uncertainty of the parameters that frames share.
 
@@ -35,6 +37,7 @@ from fieldcalib.problem.layout import GaussianPrior, Role
 from fieldcalib.problem.levenberg_marquardt import coupled, eliminated
 
 RUNS = 8  # of frames, whose errors are assumed to be independent
+FAINT = 1e-9  # of the largest variance, in units of the parameters: a direction of less tells nothing
 UNDETERMINED = 1e-12  # of the curvatures of the parameters: a direction of less is not determined
 
 GRID = (7, 5)  # pixels across and down the picture
@@ -57,6 +60,8 @@ class ReducedSystem:
     """Covariance of the gradient, (S, S)."""
     by_frame: Array
     """Gradient of the cost of each frame's labels, (T, S); at the solution prior and links balance their sum."""
+    painted: Array
+    """Gradient of the cost (S, L) for each line of `Noise.lines` if it is misplaced by one standard deviation."""
 
     @classmethod
     def of(cls, evaluation: Evaluation, sigma: Array, kappa: Array) -> ReducedSystem:
@@ -95,6 +100,7 @@ class ReducedSystem:
             np.sum(evaluation.gradient[:, shared], axis=0),
             spread,
             (L @ evaluation.pixels.gradient[..., None])[..., 0],
+            painted,
         )
 
     @property
@@ -115,7 +121,8 @@ class ReducedSystem:
     def take(self, index: IntArray) -> ReducedSystem:
         """The system of some of the parameters; the others are fixed."""
         both = np.ix_(index, index)
-        return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], self.by_frame[:, index])
+        kept = self.by_frame[:, index], self.painted[index]
+        return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], *kept)
 
     @cached_property
     def inverse(self) -> Array:
@@ -161,7 +168,13 @@ class OwnErrors(NamedTuple):
     """F, (B, o, S)."""
 
 
-def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: OwnErrors | None = None) -> OwnErrors:
+def own_errors(
+    evaluation: Evaluation,
+    sigma: float,
+    kappa: float,
+    of_first: OwnErrors | None = None,
+    shared: Considered | None = None,
+) -> OwnErrors:
     """Errors of frames at their solution, which background points tie to one another or to known frames.
 
     Parameters
@@ -172,6 +185,8 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
         Size of the noise and curvature, as in `fieldcalib.assess.sequence_errors`.
     of_first : OwnErrors, optional
         Errors of the first frame of each of K pairs, where these frames are not in the evaluation.
+    shared : Considered, optional
+        Errors of the shared parameters; by default they are independent of the lines of these frames.
     """
     hessian, between, border, painted = _of_labels(evaluation, sigma, kappa)
     hessian, between = hessian + evaluation.links_hessian, between + evaluation.links_hessian
@@ -191,15 +206,30 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
             np.add.at(border, pairs.second, -coupling @ of_first.following)
     if evaluation.coupling is None:
         inverse = np.linalg.inv(hessian)
-        by_line = inverse @ painted
-        return OwnErrors(inverse @ between @ inverse + by_line @ np.swapaxes(by_line, 1, 2), inverse @ border)
+        return _independent(inverse @ between @ inverse, inverse @ border, inverse @ painted, evaluation, shared)
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
     # a misplaced line is misplaced in all frames: ties do not average its error out
-    by_line = (inverse @ painted.reshape(B * o, -1)).reshape(painted.shape)
-    E = spread[np.arange(B), :, np.arange(B)] + by_line @ np.swapaxes(by_line, 1, 2)
-    return OwnErrors(E, (inverse @ border.reshape(B * o, -1)).reshape(border.shape))
+    by_line, following = ((inverse @ of_all.reshape(B * o, -1)).reshape(of_all.shape) for of_all in (painted, border))
+    return _independent(spread[np.arange(B), :, np.arange(B)], following, by_line, evaluation, shared)
+
+
+def _independent(E: Array, F: Array, A: Array, evaluation: Evaluation, shared: Considered | None) -> OwnErrors:
+    """Errors with those of misplaced lines, A (B, o, L), as far as errors of the shared parameters do not tell them."""
+    E = E + A @ np.swapaxes(A, 1, 2)
+    if shared is None or shared.by_line is None or evaluation.problem.paint == 0.0:
+        return OwnErrors(E, F)
+    labels, unmoved = evaluation.problem.observations.labels, np.zeros(len(shared.covariance))
+    S = np.array([shared.by_line.get(labels[line], unmoved) for line in Noise(evaluation).lines]).reshape(
+        -1, len(unmoved)
+    )
+    crossed = A @ S
+    unit = np.sqrt(np.diagonal(shared.covariance))
+    unit = np.where(unit > 0.0, unit, 1.0)
+    inverse = np.linalg.pinv(shared.covariance / np.outer(unit, unit), rcond=FAINT, hermitian=True)
+    told = crossed @ (inverse / np.outer(unit, unit))
+    return OwnErrors(E - told @ np.swapaxes(crossed, 1, 2), F - told)
 
 
 def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:

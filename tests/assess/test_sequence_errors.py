@@ -66,7 +66,7 @@ def changed(theta, frame, index, change):
 
 
 def by_hand(problem, theta):
-    """E of all frames at once, and F, from residuals and their numerical derivatives."""
+    """E of all frames at once, F, and errors by misplaced lines, from residuals and their numerical derivatives."""
     T, o = len(theta), len(OWN)
 
     def residuals(of):
@@ -107,7 +107,7 @@ def by_hand(problem, theta):
     if problem.paint:
         between = between + painted @ painted.T
     inverse = np.linalg.inv(hessian)
-    return inverse @ between @ inverse, inverse @ border
+    return inverse @ between @ inverse, inverse @ border, inverse @ painted if problem.paint else None
 
 
 @pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
@@ -118,7 +118,7 @@ def test_own_errors_are_those_of_the_whole_system(pairs, paint, prior):
     problem, theta = a_problem(0, labelled=labelled, prior=prior, pairs=pairs)
     problem = replace(problem, paint=paint)
     found = own_errors(evaluate(problem, theta), SIGMA, KAPPA)
-    E, F = by_hand(problem, theta)
+    E, F, _ = by_hand(problem, theta)
     scale = np.sqrt(np.diagonal(E)).reshape(4, 4)
     for t in range(4):
         block = slice(4 * t, 4 * t + 4)
@@ -126,6 +126,34 @@ def test_own_errors_are_those_of_the_whole_system(pairs, paint, prior):
         np.testing.assert_allclose(found.own[t] / of_both, E[block, block] / of_both, atol=1e-4)
         largest = np.abs(F[block]).max(axis=0)
         np.testing.assert_allclose(found.following[t] / largest, F[block] / largest, atol=1e-3)
+
+
+@pytest.mark.parametrize("pairs", [None, ((0, 1), (1, 2), (0, 2), (3, 2))], ids=["alone", "tied"])
+def test_misplaced_lines_move_own_and_shared_parameters_together(pairs):
+    problem, theta = a_problem(0, labelled=range(4), pairs=pairs)
+    evaluation = evaluate(replace(problem, paint=0.03), theta)
+    E, F, A = by_hand(evaluation.problem, theta)
+    rng, size = np.random.default_rng(0), len(SHARED)
+    unit = np.sqrt(np.diagonal(E).mean()) / np.abs(F).mean(axis=0)  # shared parameters of similar effect
+    S = unit[:, None] * rng.standard_normal((size, A.shape[1]))
+    V = S @ S.T + np.diag(np.square(unit))
+    labels = [evaluation.problem.observations.labels[k] for k in Noise(evaluation).lines]
+    shared = Considered(LAYOUT, V, dict(zip(labels, S.T, strict=True)))
+    found, together = own_errors(evaluation, SIGMA, KAPPA, shared=shared), E + F @ V @ F.T
+    together = together - A @ S.T @ F.T - F @ S @ A.T
+    scale = np.sqrt(np.diagonal(together))
+    for t in range(4):
+        block = slice(4 * t, 4 * t + 4)
+        own = found.own[t] + found.following[t] @ V @ found.following[t].T
+        np.testing.assert_allclose(
+            own / np.outer(scale[block], scale[block]),
+            together[block, block] / np.outer(scale[block], scale[block]),
+            atol=1e-3,
+        )
+        with_shared = (F[block] @ V - A[block] @ S.T) / np.outer(scale[block], np.sqrt(np.diagonal(V)))
+        np.testing.assert_allclose(
+            found.following[t] @ V / np.outer(scale[block], np.sqrt(np.diagonal(V))), with_shared, atol=1e-3
+        )
 
 
 def test_paint_makes_less_certain():

@@ -168,8 +168,8 @@ def of_polars(results):
 def of_duckdb(results):
     import duckdb
 
-    cameras = results.to_arrow()  # duckdb finds a table by the name of its variable
-    return duckdb.sql("select id, x_m, reason from cameras where verdict <> 'reject'").fetchall()
+    table = duckdb.from_arrow(results.to_arrow()).filter("verdict <> 'reject'")
+    return table.select("id", "x_m", "reason").fetchall()
 
 
 @pytest.mark.parametrize("package", ["polars", "duckdb"])

@@ -59,6 +59,8 @@ class SharedParameters:
     options: Options
     """Options in which the shared parameters are known and considered, and the object has the estimated size."""
     noise: PixelNoise
+    by_line: Mapping[str, Array] | None = None
+    """Their errors by lines, see `Considered`."""
 
     @property
     def object_segments(self) -> ObjectSegments:
@@ -70,7 +72,7 @@ class SharedParameters:
         """The shared parameters, with their covariance."""
         layout, covariance = self.options.layout, self.options.considered
         size = int(np.count_nonzero(layout.considered))
-        return Considered(layout, np.zeros((size, size)) if covariance is None else covariance)
+        return Considered(layout, np.zeros((size, size)) if covariance is None else covariance, self.by_line)
 
     def prior(self, theta: Array) -> GaussianPrior | None:
         """Prior of frames with cameras near theta (B, n); None without a prior."""
@@ -98,7 +100,7 @@ class SharedParameters:
 
     def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
         """Errors of solved frames; `of_first` has those of the first frame of each pair, if its camera is known."""
-        return own_errors(solved, *self.noise, of_first)
+        return own_errors(solved, *self.noise, of_first, self.considered)
 
 
 @dataclass(frozen=True, eq=False)
