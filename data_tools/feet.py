@@ -40,7 +40,9 @@ def errors_of(seed: int) -> tuple[Array, Array]:
     for number, index in enumerate(SHOWN):
         boxes = scene.boxes(index, frames[index].camera)
         if results[number].accepted and boxes:
-            found = locate_on_ground(results[number], foot_points([*boxes.values()]), relative_to=CENTRE_MARK)
+            found = locate_on_ground(
+                results[number], foot_points([*boxes.values()]), pixel_sd=0.0, relative_to=CENTRE_MARK
+            )
             off.append(found.X[:, :2] - scene.positions[index, [*boxes]])
             sigma.append(found.standard_deviations)
     return np.concatenate(off), np.concatenate(sigma)

@@ -77,7 +77,7 @@ def _left_out(calibration: Calibration, marking: Segment, motion: Array, xy: Arr
     assert calibration.camera is not None  # it is accepted
     known = np.isfinite(calibration.camera.image_to_field(xy)).all(axis=-1)
     xy = xy[known]
-    found, uncertainty = locate_on_ground(calibration, xy), calibration.uncertainty
+    found, uncertainty = locate_on_ground(calibration, xy, pixel_sd=0.0), calibration.uncertainty
     assert isinstance(uncertainty, Uncertainty)  # it was calibrated here
     X = found.X[:, :2]
     error, normal, moved = _across(marking, X, motion)

@@ -22,7 +22,7 @@ from data_tools.synthetic.paths import with_displaced_lines
 from data_tools.synthetic.samples import write_samples
 from fieldcalib.console.arguments import SOCCER, add_named_field, count, image_size
 from fieldcalib.draw.overlays import label_colour
-from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer, with_painted_lines
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image_files import Image
 
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.clip:
         measured = options.measured and read_zoom(options.measured)
         frames = clip_frames(options.seed, options.frames, options.cuts, measured, options.size, flies=options.flies)
-        field = with_displaced_lines(soccer(), np.random.default_rng((options.seed, PAINTED)))
+        field = with_displaced_lines(with_painted_lines(soccer()), np.random.default_rng((options.seed, PAINTED)))
         scene = Scene.random(field, options.seed, [frame.camera for frame in frames])
         write_clip(options.clip, scene, frames)
     return 0

@@ -13,6 +13,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
 MOST_NOISE = 1e6  # px
+PIXEL_SD = 2.0  # px: of what a detector finds or a person clicks, unless it is told
 STEP = 0.01  # px, of central differences: their relative error is the square of STEP / distance to the horizon
 
 
@@ -39,7 +40,7 @@ class GroundPoints:
 
 
 def locate_on_ground(
-    calibration: Calibration, xy: ArrayLike, *, pixel_sd: float = 0.0, relative_to: RelativeTo = MARKINGS_IN_VIEW
+    calibration: Calibration, xy: ArrayLike, *, pixel_sd: float = PIXEL_SD, relative_to: RelativeTo = MARKINGS_IN_VIEW
 ) -> GroundPoints:
     """The ground points that are seen at pixels, with the errors of the camera and of the pixels.
 
@@ -54,7 +55,8 @@ def locate_on_ground(
     xy : (..., 2) array_like
         Pixels, such as those of `fieldcalib.io.boxes.foot_points`.
     pixel_sd : float
-        Standard deviation of each coordinate of the pixels; with 0, only the errors of the camera count.
+        Standard deviation of each coordinate of the pixels, by default that of boxes of detectors and of clicks; with
+        0 they are exact, and only the errors of the camera count.
     relative_to : "markings in view" or "centre mark"
         Reference of the errors (`fieldcalib.assess.estimate`); it matters where the size of the field is not known.
         Points are relative to the centre mark of the assumed field in either case.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from fieldcalib._types import Array, expect, listed, number, positive, real_array
+from fieldcalib.assess.ground_points import PIXEL_SD
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import terrain_of
 from fieldcalib.geometry.camera import Camera
@@ -32,7 +33,7 @@ class SpacePoint(NamedTuple):
     """Distances (n,) of the pixels from the projections of the point, pixels."""
 
 
-def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel_sd: float = 2.0) -> SpacePoint:
+def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel_sd: float = PIXEL_SD) -> SpacePoint:
     """The point in space that several cameras see at these pixels, with its covariance.
 
     The pixels are weighted by their own errors and by those of their cameras at the point, ``sd^2 I + J V J^T`` with V
@@ -100,7 +101,7 @@ def triangulate(calibrations: Sequence[Calibration], pixels: ArrayLike, *, pixel
 
 
 def height_above_ground(
-    calibration: Calibration, foot: ArrayLike, top: ArrayLike, *, pixel_sd: float = 2.0
+    calibration: Calibration, foot: ArrayLike, top: ArrayLike, *, pixel_sd: float = PIXEL_SD
 ) -> tuple[float, float]:
     """The height of the top of what stands on the ground, from one camera, with its standard deviation, in metres.
 

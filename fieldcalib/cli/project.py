@@ -22,7 +22,7 @@ import numpy as np
 from fieldcalib._progress import say, show
 from fieldcalib._types import Array
 from fieldcalib.assess.estimate import CENTRE_MARK
-from fieldcalib.assess.ground_points import locate_on_ground
+from fieldcalib.assess.ground_points import PIXEL_SD, locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import add_cameras_and_out, add_most_bytes, image_size, number
@@ -75,8 +75,8 @@ class Projection:
         "added to the numbers of frames: -1 where boxes count from 1 and cameras from 0 (0)", type=int, metavar="N"
     )
     box_noise: float = option(
-        "standard deviation of the foot point in the image, pixels of the boxes (0: errors of the camera alone)",
-        default=0.0,
+        f"standard deviation of the foot point in the image, pixels of the boxes; 0: they are exact ({PIXEL_SD:g})",
+        default=PIXEL_SD,
         type=_noise,
         metavar="PX",
     )

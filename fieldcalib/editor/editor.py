@@ -211,7 +211,7 @@ class Editor:
         ValueError
             If there is no such field, frames are labelled, or another program writes to the folder.
         OSError
-            If the journal cannot be written.
+            If the source cannot be read any more, or the journal cannot be written: this editor stays open.
         """
         one_of(name, FIELDS, "the sport")
         opened = {number: state.is_anchor for number, state in self._states.items()}
@@ -222,11 +222,19 @@ class Editor:
             )
         if refused := self.claim():
             raise ValueError(refused)
+        out = None if self.stored is None else self.stored.folder
+        self._remember_field(name)
+        try:
+            other = Editor(self._source, name, out=out, overwrite=self._overwrite)
+        except Exception:  # its source is gone: this one stays
+            self._remember_field(self.field_name)
+            raise
+        self.close()
+        return other
+
+    def _remember_field(self, name: str) -> None:
         if self._folder is not None:
             self._folder.journal.add(field=name)
-        self.close()
-        out = None if self.stored is None else self.stored.folder
-        return Editor(self._source, name, out=out, overwrite=self._overwrite)
 
     def revision(self, number: int) -> int:
         """How often a frame was changed."""

@@ -277,12 +277,12 @@ class Placement:
         Examples
         --------
         >>> Placement.around((960, 720), 0, 90, 960, 630).borders
-        'without borders: 960 x 540 at 0, 90'
+        'the picture is in 960 x 540 at 0, 90, the rest is left out'
         """
         if not np.any(np.less(self.frame_size, self.display_size)):
             return ""
         width, height, x, y = np.rint(np.divide([*self.frame_size, *self.corner], np.tile(self.scale, 2))).astype(int)
-        return f"without borders: {width} x {height} at {-x}, {-y}"
+        return f"the picture is in {width} x {height} at {-x}, {-y}, the rest is left out"
 
     def to_frame(self, xy: ArrayLike) -> Array:
         """Pixels (..., 2) of the picture as pixels of the frame."""

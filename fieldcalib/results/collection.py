@@ -22,7 +22,7 @@ from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._types import file_path, truth
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
-from fieldcalib.assess.ground_points import GroundPoints, locate_on_ground
+from fieldcalib.assess.ground_points import PIXEL_SD, GroundPoints, locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
@@ -307,7 +307,7 @@ class Results(Numbered[Calibration]):
     def _homography(self, id: str) -> FieldHomography:
         return field_homography(self.cameras[id], self._field(self[id]))
 
-    def to_field(self, detections: Any, frame: str | int | None = None, *, pixel_sd: float = 2.0) -> GroundPoints:
+    def to_field(self, detections: Any, frame: str | int | None = None, *, pixel_sd: float = PIXEL_SD) -> GroundPoints:
         """Ground points, with their errors, of what a detector found in a frame.
 
         Parameters

@@ -13,6 +13,7 @@ at the end of a run: the first few whose verdict is not good, with their reasons
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from dataclasses import field as attribute
@@ -71,6 +72,7 @@ NOT_COMPARED = frozenset({"input", "threads", "arguments"})
 SQUASHED = (What.NOT_SQUARE, What.WAS_SQUASHED)
 METRES = (0.5, 1.0)  # tolerances of the probabilities in cameras.jsonl
 SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
+NUMBERS = re.compile(r"\d+(?:\.\d+)?(?: to \d+(?:\.\d+)?)?")  # or ranges of them
 NAMED = 5  # number of stretches of frames that are listed
 
 
@@ -173,6 +175,11 @@ class RunRecord:
     """Paths of the input, from which its frames can be read again; empty if it is not in files."""
     network: str = ""
     """Digest of the user's own network; empty if it was that of the package, or none."""
+
+    @property
+    def is_of_stream(self) -> bool:
+        """Whether its input cannot be read again, so that the run cannot be resumed."""
+        return not (self.frames or self.source)
 
     @classmethod
     def of(
@@ -437,7 +444,7 @@ class Stretch:
     """Id of the first frame."""
     verdict: str
     reason: str
-    """Reason of the first frame."""
+    """Reason of all frames; numbers that differ are given as "7 to 9"."""
     kind: str = ""
     """Kind of the reason, without numbers; successive frames of one kind make a stretch."""
     count: int = 1
@@ -448,6 +455,22 @@ class Stretch:
         """Format for stderr."""
         which = f"{self.first} to {self.last}, {self.count} frames" if self.last else self.first
         return f"{which}: {self.verdict}, {self.reason}"
+
+
+def of_both(reasons: str, reason: str) -> str:
+    """Join reasons that differ in numbers alone, smallest and largest ones: "7 to 9"; otherwise the first is kept.
+
+    Examples
+    --------
+    >>> of_both("'Circle left' lies 7 to 9 px off", "'Circle left' lies 12.5 px off")
+    "'Circle left' lies 7 to 12.5 px off"
+    """
+    texts, several, others = NUMBERS.split(reasons), NUMBERS.findall(reasons), NUMBERS.findall(reason)
+    if texts != NUMBERS.split(reason):
+        return reasons
+    spans = [sorted({*one.split(" to "), other}, key=float) for one, other in zip(several, others, strict=True)]
+    ranges = [" to ".join(dict.fromkeys([span[0], span[-1]])) for span in spans]
+    return "".join(text + number for text, number in zip(texts, [*ranges, ""], strict=True))
 
 
 @dataclass
@@ -464,7 +487,7 @@ class ToLookAt:
     ...     seen.add(id, "check", f"{found}; rms 0.5 px over 5 segments", kind="off paint Middle line")
     >>> print(seen.message("out/cameras.jsonl"))
     2 frames to look at (all reasons and remedies: out/cameras.jsonl):
-      000001 to 000002, 2 frames: check, 'Middle line' lies 9 px beside its paint
+      000001 to 000002, 2 frames: check, 'Middle line' lies 7 to 9 px beside its paint
     >>> seen.add("000003", "reject", "too few", "more markings in view, or labelled by hand", [Advice.BY_HAND])
     >>> print(seen.message("out/cameras.jsonl").splitlines()[-1])
       what would help: more markings in view, or labelled by hand; on the command line: fieldcalib open
@@ -494,7 +517,8 @@ class ToLookAt:
         self.count += 1
         last = self.stretches[-1] if self._is_next else None
         if last is not None and (last.verdict, last.kind) == (verdict, kind):
-            self.stretches[-1] = replace(last, count=last.count + 1, last=id)
+            reason = of_both(last.reason, reason.partition("; ")[0])
+            self.stretches[-1] = replace(last, reason=reason, count=last.count + 1, last=id)
         elif len(self.stretches) < NAMED:
             self.stretches.append(Stretch(id, verdict, reason.partition("; ")[0], kind))
         else:

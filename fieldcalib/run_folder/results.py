@@ -69,7 +69,7 @@ DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare
 GIVEN = (*DECLARATIONS, "position", "rotation")  # options that, if they are wrong, lead to rejected cameras
 ASPECT = "aspect"  # option that declares the shape of pictures too, unless its value is "estimated"
 OBJECT = "an object"
-AGAIN = "--resume goes on with it, --overwrite begins anew"
+RESUME, AGAIN = "--resume goes on with it", "--overwrite begins anew"
 
 
 class UsedFolderError(FileExistsError):
@@ -320,7 +320,7 @@ def open_run_folder(
                     say("no frame was done: run it again")
             elif results is not None and not is_finished(out):
                 done = f"{counted(results.done, 'frame')} done in {out}"
-                say(f"{done}: --resume goes on with the run")
+                say(done if record.is_of_stream else f"{done}: {RESUME}")
             raise
 
 
@@ -432,7 +432,8 @@ def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
         return None
     if not resume:
         state = "a run that is not finished" if is_unfinished(out) else "a run"
-        raise UsedFolderError(f"{out} holds the results of {state}", AGAIN)
+        options = AGAIN if record.is_of_stream else f"{RESUME}, {AGAIN}"
+        raise UsedFolderError(f"{out} holds the results of {state}", options)
     other = earlier.differences(record)
     if other:
         raise ValueError(f"the run in {out} cannot be resumed: {other}; --overwrite begins anew")

@@ -251,7 +251,7 @@ def test_places_on_a_crowned_field_and_their_errors():
     pixels = {label: xy[np.all((xy > 0) & (xy < np.array(SIZE) - 1), axis=1)] for label, xy in truth.items()}
     found = calibrate_from_segments(field, {k: xy for k, xy in pixels.items() if len(xy)}, SIZE)
     X = np.array([[10.0, 0.0, 0.0], [20.0, -12.0, 0.0]])
-    places = locate_on_ground(found, found.project(field.terrain.raised(X)))
+    places = locate_on_ground(found, found.project(field.terrain.raised(X)), pixel_sd=0.0)
     np.testing.assert_allclose(places.X, field.terrain.raised(X), atol=1e-3)
     np.testing.assert_allclose(found.uncertainty.at_field(X).covariance, places.covariance, rtol=1e-3)
     with pytest.raises(ValueError, match="z = 0"):

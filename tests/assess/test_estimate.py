@@ -146,7 +146,9 @@ def test_one_end_of_a_longer_pitch_is_right_relative_to_its_markings(dl, noise, 
     assert found.accepted, found.message
     X = (52.5 + dl / 2.0, 0.0, 0.0) + places * (-1.0, 1.0, 0.0)  # metres from the goal line
     xy = truth.project(X)
-    here, there = (locate_on_ground(found, xy, relative_to=of) for of in ("markings in view", "centre mark"))
+    here, there = (
+        locate_on_ground(found, xy, pixel_sd=0.0, relative_to=of) for of in ("markings in view", "centre mark")
+    )
     np.testing.assert_array_equal(here.X, there.X)
     off = here.X - X
     np.testing.assert_allclose(off[:, 0], -dl / 2.0, atol=0.15)

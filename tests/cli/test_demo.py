@@ -120,7 +120,7 @@ def test_the_errors_that_the_demo_prints(demo):
         if truth.shot == 0
     ]
     assert float(rows[0][-1]) == pytest.approx(max(errors), abs=0.006)
-    assert "places of players, from their boxes: off by 0." in printed
+    assert "places of players, from their exact boxes: off by 0." in printed
     assert f"$ fieldcalib run {out}/clip.mp4 --out {out}/cameras --report" in printed
 
 

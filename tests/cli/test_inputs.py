@@ -218,6 +218,9 @@ def test_a_video_on_standard_input(know, film, tmp_path, on_stdin, capfd):
     assert json.loads((tmp_path / "summary.json").read_text())["cameras"] == 6
     with VideoReader(tmp_path / "overlay.mp4") as overlay:
         assert len(list(overlay)) == 6
+    on_stdin(film)
+    assert run("run", "-", "--out", tmp_path) == 2
+    assert capfd.readouterr().err.endswith(f"{tmp_path} holds the results of a run: --overwrite begins anew\n")
 
 
 @pytest.fixture

@@ -83,11 +83,11 @@ def test_players_are_found_where_they_stand(tmp_path, cameras, calibration):
     found = projected(path, cameras)
     np.testing.assert_allclose(points(found), PLAYERS[:, :2], atol=1e-6)
     assert {(row["track"], row["team"], row["problem"]) for row in found} == {("7", "blue", "")}
-    error = locate_on_ground(calibration, calibration.camera.project(PLAYERS))
+    error = locate_on_ground(calibration, calibration.camera.project(PLAYERS), pixel_sd=2.0)
     deviations = [[float(row["field_x_sd"]), float(row["field_y_sd"])] for row in found]
     np.testing.assert_allclose(deviations, error.standard_deviations, atol=2e-6)
     np.testing.assert_allclose([float(row["field_correlation"]) for row in found], error.correlation, atol=2e-6)
-    far = locate_on_ground(calibration, calibration.camera.project(PLAYERS), relative_to="centre mark")
+    far = locate_on_ground(calibration, calibration.camera.project(PLAYERS), pixel_sd=2.0, relative_to="centre mark")
     from_centre = [[float(row[f"field_{axis}_sd_from_centre"]) for axis in "xy"] for row in found]
     np.testing.assert_allclose(from_centre, far.standard_deviations, atol=2e-6)
     assert np.all(far.standard_deviations[:, 0] > 1.3 * error.standard_deviations[:, 0])  # half of the length in it

@@ -129,7 +129,7 @@ def test_black_borders_are_left_out(know, tmp_path):
     know([TRUTHS[0]])
     assert run("run", tmp_path / "a.png", "--camera-files", "--out", tmp_path / "out") == 0
     (line,) = lines_of(tmp_path / "out")
-    assert "without borders: 960 x 540 at 0, 90" in line["message"]
+    assert "the picture is in 960 x 540 at 0, 90" in line["message"]
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (960, 720))
     assert camera_difference(found, TRUTHS[0].cropped((0, -90), (960, 720)), FIELD).reprojection < 2.0
 

@@ -124,7 +124,7 @@ def test_what_was_done_is_not_lost(
     with monkeypatch.context() as patch:
         patch.setattr(LineLog, "append", lambda log, line: ending(log, line))
         assert calibrate(out, annotated_folder) == code
-    assert f"{count} frame{'s' * (count > 1)} done in {out}: --resume goes on with the run" in capsys.readouterr().err
+    assert f"{count} frame{'s' * (count > 1)} done in {out}: --resume goes on with it" in capsys.readouterr().err
     assert [line["id"] for line in lines_of(out)] == list("abcd")[:count]
     assert set(cameras_in(out)) == set("abcd"[:count])
     assert len(read(out)) == count

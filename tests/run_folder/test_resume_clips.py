@@ -103,7 +103,7 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
         ending = Interrupting(finished, count)
         patch.setattr(from_video, "finish_clip", lambda *arguments: ending(*arguments))
         assert run("run", video, "--out", tmp_path) == 130
-    assert "--resume goes on with the run" in capsys.readouterr().err
+    assert "--resume goes on with it" in capsys.readouterr().err
     parts = sorted(path.name for path in tmp_path.glob(".part-*"))
     assert parts == [f".part-{index:04d}.json" for index in range(count)]
     solved = []

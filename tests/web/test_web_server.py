@@ -140,6 +140,16 @@ def test_the_sport_is_changed_and_remembered(court, tmp_path):
         assert editor.field_name == "soccer"
 
 
+def test_the_sport_stays_where_the_picture_is_gone(court, tmp_path):
+    state = court.state()
+    (tmp_path / "court.png").unlink()
+    assert court.post("api/v1/field", {"name": "tennis"}).status_code >= 400
+    assert court.get("api/project").json()["field"] == "soccer"
+    assert court.state()["revision"] == state["revision"]
+    with Editor(render_field(COURT, tennis())[None], out=tmp_path / "out") as editor:
+        assert editor.field_name == "soccer"
+
+
 def test_the_sport_of_labelled_frames_stays(client, tmp_path):
     labelled(client)
     answer = client.post("api/v1/field", {"name": "tennis"})

@@ -95,8 +95,8 @@ def test_a_letterboxed_clip_is_calibrated_as_without_borders(clip):
         assert one.camera.image_size == LETTERBOXED
         np.testing.assert_allclose(one.camera.C, other.camera.C, atol=1e-6)
         assert np.median(far_off(one.camera.cropped((0, BAR), SIZE), truth)) < 1.0
-        assert "without borders: 480 x 270 at 0, 45" in one.message
-    assert "without borders" in found.notes[-1]
+        assert "the picture is in 480 x 270 at 0, 45" in one.message
+    assert "the rest is left out" in found.notes[-1]
     again = VideoCalibration.from_dict(found.to_dict())
     assert again == found
     assert again[3:5].cameras[0].image_size == LETTERBOXED
@@ -204,7 +204,7 @@ def test_odds_within_borders(log_odds):
     assert found.placement.frame_size == (SIZE if log_odds > 0.0 else SQUASHED)
     xy = found.placement.to_frame([90.0, BAR + 10.0])
     np.testing.assert_allclose(xy, [120.0 if log_odds > 0.0 else 90.0, 10.0])
-    assert found.words[0] == "without borders: 360 x 270 at 0, 45"
+    assert found.words[0] == "the picture is in 360 x 270 at 0, 45, the rest is left out"
     assert Shape.from_dict(found.to_dict()) == found
 
 
@@ -232,8 +232,8 @@ def test_a_live_video_begins_anew_where_borders_are_none(clip):
     for picture in boxed[12:]:
         picture[:, :200] = np.maximum(picture[:, :200], 90)
     found = tracked(boxed, Asked(cameras[::EVERY]))
-    assert all("without borders" in one.message for one in found[:12])
-    assert not any("without borders" in one.message for one in found[12:])
+    assert all("the rest is left out" in one.message for one in found[:12])
+    assert not any("the rest is left out" in one.message for one in found[12:])
 
 
 @pytest.mark.slow

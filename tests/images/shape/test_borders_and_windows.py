@@ -69,7 +69,7 @@ def test_a_shrunken_frame_has_its_camera_in_pixels_of_the_whole_picture():
     (found,) = without_borders(partial(calibrated, {of_window.image_size: of_window}), [image])
     assert found.verdict is Verdict.GOOD
     assert found.camera.image_size == SIZE
-    assert f"without borders: {of_window.image_size[0]} x {of_window.image_size[1]}" in found.message
+    assert f"the picture is in {of_window.image_size[0]} x {of_window.image_size[1]}" in found.message
     np.testing.assert_allclose(found.camera.C, truth.C, atol=0.5)
     assert counts([found], [made])["good and wrong"] == 0
 
