@@ -37,7 +37,8 @@ SHOWN = range(0, LEAST_PATH, LEAST_PATH // 30)  # frames of the path
 def errors_of(seed: int) -> tuple[Array, Array]:
     """Errors (N, 2) of the players of a clip on the ground, and their standard deviations."""
     frames = clip_frames(seed, LEAST_PATH)
-    pitch = soccer(*np.random.default_rng((seed, SIZES)).uniform(*zip(LENGTHS, WIDTHS, strict=True)))
+    rng = np.random.default_rng((seed, SIZES))
+    pitch = soccer(rng.uniform(*LENGTHS), rng.uniform(*WIDTHS))
     field = with_displaced_lines(with_painted_lines(pitch), np.random.default_rng((seed, PAINTED)))
     scene = Scene.random(field, seed, [frame.camera for frame in frames])
     results = calibrate([filmed(scene, frames, index) for index in SHOWN], clip=True, progress=False)

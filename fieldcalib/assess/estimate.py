@@ -45,6 +45,7 @@ RelativeTo: TypeAlias = Literal["markings in view", "centre mark"]
 MARKINGS_IN_VIEW: RelativeTo = "markings in view"
 CENTRE_MARK: RelativeTo = "centre mark"
 
+PIXEL_SD = 2.0  # px: of what a detector finds or a person clicks, unless it is told
 SPACING = 1.0  # m, of the places along the markings
 FAINT = 1e-3  # m of marking: less does not determine a translation
 OFF_GROUND = 1e-3  # m: points farther from the ground are on none

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, is_number
-from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, RelativeTo
+from fieldcalib.assess.estimate import MARKINGS_IN_VIEW, PIXEL_SD, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
 MOST_NOISE = 1e6  # px
-PIXEL_SD = 2.0  # px: of what a detector finds or a person clicks, unless it is told
 STEP = 0.01  # px, of central differences: their relative error is the square of STEP / distance to the horizon
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from fieldcalib._types import Array, expect, listed, number, positive, real_array
-from fieldcalib.assess.ground_points import PIXEL_SD
+from fieldcalib.assess.estimate import PIXEL_SD
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import terrain_of
 from fieldcalib.geometry.camera import Camera

@@ -21,8 +21,8 @@ import numpy as np
 
 from fieldcalib._progress import say, show
 from fieldcalib._types import Array
-from fieldcalib.assess.estimate import CENTRE_MARK
-from fieldcalib.assess.ground_points import PIXEL_SD, locate_on_ground
+from fieldcalib.assess.estimate import CENTRE_MARK, PIXEL_SD
+from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.console.arguments import add_cameras_and_out, add_most_bytes, image_size, number

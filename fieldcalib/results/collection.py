@@ -21,8 +21,9 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._html import long_table, spread, table
 from fieldcalib._types import file_path, truth
+from fieldcalib.assess.estimate import PIXEL_SD
 from fieldcalib.assess.findings import UP_TO_SIDE, Verdict
-from fieldcalib.assess.ground_points import PIXEL_SD, GroundPoints, locate_on_ground
+from fieldcalib.assess.ground_points import GroundPoints, locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.clip_plot import plot_sequence
