@@ -26,6 +26,8 @@ from fieldcalib.problem.observations import Observations
 LOG = logging.getLogger(__name__)
 NO_FOLDER = "NumPy solves, slower than Numba, which has no folder for what it compiles (%s): NUMBA_CACHE_DIR names one"
 
+NO_MOTION = np.zeros((1, 1, 3, 0))  # of segments on a field whose size is known
+
 
 @cache
 def compiled_module() -> ModuleType | None:
@@ -46,7 +48,7 @@ def compiled_module() -> ModuleType | None:
 def kernels(layout: Layout, observations: Observations) -> ModuleType | None:
     """The compiled functions; None if they do not support the lens or the kinds of rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
-    return compiled_module() if plain and all(rows.compiled for rows in observations.rows if rows) else None
+    return compiled_module() if plain and observations.are_compiled else None
 
 
 def compiled_closest_points(
@@ -56,11 +58,15 @@ def compiled_closest_points(
     module = kernels(layout, observations)
     if module is None:
         return None
-    shape = observations.label.shape
-    found = ClosestPoints(np.zeros(shape), np.zeros((2, *shape)), np.ones(shape), np.ones((2, *shape)))
-    frames = packed_frames(module, layout, observations, terrain)
-    module.closest_points(frames, unknowns(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
+    found = no_points(observations)
+    module.closest_points(packed_frames(module, layout, observations, terrain), unknowns(layout, theta), found)
     return found
+
+
+def no_points(observations: Observations) -> ClosestPoints:
+    """Closest points that compiled code writes; it leaves those of padding, which must be finite."""
+    shape = observations.label.shape
+    return ClosestPoints(np.zeros(shape), np.zeros((2, *shape)), np.ones(shape), np.ones((2, *shape)))
 
 
 def unknowns(layout: Layout, theta: Array) -> Array:
@@ -73,8 +79,8 @@ def packed_frames(
     module: ModuleType, layout: Layout, observations: Observations, terrain: Terrain | None, noise: float = 1.0
 ) -> Any:
     """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
-    (names, rows), (xy, label, geometry) = observations.compiled_kinds, observations.compiled_rows
-    motion, given = len(rows) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
+    (names, rows), (xy, weight, label, geometry) = observations.compiled_kinds, observations.compiled_rows
+    motion, given = len(rows) * (NO_MOTION,), np.zeros(0)
     if layout.has_free_size:
         assert layout.field_size is not None
         motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for k in rows)
@@ -82,7 +88,7 @@ def packed_frames(
     return module.Frames(
         tuple(getattr(module, name) for name in names),
         xy,
-        tuple(observations.rows[k].weight / noise**2 for k in rows),
+        weight if noise == 1.0 else tuple(one / noise**2 for one in weight),
         label,
         geometry,
         motion,

@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.ground import RIDGE
 from fieldcalib.fields.segments import closest as by_numpy
+from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.segments.line import FARTHEST, LARGEST_SHARE
 from fieldcalib.fields.segments.segment import Vector
 from fieldcalib.geometry.lens.model import FOLD, UNDISTORTING_STEPS
@@ -606,8 +607,9 @@ def set_derivatives_by_field(
 
 
 @compiled
-def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
-    """Write the closest points of all residuals (B, M), kind after kind, into four arrays; padding is not written."""
+def closest_points(frames: Frames, theta: Array, points: ClosestPoints) -> None:
+    """Write the closest points of all residuals (B, M), kind after kind; padding is not written."""
+    r, s, inverse_depth, normal = points
     camera = theta.shape[1] if frames.size < 0 else frames.size
     for b in range(len(theta)):
         view = view_of(theta[b, :camera], frames.rho, frames.limits)
@@ -746,9 +748,16 @@ def damped_step(theta: Array, free: IntArray, model: Quadratic, to: Bounds, A: A
 
 @compiled
 def levenberg_marquardt(
-    frames: Frames, terms: Terms, to: Bounds, until: Criteria, theta: Array, converged: Array, iterations: IntArray
+    frames: Frames,
+    terms: Terms,
+    to: Bounds,
+    until: Criteria,
+    theta: Array,
+    converged: Array,
+    iterations: IntArray,
+    points: ClosestPoints,
 ) -> None:
-    """Minimise the cost of every frame; theta (B, n) holds the starts and then the solutions."""
+    """Minimise the cost of every frame; theta (B, n) holds the starts, then the solutions, of which are the points."""
     free = terms.free
     P, n = len(free), theta.shape[1]
     g, H, row = np.empty(P), np.empty((P, P)), np.empty(n)
@@ -788,3 +797,4 @@ def levenberg_marquardt(
             if done:
                 converged[b] = True
                 break
+    closest_points(frames, theta, points)

@@ -311,13 +311,18 @@ class Layout:
 
     def bounds(self, scale: float) -> Bounds:
         """The bounds of the free parameters, for scenes of `scale` metres."""
+        of_unit = self._bounds_of_unit
+        return of_unit._replace(longest=of_unit.longest * np.where(self.is_centre[of_unit.free], scale, 1.0))
+
+    @cached_property
+    def _bounds_of_unit(self) -> Bounds:
+        """`bounds` for scenes of one metre."""
         least, largest, longest = (np.full(self.size, bound) for bound in (-np.inf, np.inf, np.inf))
         least[self.lens_block] = self.lens.least
         if self.field_size is not None:
             least[self.field_size_block], largest[self.field_size_block] = self.field_size.limits
             least[self.crown_block], largest[self.crown_block] = CROWN_RANGE
         longest[POSE_AND_ZOOM] = LARGEST_STEP
-        longest[CENTER] *= scale
         free = np.flatnonzero(self.free)
         return Bounds(free, least[free], largest[free], longest[free])
 

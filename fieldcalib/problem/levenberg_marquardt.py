@@ -28,13 +28,14 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.ground import Terrain
-from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
+from fieldcalib.problem.compilation import kernels, no_points, packed_frames, unknowns
 from fieldcalib.problem.cost_term import LENS_TAILS, Coupling, prior_costs
 from fieldcalib.problem.damping import LARGEST_DAMPING, LEAST_DAMPING, LEAST_DIAGONAL, SETTLED, STILL
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Bounds, GaussianPrior
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
+LEAST_CURVATURE = 1e-14  # share of the largest curvature that a direction has which nothing determines
 COMPACTED = 0.8  # share of the frames below which finished ones leave the batch
 
 
@@ -274,10 +275,12 @@ def _compiled_solution(
     """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise."""
     problem, layout = start.problem, start.problem.layout
     module = kernels(layout, problem.observations)
-    if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
+    is_independent = problem.group is None or Groups.of(problem).is_trivial
+    if module is None or not is_independent or problem.background or problem.path:
         return None
     theta, bounds, terrain = unknowns(layout, start.theta), layout.bounds(problem.scale), problem.terrain(start.theta)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
+    points = no_points(problem.observations)
     module.levenberg_marquardt(
         *compiled_cost(module, problem, theta, terrain),
         bounds,
@@ -285,10 +288,11 @@ def _compiled_solution(
         theta,
         converged,
         iterations,
+        points,
     )
     solved = start.theta.copy()
     solved[:, : theta.shape[1]] = theta
-    return Solution(evaluate(problem, solved), converged, iterations)
+    return Solution(Evaluation(problem, solved, points), converged, iterations)
 
 
 def compiled_cost(
@@ -428,26 +432,35 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
     """
     import scipy.optimize  # a slow import
 
-    problem, theta, free = start.problem, start.theta, start.problem.free
+    problem, free = start.problem, start.problem.free
     weight = problem.observations.weight[0] / problem.noise**2
-    bounds = problem.layout.bounds(problem.scale)
+    if not np.isfinite(start.cost[0]):
+        return Solution(start, np.array([False]), np.array([0], dtype=np.intp))
+    bounds, theta, hessian = problem.layout.bounds(problem.scale), start.theta[0].copy(), start.hessian[0]
+    theta[free] = np.clip(theta[free], bounds.least, bounds.largest)
+    is_bounded = bool(np.any(np.isfinite([bounds.least, bounds.largest])))
+    curvature, axes = (np.diag(hessian), np.eye(len(hessian))) if is_bounded else np.linalg.eigh(hessian)
+    to_theta = axes / np.sqrt(np.maximum(curvature, LEAST_CURVATURE * np.max(curvature)))
+    # where the Hessian is the identity, half of the squared gradient is the decrease of the cost that is left
+    least_gradient = 0.0 if is_bounded else np.sqrt(2.0 * tolerance * start.cost[0] / len(curvature))
 
     @lru_cache(maxsize=2)  # SciPy asks for the residuals at a point, then for the Jacobian there
-    def evaluated(x: bytes) -> Evaluation:
-        moved = theta.copy()
-        moved[0, free] = np.frombuffer(x)
-        return start if np.array_equal(moved, theta) else evaluate(problem, moved)
+    def evaluated(y: bytes) -> Evaluation:
+        moved = theta[None].copy()
+        moved[0, free] += to_theta @ np.frombuffer(y)
+        return start if np.array_equal(moved, start.theta) else evaluate(problem, moved)
 
-    def residuals(x: Array) -> Array:
-        at = evaluated(x.tobytes())
+    def residuals(y: Array) -> Array:
+        at = evaluated(y.tobytes())
         r = np.concatenate([at.r[0], problem.prior_residuals(at.theta)[0]])
         # SciPy takes a shorter step where residuals are not finite
         return r if problem.is_possible(at.theta)[0] else np.full_like(r, np.inf)
 
-    def jacobian(x: Array) -> Array:
-        at = evaluated(x.tobytes())
+    def jacobian(y: Array) -> Array:
+        at = evaluated(y.tobytes())
         J = at.JT[0].T
-        return J if at.prior is None else np.concatenate([J, np.diag(1.0 / at.prior.sigma[0])])
+        J = J if at.prior is None else np.concatenate([J, np.diag(1.0 / at.prior.sigma[0])])
+        return np.asarray(J @ to_theta)
 
     def rho(squared: Array) -> Array:
         values = np.zeros((3, len(squared)))  # the last row, rho'', stays zero: no correction of second order
@@ -456,20 +469,17 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
             values[:2, len(weight) :] = prior_costs(squared[len(weight) :], problem.layout)
         return values
 
-    x = np.clip(theta[0, free], bounds.least, bounds.largest)
-    if not np.isfinite(start.cost[0]):
-        return Solution(start, np.array([False]), np.array([0], dtype=np.intp))
     with np.errstate(all="ignore"):
         found = scipy.optimize.least_squares(
             residuals,
-            x,
+            np.zeros(len(curvature)),
             jacobian,
-            bounds=(bounds.least, bounds.largest),
+            bounds=[(bound - theta[free]) / np.abs(np.diag(to_theta)) for bound in (bounds.least, bounds.largest)],
             x_scale="jac",
             loss=rho,
             ftol=tolerance,
             xtol=1e-15,
-            gtol=1e-15,
+            gtol=max(least_gradient, 1e-15),
             max_nfev=max_iterations + 1,  # the start counts here
         )
     return Solution(

@@ -222,10 +222,15 @@ class Observations:
         return tuple(name for name, _ in kinds), tuple(k for _, k in kinds)
 
     @cached_property
+    def are_compiled(self) -> bool:
+        """Whether compiled code measures all residuals."""
+        return all(rows.compiled for rows in self.rows if rows)
+
+    @cached_property
     def compiled_rows(self) -> tuple[tuple[NDArray[Any], ...], ...]:
-        """Pixels, labels and geometry of the rows of the compiled kinds, contiguous in memory."""
+        """Pixels, weights, labels and geometry of the rows of the compiled kinds, contiguous in memory."""
         rows = [self.rows[k] for k in self.compiled_kinds[1]]
-        arrays = ([getattr(one, name) for one in rows] for name in ("xy", "label", "geometry"))
+        arrays = ([getattr(one, name) for one in rows] for name in ("xy", "weight", "label", "geometry"))
         return tuple(tuple(map(np.ascontiguousarray, one)) for one in arrays)
 
     def closest_points(self, view: View) -> ClosestPoints:

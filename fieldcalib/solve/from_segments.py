@@ -239,7 +239,8 @@ def _calibrate_as_given(
     for frames, part in parts:
         calibrations |= dict(zip(frames.tolist(), _judged(part), strict=True))
     found = [calibrations[t] for t in range(pixels.count)]
-    return found if options.from_above is None else _with_views_from_above(found, pixels, options.from_above, solve)
+    above = options.from_above
+    return found if above is None else _with_views_from_above(found, pixels, above, solve)
 
 
 def _with_views_from_above(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from numbers import Real
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from fieldcalib.fields.field import Field, ObjectSegments, Side
 from fieldcalib.fields.traits import SOCCER_SCALE, CameraDistribution, stand_above, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import FisheyeLens, Lens, lens_with
-from fieldcalib.geometry.lens.model import COEFFICIENTS, nonzero_coefficients
+from fieldcalib.geometry.lens.model import nonzero_coefficients
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.layout import (
@@ -199,8 +199,8 @@ class Task:
             flags = flags & ~F.CALIB_AUTO_LENS | F.CALIB_FISHEYE
         dist_coeffs = given.dist_coeffs if start is None else start.dist
         # size and crown of the field are parameters where they are unknown and have a prior
-        size = None if self.field is None or self.prior is None else SizeBlock.of(self.field)
-        layout = _layout(image_size, dist_coeffs, flags, size)
+        sized = None if self.prior is None else self.field
+        layout = _layout(image_size, frozenset(nonzero_coefficients(dist_coeffs)), flags, sized)
         if not np.any(layout.free[POSE_AND_ZOOM]):
             raise ValueError(
                 "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
@@ -290,7 +290,7 @@ class Options:
     @cached_property
     def stands(self) -> GaussianPrior:
         """Means and sigmas (K, n) of the distributions."""
-        return gaussian_priors(self.distributions, self.layout)
+        return _stands(self.distributions, self.layout)
 
     @property
     def left_to_labels(self) -> BoolArray:
@@ -414,22 +414,25 @@ def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlag
     return known
 
 
+_stands = lru_cache(maxsize=64)(gaussian_priors)
+
+
+@lru_cache(maxsize=64)  # the same for all pictures of a size
 def _layout(
-    image_size: tuple[int, int], dist_coeffs: ArrayLike | None, flags: CalibrationFlags, size: SizeBlock | None
+    image_size: tuple[int, int], coefficients: frozenset[str], flags: CalibrationFlags, field: Field | None
 ) -> Layout:
     """The layout, with roles by the flags and the smallest lens that has all known and estimated coefficients.
 
     An unknown size of the field is considered: it is kept, and its uncertainty enters that of the camera.
     """
     rho = float(np.hypot(*image_size) / 2.0)
-    freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}
+    known = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks}
     if flags & F.CALIB_FISHEYE:
         lens: Lens = FisheyeLens(rho)
     else:
-        estimated = freed & {*COEFFICIENTS} - {"k4"}  # which is estimated of a fisheye lens alone
-        lens = lens_with({"k1", *estimated, *nonzero_coefficients(dist_coeffs)}, rho)
-    layout = Layout.of(image_size, lens, size)
+        estimated = {"k1", "k2", "k3", "p1", "p2"} - known
+        lens = lens_with({"k1", *estimated, *coefficients}, rho)
+    layout = Layout.of(image_size, lens, None if field is None else SizeBlock.of(field))
     if layout.is_sized:
         layout = layout.with_roles(Role.CONSIDERED, "field size")
-    known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
     return layout.fixed(*(block for block in known if block in layout.blocks))

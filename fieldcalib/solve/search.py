@@ -117,8 +117,8 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     evaluation = _wide(observations, layout, options, start, several=several)
     if several:
         evaluation = _best_of(evaluation, start.frame, options)
-        poor = np.flatnonzero(~_explains(evaluation))
-        if options.task.trust_labels and len(poor):  # no mislabelled segment is the cause
+        if options.task.trust_labels and len(poor := np.flatnonzero(~_explains(evaluation))):
+            # no mislabelled segment is the cause
             some = observations.take(poor)
             again = cameras_elsewhere(some, options.stands, known, options.scale, evaluation.theta[poor])
             found = _best_of(_wide(some, layout, options, again, several=True), again.frame, options)
