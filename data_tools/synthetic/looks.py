@@ -20,7 +20,6 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.sports import american_football as football
 from fieldcalib.fields.sports import ice_hockey as rink
-from fieldcalib.fields.sports.handball import POST as HANDBALL_POST
 
 Surface = Literal["wood", "floor", "ice", "hard court", "clay", "sand", "turf", "blue turf", "grass"]
 V = TypeVar("V")
@@ -241,7 +240,7 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
         "handball": Look(
             ("floor", "floor", "wood"),
             colours=LIGHT_LINES,
-            widths=(("Goal", HANDBALL_POST),),
+            widths=(("Goal", 0.08),),
             coloured=(("Goal left", RED), ("Goal right", RED)),
             striped=("Goal left", "Goal right"),
             fills=partial(_before_goals, "Goal area"),

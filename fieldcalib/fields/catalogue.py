@@ -12,28 +12,187 @@ from typing import Any
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record
 from fieldcalib.fields.sports.american_football import american_football
-from fieldcalib.fields.sports.badminton import badminton
-from fieldcalib.fields.sports.basketball import basketball
-from fieldcalib.fields.sports.field_hockey import field_hockey
 from fieldcalib.fields.sports.futsal import futsal
-from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.sports.ice_hockey import ice_hockey, ice_hockey_iihf
-from fieldcalib.fields.sports.padel import padel
 from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.sports.tennis import tennis
-from fieldcalib.fields.sports.volleyball import volleyball
 
 AUTO = "auto"  # in the place of a name: some are tried on some of the pictures
 OF_FILES = Path(__file__).parent / "sports"
+BASKETBALL = ("fiba", "nba", "ncaa", "nfhs")
+NETS = {"men": "volleyball", "women": "volleyball-women"}
 
 
 @lru_cache
 def _described(name: str) -> Field:
     """The field that a file describes; fields are immutable."""
-    import yaml  # slow, and most fields are no files
+    import yaml  # slow, and the field of soccer is no file
 
     return field_from_record(yaml.safe_load((OF_FILES / f"{name}.yaml").read_text(encoding="utf-8")))
+
+
+def badminton() -> Field:
+    """A badminton court for doubles and singles: all lines, and the net with its posts on the doubles side lines.
+
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
+    them, which looks across the court, "top" is the far side and "bottom" the near one; the net has two halves,
+    since it sags. Most cameras of badminton stand behind a back line: the stand "behind left goal".
+
+    A court that is turned by 180 degrees is the same court. Measures and their sources: `sports/badminton.yaml`.
+
+    Examples
+    --------
+    >>> badminton()["Short service line right"].start[0]
+    2.0
+    """
+    return _described("badminton")
+
+
+def basketball(rules: str = "fiba") -> Field:
+    """A basketball court: all lines and circles, backboards and rims.
+
+    Lines run along the middle of the paint. "left" and "right" are the baskets as the main camera sees them, "top"
+    is the far side and "bottom" the near one, but "upper" and "lower" are the edges of a backboard, between its
+    vertical ones. The free-throw circle includes its dashed half. Marks along the lane are left out: they are
+    10 cm long.
+
+    A court that is turned by 180 degrees is the same court. Marks on one side only, that of the scorer's
+    table or the other one, are therefore on both sides here: the throw-in and team bench lines of FIBA and the
+    substitution marks of the NBA. Measures and their sources: `sports/basketball-fiba.yaml` and those beside it.
+
+    Parameters
+    ----------
+    rules : {"fiba", "nba", "ncaa", "nfhs"}
+        FIBA: 28 x 15 m. NBA: 94 x 50 ft, with the inner circle and the inner lane lines, and with 28-foot marks. NCAA,
+        of colleges: as large, with a lane of 12 ft and the three-point line of FIBA. NFHS, of high schools: 84 x 50 ft,
+        with a three-point line at 19 ft 9 in and no arc below the basket.
+
+    Raises
+    ------
+    ValueError
+        If there are no such rules.
+
+    Examples
+    --------
+    >>> basketball("fiba")["End line right"].start
+    (14.025, -7.525, 0.0)
+    >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
+    '28-foot mark left bottom'
+    """
+    if not isinstance(rules, str) or rules not in BASKETBALL:
+        raise ValueError(f"expected the rules of a basketball court, {', '.join(map(repr, BASKETBALL))}, got {rules!r}")
+    return _described(f"basketball-{rules}")
+
+
+def field_hockey() -> Field:
+    """A field for hockey: outline, 23-metre and centre lines, circles, penalty spots, marks and goals.
+
+    Lines run along the middle of the paint. "left" and "right" are the ends as the main camera sees them, "top" is
+    its far side, "bottom" the near one. Measures and their sources: `sports/field-hockey.yaml`.
+
+    * "Side line top", "Back line left", "Centre line", "23-metre line left".
+    * The circle is "Circle left line", its straight part, and the quarters "Circle left arc top" and "bottom"; the
+      broken one 5 m further out is named alike, "Broken circle left arc top".
+    * Marks of 30 cm outside the lines: "Side mark left bottom 5 m" and "14.63 m", "Back mark left bottom 5 m" and
+      "10 m".
+    * "Goal left crossbar", "Goal left post top".
+    * Points: "Penalty spot left", "Corner left top", "Centre line and side line top", "23-metre line and side line left
+      top".
+
+    Only the labels tell the two ends apart: a field that is turned by 180 degrees looks the same.
+
+    Examples
+    --------
+    >>> field_hockey()["Circle right arc bottom"].radius, field_hockey()["Penalty spot right"].X[0]
+    (14.5925, 39.225)
+    """
+    return _described("field-hockey")
+
+
+def handball() -> Field:
+    """A handball court: all lines, the goal areas, the dashed free-throw lines, and the goals.
+
+    Lines run along the middle of the paint. "left" and "right" are the goals as the main camera sees them, "top" is
+    the far side and "bottom" the near one, also of posts. The line from corner to corner is the goal line between the
+    posts, where it is wider, and the outer goal line beside them. Goal area and free-throw line are one straight line
+    and two arcs each. The throw-off circle, of 2022, is not on every court.
+
+    A court that is turned by 180 degrees is the same court: the substitution marks, which are on the side of the
+    benches only, are on both sides here. Measures and their sources: `sports/handball.yaml`.
+
+    Examples
+    --------
+    >>> handball()["Free-throw right line"].start
+    (11.025, -1.5, 0.0)
+    """
+    return _described("handball")
+
+
+def padel() -> Field:
+    """A padel court: service lines, the net with its posts, and the walls, of which the court has no lines.
+
+    Lines run along the middle of the paint, walls where their inner side is. "left" and "right" are the sides of
+    the net as the main camera sees them, which looks across the court, "top" is the far side and "bottom" the near one.
+    "Back wall" and "Side wall" are the feet of the walls, "Glass" and "Fence" the upper edges of a back wall's glass
+    and of the mesh above it, and "Corner" the vertical line where two walls meet. The net has two halves, since it
+    sags. Most cameras of padel stand behind a back wall: the stand "behind left goal".
+
+    A court that is turned by 180 degrees is the same court. Measures and their sources: `sports/padel.yaml`.
+
+    Examples
+    --------
+    >>> padel()["Corner right bottom"]
+    Line(start=(10.0, 5.0, -4.0), end=(10.0, 5.0, 0.0))
+    """
+    return _described("padel")
+
+
+def tennis() -> Field:
+    """A tennis court for doubles: base, side and service lines, centre marks, and the net with its posts.
+
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
+    them, which looks across the court, "top" is the far side and "bottom" the near one; the net has two halves,
+    since it sags. Most cameras of tennis stand behind a base line: the stand "behind left goal".
+
+    A court that is turned by 180 degrees is the same court. Measures and their sources: `sports/tennis.yaml`.
+
+    Examples
+    --------
+    >>> tennis()["Service line right"].start[0]
+    6.375
+    """
+    return _described("tennis")
+
+
+def volleyball(net: str = "men") -> Field:
+    """A volleyball court: all lines, the net's edges between the antennae, and the antennae.
+
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
+    them, "top" is the far side and "bottom" the near one. The dashes that go on with an attack line beyond a side line
+    are an extension of their own. Posts are left out: the rules let them stand 0.5 to 1 m from the court.
+
+    A court that is turned by 180 degrees is the same court. Measures and their sources: `sports/volleyball.yaml`.
+
+    Parameters
+    ----------
+    net : {"men", "women"}
+        Whose net it is: 2.43 m high, or 2.24 m, the field "volleyball-women".
+
+    Raises
+    ------
+    ValueError
+        If the net is another one.
+
+    Examples
+    --------
+    >>> volleyball()["Attack line right"].start
+    (2.975, -4.475, 0.0)
+    >>> volleyball("women")["Net upper edge"].start
+    (0.0, -4.5, -2.24)
+    """
+    if not isinstance(net, str) or net not in NETS:
+        raise ValueError(f"expected the net of a volleyball court, 'men' or 'women', got {net!r}")
+    return _described(NETS[net])
 
 
 OF_FUNCTIONS: Mapping[str, Callable[..., Field]] = MappingProxyType(

@@ -21,7 +21,6 @@ from fieldcalib.assess.findings import Finding, Status, SuspectLabel, What, in_w
 from fieldcalib.assess.result import Calibration, found_of, with_findings
 from fieldcalib.assess.verdict import TO_BLAME
 from fieldcalib.fields.field import OPPOSITE, Field, side_of
-from fieldcalib.fields.sports import badminton, tennis
 from fieldcalib.solve.mislabels import LOG_ODDS, MOST_LABELS
 from fieldcalib.solve.request import Options
 from fieldcalib.solve.solver_options import CERTAIN, CalibrationFlags
@@ -36,10 +35,7 @@ EDGE = 0.006  # of the width: nearer to an edge, a click is where a line leaves 
 FAR_OUT = 2.5  # times the median error: of normal errors, one point in a hundred
 SINGLES = "Singles s"  # how the labels of side lines of a court for singles begin, instead of with S
 ENDS = ("Base line left", "Base line right", "Back line left", "Back line right")
-COURTS = (  # with two widths, metres
-    (tennis.LENGTH, tennis.DOUBLES_WIDTH, tennis.SINGLES_WIDTH),
-    (badminton.LENGTH, badminton.WIDTH, badminton.SINGLES_WIDTH),
-)
+COURTS = ((23.77, 10.97, 8.23), (13.40, 6.10, 5.18))  # tennis, badminton: length, widths of doubles and singles, metres
 SAME_SIDE = 0.02  # of a side of a court: as lengths are rounded, or measured between other edges of lines
 
 UnderOtherNames: TypeAlias = Callable[[Sequence[int], Sequence[Mapping[str, str]]], list[Calibration]]

@@ -13,8 +13,8 @@ from data_tools.random_frames import random_frame
 from fieldcalib.assess.findings import Finding, Status, Verdict, What
 from fieldcalib.assess.paint_in_view import MarkingInView
 from fieldcalib.assess.probability import OddsTerms, largest_error, probability_right
+from fieldcalib.fields.catalogue import tennis
 from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
-from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.batch import calibrate_batch, compute_errors

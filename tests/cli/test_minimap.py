@@ -11,7 +11,7 @@ from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.cli.players import COLOURS
 from fieldcalib.draw import draw_minimap, draw_players, minimap, overhead_camera, render_field
-from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.players import Player, read_players
 from fieldcalib.io.videos import VideoReader
 

@@ -13,7 +13,7 @@ from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.main import main
-from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.boxes import foot_points, open_boxes
 from fieldcalib.io.coordinates import scale_of_system, systems, to_system
 from fieldcalib.io.files import BrokenFileError

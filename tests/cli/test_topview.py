@@ -12,8 +12,7 @@ from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_minimap, mosaic, overhead_camera, render_field, top_view
 from fieldcalib.fields import Ground
-from fieldcalib.fields.catalogue import FIELDS
-from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.catalogue import FIELDS, tennis
 from fieldcalib.io.videos import VideoWriter
 
 FIELD = soccer()

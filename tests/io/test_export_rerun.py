@@ -11,7 +11,7 @@ import pytest
 from fieldcalib import Camera, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import image_curves
-from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.catalogue import tennis
 from fieldcalib.io.exports.rerun import bent_lines, rerun_files
 
 FIELD = soccer()

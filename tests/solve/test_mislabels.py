@@ -7,7 +7,7 @@ import pytest
 from synthetic import gaussian_prior, observe, whole_circle_markings
 
 from fieldcalib.assess.findings import SuspectLabel
-from fieldcalib.fields.sports.handball import handball
+from fieldcalib.fields.catalogue import handball
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera

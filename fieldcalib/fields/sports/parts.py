@@ -1,6 +1,6 @@
 """A field from its right bottom quarter: mirrored markings, and paint by the beginnings of labels.
 
-Lines of courts: from side to side, from end to end, on the ground and upright, and a net that sags.
+Lines of courts: from side to side, from end to end, on the ground and upright.
 
 Goals, and the areas in front of them whose border has a constant distance from the goal.
 
@@ -68,20 +68,6 @@ def upright(x: float, y: float, top: float, bottom: float = 0.0) -> Line:
     Line(start=(20.0, 1.5, -2.0), end=(20.0, 1.5, 0.0))
     """
     return Line((x, y, -top), (x, y, -bottom + 0.0))
-
-
-def hanging_net(post: float, height: float, height_at_posts: float) -> dict[str, Segment]:
-    """The near half of the upper edge of a net that sags, and the near post, `post` metres from the middle.
-
-    Examples
-    --------
-    >>> hanging_net(5.0, 0.88, 0.92)["Net bottom"]
-    Line(start=(0.0, 0.0, -0.88), end=(0.0, 5.0, -0.92))
-    """
-    return {
-        "Net post bottom": upright(0.0, post, height_at_posts),
-        "Net bottom": Line((0.0, 0.0, -height), (0.0, post, -height_at_posts)),
-    }
 
 
 def right_goal(x: float, width: float, height: float, thickness: float) -> dict[str, Segment]:

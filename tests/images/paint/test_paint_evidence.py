@@ -18,13 +18,12 @@ from fieldcalib.assess.paint_in_view import MarkingInView, contradiction, paint_
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.catalogue import field as field_named
+from fieldcalib.fields.catalogue import tennis, volleyball
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.ground import Ground
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
-from fieldcalib.fields.sports.tennis import tennis
-from fieldcalib.fields.sports.volleyball import volleyball
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.paint.line_profiles import Markings, profiles_along

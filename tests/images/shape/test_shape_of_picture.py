@@ -5,7 +5,7 @@ from pictures import picture
 
 from data_tools.probability import largest_true_error
 from fieldcalib.assess.findings import Verdict, What
-from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.fields.catalogue import tennis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 
