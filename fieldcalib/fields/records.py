@@ -105,7 +105,8 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     """The inverse of `field_to_record`; attributes with a default in `Field` may be left out.
 
     Three of them may be shorter than `whole_record` writes them: with ``mirrored: true`` the segments are those of the
-    right bottom quarter, and their mirror images are added (`fieldcalib.fields.sports.parts.mirrored`); `stands` may be
+    right bottom quarter, and their mirror images are added (`fieldcalib.fields.sports.parts.mirrored`), to each part if
+    they are a list of parts, which sets the order of the labels; `stands` may be
     the distances and heights of cameras around the field (`fieldcalib.fields.traits.stands_beside`); and a key of
     `paint` that is no label may be the beginning of several.
 
@@ -138,9 +139,10 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     _check_keys(record, ("length", "width", "segments"), (*OPTIONAL, "mirrored"))
     record = _named("size_model", _with_crown_apart, record)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
-    segments = _named("segments", partial(_by_label, _segment), record["segments"])
-    if _named("mirrored", _boolean, record.get("mirrored", False)):
-        segments = mirrored(segments)
+    parts = record["segments"] if isinstance(record["segments"], list) else [record["segments"]]
+    parts = [_named("segments", partial(_by_label, _segment), part) for part in parts]
+    is_quarter = _named("mirrored", _boolean, record.get("mirrored", False))
+    segments = mirrored(*parts) if is_quarter else {label: one for part in parts for label, one in part.items()}
     parsers = dict(OPTIONAL)
     if isinstance(record.get("stands"), Mapping):
         parsers["stands"] = partial(_stands_beside, length, width)

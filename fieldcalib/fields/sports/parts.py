@@ -101,10 +101,10 @@ def right_area(name: str, x: float, y: float, distance: float, reach: float = np
     }
 
 
-def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
-    """Segments and their mirror images: "bottom" in a label becomes "top", the far side, and "right" becomes "left".
+def mirrored(*parts: Mapping[str, Segment]) -> dict[str, Segment]:
+    """Segments, each part followed by its mirror images.
 
-    A segment with both words in its label gives four, one with neither only itself. Images that are among the segments
+    "bottom" in a label becomes "top", the far side, and "right" becomes "left". A segment with both words in its label gives four, one with neither only itself. Images that are among the segments
     already are kept.
 
     Examples
@@ -113,10 +113,13 @@ def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
     >>> list(mirrored({"Centre mark": Point((0.0, 0.0, 0.0)), "Corner right bottom": Point((9.0, 9.0, 0.0))}))
     ['Centre mark', 'Corner right bottom', 'Corner right top', 'Corner left bottom', 'Corner left top']
     """
-    found: dict[str, Segment] = {}
-    for _, run in groupby(segments.items(), key=lambda item: "bottom" in item[0].split(" ")):
-        found |= with_top(dict(run), segments)
-    return found | _images(found, "right", "left", (-1.0, 1.0, 1.0), found)
+    whole: dict[str, Segment] = {}
+    for part in parts:
+        found: dict[str, Segment] = {}
+        for _, run in groupby(part.items(), key=lambda item: "bottom" in item[0].split(" ")):
+            found |= with_top(dict(run), part)
+        whole |= found | _images(found, "right", "left", (-1.0, 1.0, 1.0), found)
+    return whole
 
 
 def with_top(segments: Mapping[str, Segment], given: Mapping[str, Segment] = NONE) -> dict[str, Segment]:
@@ -165,8 +168,7 @@ def court(
     >>> list(court((20.0, 10.0), {"End line right": across(10.0, 5.0)}, line_width=0.05))
     ['End line right', 'End line left']
     """
-    length, width = size
-    whole = {label: segment for part in parts for label, segment in mirrored(part).items()}
+    (length, width), whole = size, mirrored(*parts)
     defaults: dict[str, Any] = {
         "lines": LineLook(width=line_width, ground_difference=np.inf),
         "paint": {label: one for start, one in paint.items() for label in whole if label.startswith(start)},
