@@ -103,6 +103,20 @@ def test_a_court_of_ones_own(tmp_path):
     assert field.scale == pytest.approx(0.32 * np.hypot(28.0, 15.0))
 
 
+def test_segments_in_parts_are_each_followed_by_their_images():
+    end, side = ({"kind": "Line", "start": start, "end": [10, 5, 0]} for start in ([10, -5, 0], [-10, 5, 0]))
+    together = {"End line right": end, "Side line bottom": side}
+    apart = [{label: one} for label, one in together.items()]
+    court = {"length": 20, "width": 10, "mirrored": True}
+    ends, sides = ["End line right", "End line left"], ["Side line bottom", "Side line top"]
+    assert list(field_from_record({**court, "segments": apart})) == ends + sides
+    assert list(field_from_record({**court, "segments": together})) == [ends[0], *sides, ends[1]]
+    whole = field_from_record({"length": 20, "width": 10, "segments": apart})
+    assert dict(whole) == {label: field_from_record({**court, "segments": together})[label] for label in together}
+    with pytest.raises(ValueError, match="segments: expected labels with values, got a int"):
+        field_from_record({**court, "segments": [together, 3]})
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -104,8 +104,8 @@ def right_area(name: str, x: float, y: float, distance: float, reach: float = np
 def mirrored(*parts: Mapping[str, Segment]) -> dict[str, Segment]:
     """Segments, each part followed by its mirror images.
 
-    "bottom" in a label becomes "top", the far side, and "right" becomes "left". A segment with both words in its label gives four, one with neither only itself. Images that are among the segments
-    already are kept.
+    "bottom" in a label becomes "top", the far side, and "right" becomes "left". A segment with both words in its label
+    gives four, one with neither only itself. Images that are among the segments already are kept.
 
     Examples
     --------
