@@ -244,7 +244,7 @@ class Field(Mapping[str, Segment]):
         return Field, tuple(getattr(self, one.name) for one in fields(self))
 
     def __hash__(self) -> int:
-        return hash((self.length, self.width, tuple(self.segments)))
+        return hash((self.length, self.width, self.ground, tuple(self.segments)))
 
     def __getitem__(self, label: str) -> Segment:
         return self.segments[label.strip() if isinstance(label, str) else label]
