@@ -94,12 +94,12 @@ def locate_on_ground(
     else:
         covariance = np.full((*X.shape[:-1], 2, 2), np.nan)
     if pixel_sd > 0.0:
-        J = _by_pixel(calibration, np.asarray(xy, dtype=float))
+        J = ground_by_pixel(calibration, np.asarray(xy, dtype=float))
         covariance = covariance + pixel_sd**2 * J @ np.swapaxes(J, -2, -1)
     return GroundPoints(X, covariance)
 
 
-def _by_pixel(calibration: Calibration, xy: Array) -> Array:
+def ground_by_pixel(calibration: Calibration, xy: Array) -> Array:
     """Derivatives (..., 2, 2) of ground points by their pixels (..., 2)."""
     steps = STEP * np.eye(2).reshape(2, *[1] * (xy.ndim - 1), 2)
     columns = (calibration.image_to_field(xy + steps) - calibration.image_to_field(xy - steps)) / (2.0 * STEP)

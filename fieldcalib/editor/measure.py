@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.estimate import PIXEL_SD
+from fieldcalib.assess.ground_points import ground_by_pixel, locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
 from fieldcalib.fields.field import Field
@@ -41,7 +43,7 @@ class Distance(NamedTuple):
 
 
 def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
-    """Find the place on the ground that is seen at a pixel, such as that of a foot.
+    """Find the place on the ground that is seen at a pixel, such as that of a foot, which is clicked to `PIXEL_SD`.
 
     Raises
     ------
@@ -59,23 +61,19 @@ def ground_point(calibration: Calibration, xy: ArrayLike) -> GroundPoint:
     >>> bool(np.linalg.norm(place.X - (30.0, -10.0)) < 0.5), bool(place.rms < 2.0)
     (True, True)
     """
-    X = calibration.image_to_field(np.array([xy], dtype=float))[0, :2]
+    found = locate_on_ground(calibration, np.array([xy], dtype=float))
+    X, sd = found.X[0, :2], found.standard_deviations[0]
     if not np.all(np.isfinite(X)):
         return GroundPoint(None, None, None)
-    if not calibration.knows_errors:
-        return GroundPoint(X, None, None)
-    error = calibration.field_uncertainty(xy)
-    variances = np.diagonal(error.covariance)
-    if not np.all(np.isfinite(variances)):
-        return GroundPoint(X, None, None)
-    return GroundPoint(X, np.sqrt(np.maximum(variances, 0.0)), float(error.rms))
+    return GroundPoint(X, sd, float(np.hypot(*sd))) if np.all(np.isfinite(sd)) else GroundPoint(X, None, None)
 
 
 def distance(calibration: Calibration, first: ArrayLike, second: ArrayLike) -> Distance:
     """Compute the distance of the places on the ground that are seen at two pixels.
 
     With u the unit vector from one place to the other, J1 and J2 their derivatives by the parameters of the camera, and
-    V the covariance of these, the variance is ``u (J2 - J1) V (J2 - J1)^T u``: errors that both have in common cancel.
+    V the covariance of these, the variance of exact pixels is ``u (J2 - J1) V (J2 - J1)^T u``: errors that both have in
+    common cancel. Clicks are off by `PIXEL_SD` each.
 
     Raises
     ------
@@ -91,6 +89,8 @@ def distance(calibration: Calibration, first: ArrayLike, second: ArrayLike) -> D
         return Distance(length, None)
     J, _ = calibration.uncertainty.ground_jacobian(X)
     variance = float(calibration.uncertainty.propagated((way / length) @ (J[1] - J[0])[None])[0, 0])
+    by_click = (way / length) @ ground_by_pixel(calibration, np.array([first, second], dtype=float))
+    variance += PIXEL_SD**2 * float(np.sum(np.square(by_click)))
     return Distance(length, float(np.sqrt(variance)) if np.isfinite(variance) and variance >= 0.0 else None)
 
 
