@@ -124,14 +124,16 @@ class Parser(argparse.ArgumentParser):
         super()._print_message(printable(message), file)
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong, and suggest names for options that do not exist."""
+        """Say what is wrong, what missing options are for, and suggest names for options that do not exist."""
         command = self.chosen or self
         options = [name for action in command._actions for name in action.option_strings]
         unknown = [name for name in _options_in(self._given) if not any(one.startswith(name) for one in options)]
         hints = {name: did_you_mean(name, options) for name in unknown}
         said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
-        name = command.prog
-        self.exit(2, f"usage: {name} ..., all of it by {name} --help\n{name}: error: {message}{''.join(said)}\n")
+        name, missing = command.prog, message.partition("arguments are required: ")[2].split(", ")
+        lacking = [one for one in command._actions if one.option_strings and "/".join(one.option_strings) in missing]
+        meant = "".join(f"\n  {one.option_strings[0]} {one.metavar}: {one.help}" for one in lacking)
+        self.exit(2, f"usage: {name} ..., all of it by {name} --help\n{name}: error: {message}{''.join(said)}{meant}\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

@@ -5,6 +5,7 @@ from functools import cache
 
 import cv2
 import numpy as np
+import pytest
 
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
@@ -135,3 +136,10 @@ def test_a_picture_of_another_size_is_refused(tmp_path, capsys):
     command = ["undistort", str(tmp_path / "a.png"), "--cameras", results(tmp_path / "out", {"a": BENT})]
     assert main([*command, "--out", str(tmp_path / "flat")]) == 2
     assert "160x90 pixels, and its camera is of 640x360" in capsys.readouterr().err
+
+
+def test_what_is_missing_is_explained(capsys):
+    with pytest.raises(SystemExit):
+        main(["undistort", "clip.mp4", "--out", "flat.mp4"])
+    said = capsys.readouterr().err
+    assert said.endswith("arguments are required: --cameras\n  --cameras DIR: results of run or calibrate\n")
