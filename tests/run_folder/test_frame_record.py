@@ -30,7 +30,7 @@ def test_frames_in_a_row_of_one_reason_are_one_line():
     assert said == [
         "4 frames to look at (all reasons and remedies: cameras.jsonl):",
         "  000: check, 'Middle line' lies 9 px beside its paint",
-        "  002 to 003, 2 frames: check, 'Middle line' lies 8 px beside its paint",
+        "  002 to 003, 2 frames: check, 'Middle line' lies 7.5 to 8 px beside its paint",
         "  004: reject, too few",
     ]
 
