@@ -107,6 +107,7 @@ class Tool(Enum):
     PAGE = "page"
 
 
+CROP_OF = "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)"
 HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
     {
         Advice.LOOK: {
@@ -126,13 +127,13 @@ HOW: Mapping[Advice, Mapping[Tool, str]] = MappingProxyType(
         },
         Advice.PICTURE: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off), --aspect or --display-size",
-            Tool.PYTHON: "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)",
+            Tool.PYTHON: CROP_OF,
             Tool.PAGE: "in the tab Camera, lock Shown as: 16:9 if the picture was squashed from it. A part of a frame, "
             "or a whole one: fieldcalib run with --crop-of, and open its results",
         },
         Advice.PART: {
             Tool.COMMAND: "--crop-of (its own size with +0+0 if nothing is cut off)",
-            Tool.PYTHON: "crop_of=, as '1920x1080+960+0' (its own size with +0+0 if nothing is cut off)",
+            Tool.PYTHON: CROP_OF,
             Tool.PAGE: "fieldcalib run with --crop-of, and open its results",
         },
         Advice.OTHER_FIELD: {

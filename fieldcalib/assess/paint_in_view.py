@@ -75,6 +75,11 @@ class MarkingInView:
         return self.offset > 0.0
 
     @property
+    def is_displaced(self) -> bool:
+        """Whether its paint is elsewhere: beside it, or past its end."""
+        return self.is_beside or self.past_end > 0.0
+
+    @property
     def is_unseen(self) -> bool:
         """Whether it is long and shows no paint, neither at its projection nor beside it."""
         return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
@@ -92,7 +97,7 @@ class MarkingInView:
     @property
     def is_off(self) -> bool:
         """Whether it is evidence against the camera: its paint lies beside it, is missing, or goes on past its end."""
-        return self.is_beside or self.is_unseen or self.past_end > 0.0
+        return self.is_displaced or self.is_unseen
 
 
 def checked_markings(markings: Sequence[MarkingInView]) -> tuple[MarkingInView, ...]:

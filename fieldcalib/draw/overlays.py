@@ -236,9 +236,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     if camera is None:
         picture = np.array(image, order="C")
     else:
-        colours = {
-            one.label: ORANGE if one.is_beside or one.past_end else GREY for one in calibration.markings if one.is_off
-        }
+        colours = {one.label: ORANGE if one.is_displaced else GREY for one in calibration.markings if one.is_off}
         thickness = max(1, round(height / 540.0))
         picture = draw_field(
             image, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}

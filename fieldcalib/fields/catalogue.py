@@ -1,4 +1,4 @@
-"""All fields by name, as the command line knows them: functions, and files beside them in `sports`."""
+"""All fields by name, as the command line knows them: most are files in `sports`, the others functions there."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.sports.soccer import soccer
 
 AUTO = "auto"  # in the place of a name: some are tried on some of the pictures
-OF_FILES = Path(__file__).parent / "sports"
+FOLDER = Path(__file__).parent / "sports"
 BASKETBALL = ("fiba", "nba", "ncaa", "nfhs")
 NETS = {"men": "volleyball", "women": "volleyball-women"}
 
@@ -28,7 +28,7 @@ def _described(name: str) -> Field:
     """The field that a file describes; fields are immutable."""
     import yaml  # slow, and the field of soccer is no file
 
-    return field_from_record(yaml.safe_load((OF_FILES / f"{name}.yaml").read_text(encoding="utf-8")))
+    return field_from_record(yaml.safe_load((FOLDER / f"{name}.yaml").read_text(encoding="utf-8")))
 
 
 def badminton() -> Field:
@@ -195,35 +195,27 @@ def volleyball(net: str = "men") -> Field:
     return _described(NETS[net])
 
 
-OF_FUNCTIONS: Mapping[str, Callable[..., Field]] = MappingProxyType(
-    {
-        "american-football-ncaa": partial(american_football, "ncaa"),
-        "american-football-nfl": partial(american_football, "nfl"),
-        "badminton": badminton,
-        "basketball-fiba": partial(basketball, "fiba"),
-        "basketball-nba": partial(basketball, "nba"),
-        "basketball-ncaa": partial(basketball, "ncaa"),
-        "basketball-nfhs": partial(basketball, "nfhs"),
-        "field-hockey": field_hockey,
-        "futsal": futsal,
-        "handball": handball,
-        "ice-hockey-iihf": ice_hockey_iihf,
-        "ice-hockey-nhl": partial(ice_hockey, "nhl"),
-        "ice-hockey-nhl-2013": partial(ice_hockey, "nhl-2013"),
-        "padel": padel,
-        "rugby-union": rugby_union,
-        "soccer": soccer,
-        "tennis": tennis,
-        "volleyball": volleyball,
-    }
-)
-_FROM_FILES: dict[str, Callable[..., Field]] = {
-    path.stem: partial(_described, path.stem) for path in OF_FILES.glob("*.yaml")
+_WITH_CODE: dict[str, Callable[..., Field]] = {
+    "american-football-ncaa": partial(american_football, "ncaa"),
+    "american-football-nfl": partial(american_football, "nfl"),
+    "futsal": futsal,
+    "ice-hockey-iihf": ice_hockey_iihf,
+    "ice-hockey-nhl": partial(ice_hockey, "nhl"),
+    "ice-hockey-nhl-2013": partial(ice_hockey, "nhl-2013"),
+    "rugby-union": rugby_union,
+    "soccer": soccer,
+    "volleyball": volleyball,
 }
-FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(dict(sorted({**_FROM_FILES, **OF_FUNCTIONS}.items())))
+_OF_FILES: dict[str, Callable[..., Field]] = {
+    path.stem: partial(_described, path.stem) for path in FOLDER.glob("*.yaml")
+}
+FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(dict(sorted({**_OF_FILES, **_WITH_CODE}.items())))
+COMPARED = (  # in place of `AUTO`; courts of schools are hardly told apart from that of the NBA
+    *("american-football-ncaa", "american-football-nfl", "badminton", "basketball-fiba", "basketball-nba"),
+    *("field-hockey", "futsal", "handball", "ice-hockey-iihf", "ice-hockey-nhl", "ice-hockey-nhl-2013", "padel"),
+    *("rugby-union", "soccer", "tennis", "volleyball"),
+)
 CALLED_SOCCER = ("football", "association football", "fussball", "futbol")
-ALIKE = ("basketball-ncaa", "basketball-nfhs")  # hardly told apart from the court of the NBA
-COMPARED = tuple(name for name in OF_FUNCTIONS if name not in ALIKE)  # in place of `AUTO`
 
 
 def likely_fields(text: str) -> str:

@@ -519,7 +519,7 @@ def _one_judged(
     share = refined.support
     if calibration.camera is None or not refined.calibration.accepted:
         return calibration, False
-    on_paint = not any(one.is_beside or one.past_end for one in calibration.markings)
+    on_paint = not any(one.is_displaced for one in calibration.markings)
     is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE and on_paint
     doubt, notes = "", list[Finding]()
     if share < least_support:
