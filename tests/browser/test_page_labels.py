@@ -1,5 +1,6 @@
 """A person labels a picture: clicks, strokes, drags, other labels, undo, known numbers; the camera follows."""
 
+import re
 import shutil
 
 import cv2
@@ -237,6 +238,8 @@ def test_a_stray_label_is_seen_and_mended(labelled):
     assert {labelled.state()["marks"][number]["label"] for number in doubted} == {"Small rect. left main"}
     row = labelled.page.locator(".mark-row", has_text="Small rect. left main")
     assert "In doubt" in row.inner_text()
+    assert len(doubted) == 2  # of one label
+    labelled.page.get_by_text(re.compile("1 label in doubt")).wait_for()
 
     revision = labelled.revision
     row.locator(".mark-name").click()

@@ -107,7 +107,7 @@ function likelihood({ metres, value }) {
 }
 
 function basisWords(frame) {
-  const suspects = (frame.marks ?? []).filter((mark) => mark.suspect).length;
+  const suspects = new Set((frame.marks ?? []).filter((mark) => mark.suspect).map((mark) => mark.label)).size;
   const facts = frame.probability ? [`${frame.verdict === "good" ? "" : "by its labels alone "}${likelihood(frame.probability)}`] : [];
   if (frame.camera === null) return "";
   if (frame.by_hand) facts.push(frame.basis || "labelled by hand");
