@@ -124,9 +124,7 @@ def _field_shown(options: argparse.Namespace) -> str:
     if isinstance(first, Stream):
         raise ValueError(f"--field {AUTO} is of files: a stream cannot be read twice")
     paths = [one for one in videos_in(first)[:1] if isinstance(one, Path)]
-    name = auto_field(Pictures(paths, cut=cut_of(options), is_clip=options.clip))
-    say(f"the pictures show {name}")
-    return name
+    return auto_field(Pictures(paths, cut=cut_of(options), is_clip=options.clip), say)
 
 
 def _run(request: RunRequest) -> int:

@@ -361,8 +361,8 @@ class Pictures:
         return FileFrames(self.files, tell=ignored)
 
 
-def auto_field(pictures: Pictures) -> str:
-    """Recognise the field that pictures show; returns its name.
+def auto_field(pictures: Pictures, tell: Callable[[str], object] = ignored) -> str:
+    """Recognise the field that pictures show; returns its name, and tells which others it was compared with.
 
     Raises
     ------
@@ -375,4 +375,5 @@ def auto_field(pictures: Pictures) -> str:
     found = which_field(images, COMPARED, SegmentationNetwork.load())
     if found.name is None:
         raise ValueError(f'field "{AUTO}": {found.reason}')
+    tell(f"the pictures show {found.name}, compared with {', '.join(sorted(found.scores.keys() - {found.name}))}")
     return found.name

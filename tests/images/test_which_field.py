@@ -59,7 +59,9 @@ def test_a_field_of_pictures_is_found(few, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "court.png"), picture)
     out = tmp_path / "out"
     assert main(["run", "--field", "auto", "--out", str(out), str(tmp_path / "court.png")]) == 0
-    assert "the pictures show tennis" in capsys.readouterr().err
+    assert (
+        f"the pictures show tennis, compared with {', '.join(sorted({*FEW} - {'tennis'}))}" in capsys.readouterr().err
+    )
 
 
 def test_what_cannot_be_searched_twice_is_refused(few):
