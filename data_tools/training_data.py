@@ -28,6 +28,7 @@ from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image_files import Image
+from fieldcalib.localize.network import Padded, _continued
 
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes
@@ -36,6 +37,9 @@ NARROW_SHARE, NARROWEST = (
     0.3,
     0.3,
 )  # share of square and upright windows, which are squashed, and least share of the width
+NARROWED_SHARE = 0.25  # share of pictures of which an upright or square part is continued, as the network is used
+NARROWED = (0.45, 1.25)  # width of these parts by their height
+SMALL_SHARE, SMALL = 0.12, (180, 300)  # share of pictures that were squashed to small squares, and the side of these
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
 
 
@@ -72,6 +76,11 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
             image, mask, behind_goal = made.image, made.mask, made.behind_goal
         if rng.random() < 0.5:
             image, mask = mirrored_sample(image, mask, behind_goal=behind_goal, name=self.field)
+        chance = rng.random()
+        if chance < NARROWED_SHARE:
+            image, mask = narrowed(image, mask, rng)
+        elif chance < NARROWED_SHARE + SMALL_SHARE:
+            image = once_small(image, rng)
         gain = np.exp(rng.normal(0.0, GAIN) + rng.normal(0.0, GAIN_OF_CHANNEL, size=3))
         return np.clip(image * gain.astype(np.float32), 0.0, 255.0).astype(np.uint8), mask
 
@@ -88,6 +97,24 @@ def mirrored_sample(image: Image, mask: Mask, *, behind_goal: bool, name: str = 
 @lru_cache(maxsize=8)
 def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
     return game_named(name).mirrored_values(behind_goal=behind_goal)
+
+
+def narrowed(image: Image, mask: Mask, rng: np.random.Generator) -> tuple[Image, Mask]:
+    """A part of a picture, as high as it and upright or about square, continued on both sides as by `Padded`."""
+    height, whole_width = mask.shape
+    width = min(round(height * rng.uniform(*NARROWED)), whole_width)
+    x = int(rng.integers(whole_width - width + 1))
+    missing = Padded.missing((width, height))
+    left, right = missing // 2, missing - missing // 2
+    part = slice(x, x + width)
+    return _continued(image[:, part], left, right), np.pad(mask[:, part], ((0, 0), (left, right)))
+
+
+def once_small(image: Image, rng: np.random.Generator) -> Image:
+    """A picture that was squashed to a small square and stretched again, as thumbnails are."""
+    side = int(rng.integers(*SMALL))
+    small = cv2.resize(image, (side, side), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def window(labelled: LabelledFrame, rng: np.random.Generator, classes: Sequence[str] = CLASSES) -> tuple[Image, Mask]:

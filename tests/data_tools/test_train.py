@@ -31,7 +31,17 @@ from data_tools.train import (
     learning_rate,
     main,
 )
-from data_tools.training_data import Batches, mirrored_sample, normalised, stacked, whole, window
+from data_tools.training_data import (
+    NARROWED,
+    Batches,
+    mirrored_sample,
+    narrowed,
+    normalised,
+    once_small,
+    stacked,
+    whole,
+    window,
+)
 from fieldcalib import Arc, Calibration, Camera, Field, Line, Status, calibrate_from_segments, soccer
 from fieldcalib.assess.findings import Verdict
 from fieldcalib.cli.main import main as fieldcalib
@@ -245,6 +255,34 @@ def test_what_is_no_mirror_image_of_itself_is_not_mirrored(tmp_path):
     picture, same = mirrored_sample(image, mask, behind_goal=False, name=str(path))
     assert np.array_equal(picture, image)
     assert np.array_equal(same, mask)
+
+
+def test_a_narrow_part_is_continued_as_the_network_sees_it():
+    rows, columns = np.mgrid[:96, :160]
+    image = np.stack([columns, rows, columns], axis=-1).astype(np.uint8)
+    mask = columns.astype(np.uint8)
+    seen = []
+    for seed in range(20):
+        picture, classes = narrowed(image, mask, np.random.default_rng(seed))
+        assert picture.shape[:2] == classes.shape == (96, 128)  # 4:3
+        (inside,) = np.nonzero(classes[0])
+        part = classes[0, inside]
+        assert np.array_equal(part, np.arange(part[0], part[0] + len(part)))
+        assert np.array_equal(picture[:, inside, 0], classes[:, inside])
+        assert abs(inside[0] - (127 - inside[-1])) <= 1
+        assert np.array_equal(picture[..., 1], rows[:, :128])  # what is continued stays in its row
+        seen.append(len(part) / 96)
+    assert NARROWED[0] - 0.02 < min(seen) < 0.7 < 1.0 < max(seen) < NARROWED[1] + 0.02
+
+
+def test_a_thumbnail_is_coarser_and_in_its_place():
+    image = np.full((288, 512, 3), 40, np.uint8)
+    image[100:103, 200:202] = 255
+    picture = once_small(image, np.random.default_rng(0))
+    assert picture.shape == image.shape
+    assert 60 < picture.max() < 255
+    light = picture[..., 0] - 40.0
+    assert light.sum(axis=0) @ np.arange(512) / light.sum() == pytest.approx(200.5, abs=1.5)
 
 
 def test_the_measure_is_one_for_a_perfect_network():
