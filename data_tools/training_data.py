@@ -28,7 +28,7 @@ from fieldcalib._types import Array
 from fieldcalib.console.arguments import SOCCER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image_files import Image
-from fieldcalib.localize.network import Padded, _continued
+from fieldcalib.localize.network import Padded, continued
 
 LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes
@@ -107,7 +107,7 @@ def narrowed(image: Image, mask: Mask, rng: np.random.Generator) -> tuple[Image,
     missing = Padded.missing((width, height))
     left, right = missing // 2, missing - missing // 2
     part = slice(x, x + width)
-    return _continued(image[:, part], left, right), np.pad(mask[:, part], ((0, 0), (left, right)))
+    return continued(image[:, part], left, right), np.pad(mask[:, part], ((0, 0), (left, right)))
 
 
 def once_small(image: Image, rng: np.random.Generator) -> Image:

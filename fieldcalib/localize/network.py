@@ -383,7 +383,7 @@ class Padded:
         if not missing:
             return self.network(images)
         left, whole = missing // 2, width + missing
-        found = self.network([_continued(image, left, missing - left) for image in images])
+        found = self.network([continued(image, left, missing - left) for image in images])
         columns = found.shape[-1]
         kept = -(-columns * width // whole)
         x = columns / whole * (left + width * (np.arange(kept) + 0.5) / kept) - 0.5
@@ -392,7 +392,7 @@ class Padded:
         return np.asarray((1.0 - share) * found[..., below] + share * found[..., below + 1], dtype=np.float32)
 
 
-def _continued(image: Image, left: int, right: int) -> Image:
+def continued(image: Image, left: int, right: int) -> Image:
     """A picture with columns added at both sides."""
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
     first, last = (np.repeat(side, count, axis=1) for side, count in zip(sides, (left, right), strict=True))
